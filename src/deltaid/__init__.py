@@ -1,0 +1,1 @@
+"""deltaid: dynamic models of Delta-like robots, identified from recordings."""

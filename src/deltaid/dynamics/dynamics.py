@@ -1,0 +1,144 @@
+"""Numeric dynamics of a robot in batches: regressor, inverse dynamics, and the terms of (1)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.equations import Equations, build_equations
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.robot.description import RobotDescription
+
+Parameters = Float[np.ndarray, " parameters"]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The terms of M(q) q̈ + C(q, q̇) q̇ + g(q) + f(q̇) = τ, eq. (1), sample by sample."""
+
+    M: Float[np.ndarray, "samples dof dof"]
+    C: Float[np.ndarray, "samples dof dof"]
+    g: Float[np.ndarray, "samples dof"]
+    f: Float[np.ndarray, "samples dof"]
+
+
+@dataclass(frozen=True)
+class SparseRegressor:
+    """The structurally nonzero entries of Y(z, q̇, q̈), samples in columns.
+
+    Attributes:
+        values: one row for each nonzero entry, one column for each sample.
+        rows, columns: drive and parameter of each entry.
+    """
+
+    values: Float[np.ndarray, "entries samples"]
+    rows: np.ndarray
+    columns: np.ndarray
+
+
+class Dynamics:
+    """Dynamics of a described robot. Arrays have one sample a row; kernels compile when needed.
+
+    Drive coordinates q, q̇, q̈ come in rad (or m for a linear drive), torques in N m (or N).
+    """
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.robot = robot
+        self.kinematics = Kinematics(robot)
+        self.layout: ParameterLayout = parameter_layout(robot)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The symbolic equations behind all of this."""
+        return build_equations(self.robot, self.kinematics.mechanism)
+
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        return self.kinematics.dof
+
+    def regressor(
+        self, q: Samples, qd: Samples, qdd: Samples
+    ) -> Float[np.ndarray, "samples dof parameters"]:
+        """The full regressor Y(q, q̇, q̈) of (2)–(7), τ = Y p.
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        sparse = self.sparse_regressor(self.kinematics.forward(q), qd, qdd)
+        Y = np.zeros((sparse.values.shape[1], self.dof, len(self.layout.names)))
+        Y[:, sparse.rows, sparse.columns] = sparse.values.T
+        return Y
+
+    def sparse_regressor(self, z: Samples, qd: Samples, qdd: Samples) -> SparseRegressor:
+        """The nonzero entries of Y at task coordinates z; what all data goes through."""
+        values = self._regressor_kernel(np.hstack([z, qd, qdd]).T)
+        return SparseRegressor(values, *self.regressor_pattern)
+
+    @cached_property
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and parameter of every structurally nonzero entry of Y."""
+        rows, columns = self.equations.Y.sparsity().get_triplet()
+        return np.array(rows), np.array(columns)
+
+    def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+        """Drive torques τ = Y(q, q̇, q̈) p, eq. (2).
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        return self.torque(self.kinematics.forward(q), qd, qdd, p)
+
+    def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+        """Drive torques at task coordinates z."""
+        return self._torque_kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
+
+    def mass_matrix(self, q: Samples, p: Parameters) -> Float[np.ndarray, "samples dof dof"]:
+        """M(q) of (1).
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        z = self.kinematics.forward(q)
+        out = self._mass_kernel(z.T, uniform=p).T
+        return out.reshape(-1, self.dof, self.dof)  # symmetric, so the order does not matter
+
+    def terms(self, q: Samples, qd: Samples, p: Parameters) -> Terms:
+        """M, C, g and f of (1) in drive coordinates.
+
+        C comes from Christoffel symbols, so Ṁ = C + Cᵀ.
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        z = self.kinematics.forward(q)
+        n, d = z.shape[0], self.dof
+        out = self._terms_kernel(np.hstack([z, np.atleast_2d(qd)]).T, uniform=p).T
+        M, C = (out[:, k * d * d : (k + 1) * d * d].reshape(n, d, d) for k in range(2))
+        g, f = out[:, 2 * d * d : 2 * d * d + d], out[:, 2 * d * d + d :]
+        return Terms(M.swapaxes(1, 2), C.swapaxes(1, 2), g, f)  # CasADi stores columns
+
+    @cached_property
+    def _regressor_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), ca.vertcat(*e.Y.nonzeros()))
+
+    @cached_property
+    def _torque_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.Y @ e.p, uniform=e.p)
+
+    @cached_property
+    def _mass_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(e.z, e.M, uniform=e.p)
+
+    @cached_property
+    def _terms_kernel(self) -> BatchKernel:
+        e = self.equations
+        terms = [ca.vec(ca.densify(term)) for term in (e.M, e.C, e.g, e.f)]
+        return BatchKernel(ca.vertcat(e.z, e.qd), ca.vertcat(*terms), uniform=e.p)

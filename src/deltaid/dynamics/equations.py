@@ -1,0 +1,153 @@
+"""The equations of motion (1)–(7) of a whole robot as CasADi graphs, from its mechanism alone.
+
+Inputs are the task coordinates z and the drive velocities and accelerations q̇, q̈. With J = ∂q/∂z
+and T = J⁻¹, ż = T q̇ and z̈ = T (q̈ − J̇ ż), so forward kinematics is never differentiated. Forces
+along z become drive torques by Tᵀ.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
+from deltaid.mechanism.vectors import inverse
+from deltaid.robot.description import RobotDescription
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Symbolic equations of motion of one robot.
+
+    Attributes:
+        z, qd, qdd: inputs, δ each.
+        p: the parameters [bodies · 10, viscous, Coulomb, rotor inertias].
+        J: ∂q/∂z, δ×δ.
+        zd, zdd: task velocity and acceleration as functions of the inputs.
+        Y: the full regressor, τ = Y p, δ × len(p), structurally sparse.
+        M, C, g, f: the terms of (1) in drive coordinates; C from Christoffel symbols.
+    """
+
+    z: ca.SX
+    qd: ca.SX
+    qdd: ca.SX
+    p: ca.SX
+    J: ca.SX
+    zd: ca.SX
+    zdd: ca.SX
+    Y: ca.SX
+    M: ca.SX
+    C: ca.SX
+    g: ca.SX
+    f: ca.SX
+
+
+def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
+    """Derive the equations of motion of a mechanism by automatic differentiation."""
+    z, dof = mechanism.z, mechanism.dof
+    qd, qdd = ca.SX.sym("qd", dof), ca.SX.sym("qdd", dof)
+    p = ca.SX.sym("p", _parameter_count(robot))
+    J = ca.jacobian(mechanism.q, z)
+    T = inverse(J)
+    zd = T @ qd
+    J_dot = _directional(J, z, zd)
+    zdd = T @ (qdd - J_dot @ zd)
+    Y = _regressor(robot, mechanism, T, (z, zd, zdd), (qd, qdd))
+    M, C, g = _terms(robot, mechanism, T, J_dot, (z, zd), p)
+    n_inertia, n_friction = 10 * len(robot.body_names), 2 * len(robot.friction_joints)
+    friction = slice(n_inertia, n_inertia + n_friction)
+    return Equations(z, qd, qdd, p, J, zd, zdd, Y, M, C, g, f=Y[:, friction] @ p[friction])
+
+
+def _parameter_count(robot: RobotDescription) -> int:
+    friction, rotors = len(robot.friction_joints), len(robot.rotor_drives)
+    return 10 * len(robot.body_names) + 2 * friction + rotors
+
+
+def _regressor(
+    robot: RobotDescription,
+    mechanism: Mechanism,
+    T: ca.SX,
+    task: tuple[ca.SX, ca.SX, ca.SX],
+    drive: tuple[ca.SX, ca.SX],
+) -> ca.SX:
+    """Y of (2)–(7): ten columns a body (identical limbs summed), friction, rotor inertias."""
+    z, zd, zdd = task
+    qd, qdd = drive
+    gravity = np.array(robot.gravity)
+    columns = {name: ca.SX(mechanism.dof, 10) for name in robot.body_names}
+    # Differentiated with ż and z̈ as symbols of their own: they depend on z through T.
+    v, a = ca.SX.sym("v", mechanism.dof), ca.SX.sym("a", mechanism.dof)
+    for body in mechanism.bodies:
+        columns[body.name] += body.count * body_regressor(body_motion(body, z, v, a, gravity))
+    inertial = ca.substitute(
+        [ca.horzcat(*columns.values())], [v, a], [zd, zdd]
+    )[0]
+    joints = [_joint_motion(mechanism, joint, T, qd) for joint in robot.friction_joints]
+    viscous = [velocity * partial for velocity, partial in joints]
+    coulomb = [ca.sign(velocity) * partial for velocity, partial in joints]
+    rotors = [_unit_column(robot, drive_name) * qdd for drive_name in robot.rotor_drives]
+    return ca.horzcat(T.T @ inertial, *viscous, *coulomb, *rotors)
+
+
+def _joint_motion(
+    mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Velocity ϑ̇ of a friction joint and its partial derivatives ∂ϑ̇/∂q̇ (a column)."""
+    names = list(mechanism.joints)
+    if joint in names[: mechanism.dof]:  # a drive: ϑ = q_i, exactly
+        partial = ca.SX(ca.DM.eye(mechanism.dof)[:, names.index(joint)])
+    else:
+        partial = (ca.jacobian(mechanism.joints[joint], mechanism.z) @ T).T
+    return ca.dot(partial, qd), partial
+
+
+def _unit_column(robot: RobotDescription, drive: str) -> ca.SX:
+    return ca.SX(ca.DM.eye(len(robot.drives))[:, robot.drives.index(drive)])
+
+
+def _terms(
+    robot: RobotDescription,
+    mechanism: Mechanism,
+    T: ca.SX,
+    J_dot: ca.SX,
+    task: tuple[ca.SX, ca.SX],
+    p: ca.SX,
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """M, C and g in drive coordinates, from kinetic and potential energy.
+
+    In task coordinates C_z follows from the Christoffel symbols of M_z,
+    C_z = ½ (Ṁ_z + A − Aᵀ) with A = ∂(M_z ż)/∂z at constant ż; then M = Tᵀ M_z T and
+    C = Tᵀ (C_z T + M_z Ṫ) with Ṫ = −T J̇ T, the Christoffel form in q.
+    """
+    z, zd = task
+    v = ca.SX.sym("v", mechanism.dof)
+    still = ca.SX(mechanism.dof, 1)
+    gravity = np.array(robot.gravity)
+    M_z, V = ca.SX(mechanism.dof, mechanism.dof), ca.SX(0)
+    for body in mechanism.bodies:
+        p_b = _parameters_of(robot, body, p)
+        motion = body_motion(body, z, still, still, gravity)
+        M_z += body.count * body_mass_matrix(p_b, motion)
+        first_moment = p_b[0] * body.r_LB + body.R_LB @ p_b[1:4]
+        V -= body.count * ca.dot(ca.DM(body.R_WL.T @ gravity), first_moment)
+    A = ca.jacobian(M_z @ v, z)
+    C_z = 0.5 * (_directional(M_z, z, v) + A - A.T)
+    C_z = ca.substitute([C_z], [v], [zd])[0]
+    C = T.T @ (C_z @ T - M_z @ T @ J_dot @ T)
+    M = T.T @ M_z @ T
+    rotors = p[p.numel() - len(robot.rotor_drives) :]
+    for i, drive in enumerate(robot.rotor_drives):
+        M += rotors[i] * ca.diag(_unit_column(robot, drive))
+    return M, C, T.T @ ca.jacobian(V, z).T
+
+
+def _parameters_of(robot: RobotDescription, body: MovingBody, p: ca.SX) -> ca.SX:
+    start = 10 * robot.body_names.index(body.name)
+    return p[start : start + 10]
+
+
+def _directional(A: ca.SX, z: ca.SX, zd: ca.SX) -> ca.SX:
+    """dA/dt = Σ ∂A/∂z_i ż_i of a matrix."""
+    return ca.reshape(ca.jtimes(ca.vec(A), z, zd), A.shape[0], A.shape[1])

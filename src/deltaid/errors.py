@@ -1,0 +1,36 @@
+"""The package's own errors: what is wrong, where, and how to mend it."""
+
+
+class DeltaidError(Exception):
+    """Base of every error a user can cause.
+
+    Args:
+        what: what is wrong, one sentence.
+        where: file, row, column or key; empty when there is no such place.
+        cure: how to mend it; empty when the message says it already.
+    """
+
+    def __init__(self, what: str, *, where: str = "", cure: str = "") -> None:
+        self.what, self.where, self.cure = what, where, cure
+        super().__init__(what, where, cure)
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        cure = f"\n  → {self.cure}" if self.cure else ""
+        return f"{place}{self.what}{cure}"
+
+
+class DescriptionError(DeltaidError):
+    """A robot description or a model file cannot be used as it stands."""
+
+
+class KinematicsError(DeltaidError):
+    """A pose is out of reach, or a configuration is singular."""
+
+
+class RecordingError(DeltaidError):
+    """A log, or the mapping of its columns, cannot be used as it stands."""
+
+
+class IdentificationError(DeltaidError):
+    """The identification cannot be posed, or a solver did not reach its end."""

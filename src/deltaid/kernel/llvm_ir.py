@@ -1,0 +1,222 @@
+"""A CasADi SX function written out as LLVM vector code, a few samples per instruction.
+
+The function's instruction list is straight-line code on scalars. Each scalar becomes a vector
+<W x double> that holds the same quantity of W neighbouring samples, and the whole list the body of
+one loop over the samples. Samples lie in columns: entry k of an input or output is contiguous over
+samples, `stride` doubles from entry k+1. `uniform` inputs are the same for all samples.
+"""
+
+import re
+import struct
+from collections.abc import Callable
+
+import casadi as ca
+
+KERNEL_NAME = "kernel"
+
+# Functions without a vector form are called once a sample; their addresses come from libm.
+LIBM_UNARY = {
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_TANH: "tanh",
+}
+LIBM_BINARY = {ca.OP_ATAN2: "atan2", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
+LIBM_NAMES = tuple(sorted({*LIBM_UNARY.values(), *LIBM_BINARY.values()}))
+
+_ARITHMETIC = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_INTRINSIC = {ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
+_INTRINSIC_BINARY = {ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum", ca.OP_COPYSIGN: "copysign"}
+_COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+
+_TEMPLATE = """\
+{declarations}
+define void @{name}(ptr noalias %out, i64 %out_stride, ptr noalias %in, i64 %in_stride,
+                    ptr noalias %uniform, i64 %n) #0 {{
+entry:
+{uniform_loads}
+  %empty = icmp eq i64 %n, 0
+  br i1 %empty, label %done, label %loop
+loop:
+  %i = phi i64 [ 0, %entry ], [ %next, %loop ]
+{body}
+  %next = add i64 %i, {width}
+  %more = icmp ult i64 %next, %n
+  br i1 %more, label %loop, label %done
+done:
+  ret void
+}}
+attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-width"="{bits}" }}
+"""
+
+
+def vector_ir(function: ca.Function, width: int) -> str:
+    """LLVM assembly of `void kernel(out, out_stride, in, in_stride, uniform, n)`.
+
+    Args:
+        function: an SX function with two dense inputs, batched and uniform, and one dense output.
+        width: samples per vector instruction; `n` must be a multiple of it.
+
+    Raises:
+        NotImplementedError: the function has an operation that no robot has needed so far.
+    """
+    return _Emitter(function, width).text()
+
+
+class _Emitter:
+    """Walks the instruction list once and keeps the SSA value of every work-vector slot."""
+
+    def __init__(self, function: ca.Function, width: int) -> None:
+        self._function = function
+        self._width = width
+        self._vector = f"<{width} x double>"
+        self._lines: list[str] = []
+        self._count = 0
+        self._slots: dict[int, str] = {}
+        self._uniform_used: set[int] = set()
+
+    def text(self) -> str:
+        for k in range(self._function.n_instructions()):
+            self._instruction(k)
+        body = "\n".join(self._lines)
+        return _TEMPLATE.format(
+            declarations=self._declarations(body),
+            name=KERNEL_NAME,
+            uniform_loads=self._uniform_loads(),
+            body=body,
+            width=self._width,
+            bits=64 * self._width,
+        )
+
+    def _instruction(self, k: int) -> None:
+        f = self._function
+        op, inputs, outputs = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op == ca.OP_CONST:
+            self._slots[outputs[0]] = self._constant(f.instruction_constant(k))
+        elif op == ca.OP_INPUT:
+            self._slots[outputs[0]] = self._input(*inputs)
+        elif op == ca.OP_OUTPUT:
+            pointer = self._pointer("out", outputs[1])
+            self._emit(f"store {self._vector} {self._slots[inputs[0]]}, ptr {pointer}, align 8")
+        else:
+            arguments = [self._slots[i] for i in inputs]
+            self._slots[outputs[0]] = self._operation(op, arguments)
+
+    def _operation(self, op: int, args: list[str]) -> str:
+        """One scalar operation on all lanes; returns the value's name."""
+        V, a = self._vector, args[0]
+        if op in _ARITHMETIC:
+            return self._value(f"{_ARITHMETIC[op]} contract {V} {a}, {args[1]}")
+        if op in _INTRINSIC:
+            name = f"@llvm.{_INTRINSIC[op]}.v{self._width}f64"
+            return self._value(f"call {V} {name}({V} {a})")
+        if op in _INTRINSIC_BINARY:
+            name = f"@llvm.{_INTRINSIC_BINARY[op]}.v{self._width}f64"
+            return self._value(f"call {V} {name}({V} {a}, {V} {args[1]})")
+        if op in LIBM_UNARY:
+            return self._per_lane(LIBM_UNARY[op], args)
+        if op in LIBM_BINARY:
+            return self._per_lane(LIBM_BINARY[op], args)
+        if op in _COMPARISON:
+            return self._truth(f"fcmp {_COMPARISON[op]} {V} {a}, {args[1]}")
+        simple: dict[int, Callable[[], str]] = {
+            ca.OP_ASSIGN: lambda: a,
+            ca.OP_NEG: lambda: self._value(f"fneg {V} {a}"),
+            ca.OP_SQ: lambda: self._value(f"fmul contract {V} {a}, {a}"),
+            ca.OP_TWICE: lambda: self._value(f"fadd contract {V} {a}, {a}"),
+            ca.OP_INV: lambda: self._value(f"fdiv {V} {self._constant(1.0)}, {a}"),
+            ca.OP_SIGN: lambda: self._sign(a),
+            ca.OP_NOT: lambda: self._truth(f"fcmp oeq {V} {a}, {self._constant(0.0)}"),
+            ca.OP_IF_ELSE_ZERO: lambda: self._if_else_zero(a, args[1]),
+        }
+        if op not in simple:
+            raise NotImplementedError(f"CasADi operation {op} has no vector form here")
+        return simple[op]()
+
+    def _sign(self, a: str) -> str:
+        """(a > 0) − (a < 0), and NaN for NaN."""
+        V, zero = self._vector, self._constant(0.0)
+        positive = self._truth(f"fcmp ogt {V} {a}, {zero}")
+        negative = self._truth(f"fcmp olt {V} {a}, {zero}")
+        sign = self._value(f"fsub {V} {positive}, {negative}")
+        unordered = self._value(f"fcmp uno {V} {a}, {a}")
+        return self._value(f"select <{self._width} x i1> {unordered}, {V} {a}, {V} {sign}")
+
+    def _if_else_zero(self, condition: str, a: str) -> str:
+        V, zero = self._vector, self._constant(0.0)
+        mask = self._value(f"fcmp une {V} {condition}, {zero}")
+        return self._value(f"select <{self._width} x i1> {mask}, {V} {a}, {V} {zero}")
+
+    def _truth(self, comparison: str) -> str:
+        """A comparison as 0.0 or 1.0, the way CasADi counts."""
+        mask = self._value(comparison)
+        return self._value(f"uitofp <{self._width} x i1> {mask} to {self._vector}")
+
+    def _per_lane(self, name: str, args: list[str]) -> str:
+        result = "undef"
+        for lane in range(self._width):
+            scalars = [
+                self._value(f"extractelement {self._vector} {arg}, i64 {lane}") for arg in args
+            ]
+            called = self._value(f"call double @{name}({', '.join(f'double {s}' for s in scalars)})")
+            result = self._value(
+                f"insertelement {self._vector} {result}, double {called}, i64 {lane}"
+            )
+        return result
+
+    def _input(self, index: int, entry: int) -> str:
+        if index == 1:
+            self._uniform_used.add(entry)
+            return f"%uniform{entry}"
+        return self._value(f"load {self._vector}, ptr {self._pointer('in', entry)}, align 8")
+
+    def _pointer(self, array: str, entry: int) -> str:
+        row = self._value(f"mul i64 %{array}_stride, {entry}")
+        offset = self._value(f"add i64 {row}, %i")
+        return self._value(f"getelementptr double, ptr %{array}, i64 {offset}")
+
+    def _constant(self, value: float) -> str:
+        """A splat constant, written by its bits so that nothing is rounded."""
+        element = f"double 0x{_bits(value):016X}"
+        return f"<{', '.join([element] * self._width)}>"
+
+    def _uniform_loads(self) -> str:
+        V, lines = self._vector, []
+        for k in sorted(self._uniform_used):
+            lines += [
+                f"  %up{k} = getelementptr double, ptr %uniform, i64 {k}",
+                f"  %us{k} = load double, ptr %up{k}",
+                f"  %uv{k} = insertelement {V} undef, double %us{k}, i64 0",
+                f"  %uniform{k} = shufflevector {V} %uv{k}, {V} undef, "
+                f"<{self._width} x i32> zeroinitializer",
+            ]
+        return "\n".join(lines)
+
+    def _declarations(self, body: str) -> str:
+        V, W = self._vector, self._width
+        lines = []
+        for op in sorted(set(re.findall(r"@llvm\.(\w+)\.v", body))):
+            arguments = ", ".join([V] * (2 if op in _INTRINSIC_BINARY.values() else 1))
+            lines.append(f"declare {V} @llvm.{op}.v{W}f64({arguments})")
+        for name in sorted(set(re.findall(r"call double @(\w+)\(", body))):
+            arguments = ", ".join(["double"] * (2 if name in LIBM_BINARY.values() else 1))
+            lines.append(f"declare double @{name}({arguments}) memory(none) nounwind willreturn")
+        return "\n".join(lines)
+
+    def _value(self, expression: str) -> str:
+        self._count += 1
+        name = f"%v{self._count}"
+        self._lines.append(f"  {name} = {expression}")
+        return name
+
+    def _emit(self, statement: str) -> None:
+        self._lines.append(f"  {statement}")
+
+
+def _bits(value: float) -> int:
+    return struct.unpack("<Q", struct.pack("<d", value))[0]

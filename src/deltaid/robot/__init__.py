@@ -1,0 +1,1 @@
+"""The description a user writes, the shipped catalogue, and priors from shapes."""

@@ -1,0 +1,254 @@
+"""What a user writes about a robot: geometry, bodies with priors and reductions, friction, limits.
+
+All lengths are metres, angles degrees where the key ends in `_deg`, everything else SI. Frames are
+those of `docs/conventions.md`.
+"""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.inertia import (
+    PSEUDO_INERTIA_ENTRIES,
+    inertia_parameters,
+    pseudo_inertia,
+    why_inconsistent,
+)
+from deltaid.robot.shapes import Positive, Shape, Vector
+
+Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
+LIMB_BODIES = ("U", "S", "P")
+TELESCOPE_BODIES = ("TU", "TL", "EE")
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Limbs(_Part):
+    """Limbs of a rotary Delta: an upper arm on each motor, then a parallelogram of struts."""
+
+    azimuth_deg: tuple[float, ...] = Field(
+        min_length=3,
+        max_length=3,
+        description="direction of each limb about world z, counted from world x, degrees",
+    )
+    base_radius: Annotated[float, Field(ge=0)] = Field(
+        description="distance of the motor axes from the base centre, m"
+    )
+    platform_radius: Annotated[float, Field(ge=0)] = Field(
+        description="distance of the strut joints from the platform point, m"
+    )
+    upper_arm: Positive = Field(description="length from motor axis to elbow, m")
+    strut: Positive = Field(description="length of the struts between their joints, m")
+    struts_per_limb: Literal[1, 2] = Field(default=2, description="2 for a parallelogram")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Limbs":
+        angles = np.sort(np.mod(self.azimuth_deg, 360.0))
+        gaps = np.diff(np.append(angles, angles[0] + 360.0))
+        if gaps.min() < 1.0:
+            raise ValueError("two limbs point the same way; azimuth_deg needs distinct directions")
+        if gaps.max() > 179.0:
+            raise ValueError("all limbs lie on one side of the base; the platform is not held")
+        span = abs(self.base_radius - self.platform_radius)
+        if self.strut + self.upper_arm <= span:
+            raise ValueError(
+                f"the limbs cannot close: upper_arm + strut = {self.upper_arm + self.strut:g} m, "
+                f"but base_radius and platform_radius differ by {span:g} m"
+            )
+        return self
+
+
+class Telescope(_Part):
+    """Telescope bar (Cardan axle) from the base to the platform; adds the rotation ψ as 4th axis."""
+
+    base_joint: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"
+    )
+    platform_joint: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="centre of the lower universal joint from the platform point, m",
+    )
+
+
+class InertiaTensor(_Part):
+    """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
+
+    xx: Positive
+    yy: Positive
+    zz: Positive
+    xy: float = 0.0
+    yz: float = 0.0
+    xz: float = 0.0
+
+
+class ExplicitInertia(_Part):
+    """A body given by its numbers: mass, first moment and inertia tensor about the link frame."""
+
+    mass: Positive = Field(description="kg")
+    first_moment: Vector = Field(description="mass times centre of mass in the link frame, kg m")
+    inertia: InertiaTensor
+
+    def parameters(self) -> Float[np.ndarray, " 10"]:
+        """The ten inertia parameters about the link frame."""
+        I = self.inertia
+        return np.array(
+            [self.mass, *self.first_moment, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float
+        )
+
+
+class Body(_Part):
+    """A body's prior and which of its ten parameters the identification may change.
+
+    `free` names independent entries of the pseudo-inertia matrix: m, the first moments mcx, mcy,
+    mcz, and the second moments Sxx … Sxz (Sxx = ∫x² dm, so Θ_zz = Sxx + Syy). They are the paper's
+    α, t1–t3, d1–d3, s12, s23, s13 in that order. First moments and products that are not named are
+    zero in the result (Sec. VI a–f); a mass or a second moment that is not named keeps its
+    prior, because torques cannot see it, or grows just enough to keep the body consistent.
+    """
+
+    prior: ExplicitInertia | tuple[Shape, ...]
+    free: tuple[Entry, ...] = Field(
+        default=tuple(PSEUDO_INERTIA_ENTRIES),
+        min_length=1,
+        description="entries that the identification may change; all ten when left out",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Body":
+        if len(set(self.free)) != len(self.free):
+            raise ValueError("free names an entry twice")
+        if isinstance(self.prior, tuple) and not self.prior:
+            raise ValueError("prior needs at least one shape")
+        reason = why_inconsistent(self.prior_parameters())
+        if reason:
+            raise ValueError(f"the prior is not a physical body: {reason}")
+        return self
+
+    def prior_parameters(self) -> Float[np.ndarray, " 10"]:
+        """The ten prior inertia parameters p_reg, before the reduction by `free`."""
+        if isinstance(self.prior, ExplicitInertia):
+            return self.prior.parameters()
+        return np.sum([shape.parameters() for shape in self.prior], axis=0)
+
+    def reduced_prior(self) -> Float[np.ndarray, " 10"]:
+        """The prior with the first moments and products that `free` leaves out set to zero."""
+        M = pseudo_inertia(self.prior_parameters())
+        for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
+            if i != j and name not in self.free:
+                M[i, j] = M[j, i] = 0.0
+        return inertia_parameters(M)
+
+
+class Friction(_Part):
+    """Prior friction of one joint: torque or force = viscous · v + coulomb · sign(v)."""
+
+    viscous: Positive = Field(description="N m s/rad, or N s/m in a sliding joint")
+    coulomb: Positive = Field(description="N m, or N in a sliding joint")
+
+
+class DriveLimits(_Part):
+    """What one drive can do; degrees, seconds and newton metres."""
+
+    angle_deg: tuple[float, float] | None = None
+    speed_deg_s: Positive | None = None
+    acceleration_deg_s2: Positive | None = None
+    torque: Positive | None = None
+
+
+class Workspace(_Part):
+    """A cylinder about world z whose lower end may be a spherical cap, for the platform point."""
+
+    radius: Positive = Field(description="m")
+    z: tuple[float, float] = Field(description="lowest and highest platform point, m")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Workspace":
+        if self.z[0] >= self.z[1]:
+            raise ValueError("z must be given as [lowest, highest]")
+        return self
+
+
+class RobotDescription(_Part):
+    """A Delta robot as a user writes it in YAML."""
+
+    name: str = Field(min_length=1)
+    title: str = ""
+    gravity: Vector = Field(
+        default=(0.0, 0.0, -9.81), description="gravity in the world frame, m/s²"
+    )
+    limbs: Limbs
+    telescope: Telescope | None = None
+    bodies: dict[str, Body] = Field(description="U, S, P and, with a telescope, TU, TL, EE")
+    friction: dict[str, Friction] = Field(
+        default_factory=dict,
+        description="joints with friction: drive1, drive2, … and, with a telescope, slide",
+    )
+    rotor_inertia: dict[str, Positive] = Field(
+        default_factory=dict,
+        description="prior inertia of motor and gear reduced to a drive's axis, kg m²",
+    )
+    workspace: Workspace
+    drive_limits: dict[str, DriveLimits] = Field(default_factory=dict)
+    platform_speed: Positive = Field(default=5.0, description="largest speed along an axis, m/s")
+    platform_acceleration: Positive = Field(
+        default=50.0, description="largest acceleration along an axis, m/s²"
+    )
+    sources: dict[str, str] = Field(
+        default_factory=dict,
+        description="where a number comes from, by the path of its key; 'assumed' if from nowhere",
+    )
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Names of the drives, in the order of q."""
+        n = len(self.limbs.azimuth_deg) + (self.telescope is not None)
+        return tuple(f"drive{i + 1}" for i in range(n))
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the bodies, in the order of p."""
+        return LIMB_BODIES + (TELESCOPE_BODIES if self.telescope else ())
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all joints that may have friction."""
+        return self.drives + (("slide",) if self.telescope else ())
+
+    @property
+    def friction_joints(self) -> tuple[str, ...]:
+        """Names of the joints with friction, in the order of the joints."""
+        return tuple(joint for joint in self.joints if joint in self.friction)
+
+    @property
+    def rotor_drives(self) -> tuple[str, ...]:
+        """Names of the drives with a rotor inertia of their own, in the order of the drives."""
+        return tuple(drive for drive in self.drives if drive in self.rotor_inertia)
+
+    @model_validator(mode="after")
+    def _check(self) -> "RobotDescription":
+        _exactly("bodies", self.bodies, self.body_names)
+        _among("friction", self.friction, self.joints)
+        _among("rotor_inertia", self.rotor_inertia, self.drives)
+        _among("drive_limits", self.drive_limits, self.drives)
+        if not np.any(self.gravity):
+            raise ValueError("gravity is zero; give the vector in the world frame, in m/s²")
+        return self
+
+
+def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
+    missing = [name for name in wanted if name not in given]
+    extra = [name for name in given if name not in wanted]
+    if missing or extra:
+        parts = [f"lacks {', '.join(missing)}"] if missing else []
+        parts += [f"has unknown {', '.join(extra)}"] if extra else []
+        raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
+
+
+def _among(key: str, given: dict, allowed: tuple[str, ...]) -> None:
+    extra = [name for name in given if name not in allowed]
+    if extra:
+        raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")

@@ -1,0 +1,107 @@
+"""The ten inertia parameters of a rigid body and its 4×4 pseudo-inertia matrix.
+
+A body's parameters are ordered as in eq. (4) of the paper,
+
+    p = [m, mc_x, mc_y, mc_z, Θ_xx, Θ_yy, Θ_zz, Θ_xy, Θ_yz, Θ_xz],
+
+with the first moment mc and the inertia tensor Θ about the origin of the link frame, in the axes
+of the link frame. Their units are kg, kg m and kg m². Θ_xy is the *entry* of the tensor (5), that
+is −∫xy dm. The pseudo-inertia matrix (12) is
+
+    M̄ = [[Σ, mc], [mcᵀ, m]],   Σ = ½ tr(Θ) I − Θ = ∫ r rᵀ dm,
+
+and the body exists physically if and only if M̄ is positive definite.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+INERTIA_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz")
+INERTIA_UNITS = ("kg",) + ("kg m",) * 3 + ("kg m²",) * 6
+
+# The independent entries of M̄ and where they stand in it: x, y, z are rows 0–2, the mass is row 3.
+PSEUDO_INERTIA_ENTRIES = {
+    "m": (3, 3),
+    "mcx": (0, 3),
+    "mcy": (1, 3),
+    "mcz": (2, 3),
+    "Sxx": (0, 0),
+    "Syy": (1, 1),
+    "Szz": (2, 2),
+    "Sxy": (0, 1),
+    "Syz": (1, 2),
+    "Sxz": (0, 2),
+}
+
+_SECOND_MOMENTS = (((0, 0), 4), ((1, 1), 5), ((2, 2), 6), ((0, 1), 7), ((1, 2), 8), ((0, 2), 9))
+
+
+def pseudo_inertia(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch 4 4"]:
+    """M̄(p), eq. (12)."""
+    p = np.asarray(p, dtype=float)
+    M = np.zeros((*p.shape[:-1], 4, 4))
+    half_trace = 0.5 * (p[..., 4] + p[..., 5] + p[..., 6])
+    for (i, j), k in _SECOND_MOMENTS:
+        M[..., i, j] = M[..., j, i] = (half_trace if i == j else 0.0) - p[..., k]
+    M[..., :3, 3] = M[..., 3, :3] = p[..., 1:4]
+    M[..., 3, 3] = p[..., 0]
+    return M
+
+
+def inertia_parameters(M: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 10"]:
+    """The inverse of `pseudo_inertia`: p with Θ = tr(Σ) I − Σ."""
+    M = np.asarray(M, dtype=float)
+    p = np.empty((*M.shape[:-2], 10))
+    trace = M[..., 0, 0] + M[..., 1, 1] + M[..., 2, 2]
+    p[..., 0] = M[..., 3, 3]
+    p[..., 1:4] = M[..., :3, 3]
+    for (i, j), k in _SECOND_MOMENTS:
+        p[..., k] = (trace if i == j else 0.0) - M[..., i, j]
+    return p
+
+
+def entry_map() -> Float[np.ndarray, "10 10"]:
+    """The linear map from the entries of M̄, in the order of PSEUDO_INERTIA_ENTRIES, to p."""
+    columns = []
+    for i, j in PSEUDO_INERTIA_ENTRIES.values():
+        unit = np.zeros((4, 4))
+        unit[i, j] = unit[j, i] = 1.0
+        columns.append(inertia_parameters(unit))
+    return np.column_stack(columns)
+
+
+def consistency(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch"]:
+    """How far a body is from the boundary of physical consistency, as one number without unit.
+
+    The smallest eigenvalue of M̄ after scaling rows and columns to a unit diagonal: positive if and
+    only if the body is consistent, 1 for a body with its centre of mass at the origin and principal
+    axes along the frame, negative infinity if a diagonal entry is not positive.
+    """
+    M = pseudo_inertia(p)
+    d = np.diagonal(M, axis1=-2, axis2=-1)
+    possible = np.all(d > 0, axis=-1)
+    s = 1.0 / np.sqrt(np.where(d > 0, d, 1.0))
+    scaled = M * s[..., :, None] * s[..., None, :]
+    return np.where(possible, np.linalg.eigvalsh(scaled)[..., 0], -np.inf)
+
+
+def why_inconsistent(p: Float[np.ndarray, " 10"]) -> str:
+    """A sentence that says which physical condition is violated; empty for a consistent body."""
+    if consistency(p) > 0:
+        return ""
+    if p[0] <= 0:
+        return f"its mass is {p[0]:.4g} kg, which is not positive"
+    com = p[1:4] / p[0]
+    Sigma_C = pseudo_inertia(p)[:3, :3] - p[0] * np.outer(com, com)
+    Theta_C = np.trace(Sigma_C) * np.eye(3) - Sigma_C
+    a, b, c = np.linalg.eigvalsh(Theta_C)
+    if a <= 0:
+        return (
+            "its inertia about its centre of mass is not positive definite "
+            f"(principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m²); "
+            "is the inertia given about the centre of mass instead of the link frame?"
+        )
+    return (
+        "its principal moments of inertia about the centre of mass, "
+        f"{a:.4g}, {b:.4g}, {c:.4g} kg m², violate the triangle inequality"
+    )

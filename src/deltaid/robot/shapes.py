@@ -1,0 +1,80 @@
+"""Shapes whose inertia parameters serve as priors (Sec. VIII A): cylinders, tubes and points."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.inertia import inertia_parameters
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+class HollowCylinder(BaseModel):
+    """A tube (or, with `inner_radius: 0`, a solid cylinder) along one axis of the link frame.
+
+    About its own centre, with outer and inner radius R_o and R_i and length L, the moment along
+    the axis is ½ m (R_o² + R_i²) and across it m (L² + 3 (R_o² + R_i²)) / 12.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    shape: Literal["hollow_cylinder"]
+    axis: Literal["x", "y", "z"] = Field(description="axis of the link frame along the cylinder")
+    length: Positive = Field(description="m")
+    outer_radius: Positive = Field(description="m")
+    inner_radius: Annotated[float, Field(ge=0)] = Field(default=0.0, description="m")
+    centre: Vector = Field(description="centre of the cylinder in the link frame, m")
+    mass: Positive | None = Field(default=None, description="kg; or give a density")
+    density: Positive | None = Field(default=None, description="kg/m³; or give a mass")
+
+    @model_validator(mode="after")
+    def _check(self) -> "HollowCylinder":
+        if (self.mass is None) == (self.density is None):
+            raise ValueError("give either mass or density")
+        if self.inner_radius >= self.outer_radius:
+            raise ValueError("inner_radius must be smaller than outer_radius")
+        return self
+
+    def parameters(self) -> Float[np.ndarray, " 10"]:
+        """The ten inertia parameters about the link frame."""
+        radii = self.outer_radius**2 + self.inner_radius**2
+        mass = self.mass
+        if mass is None:
+            assert self.density is not None
+            area = np.pi * (self.outer_radius**2 - self.inner_radius**2)
+            mass = self.density * area * self.length
+        second_moments = np.full(3, mass * radii / 4)  # ∫x² dm across the axis
+        second_moments[_AXES[self.axis]] = mass * self.length**2 / 12
+        return _about_link_frame(mass, np.array(self.centre), np.diag(second_moments))
+
+
+class PointMass(BaseModel):
+    """A mass concentrated at one point."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    shape: Literal["point_mass"]
+    mass: Positive = Field(description="kg")
+    centre: Vector = Field(description="position in the link frame, m")
+
+    def parameters(self) -> Float[np.ndarray, " 10"]:
+        """The ten inertia parameters about the link frame."""
+        return _about_link_frame(self.mass, np.array(self.centre), np.zeros((3, 3)))
+
+
+Shape = Annotated[HollowCylinder | PointMass, Field(discriminator="shape")]
+
+
+def _about_link_frame(
+    m: float, c: Float[np.ndarray, " 3"], Sigma_C: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, " 10"]:
+    """Inertia parameters of a mass m at c with second moments Σ_C about its centre of mass."""
+    M = np.empty((4, 4))
+    M[:3, :3] = Sigma_C + m * np.outer(c, c)
+    M[:3, 3] = M[3, :3] = m * c
+    M[3, 3] = m
+    return inertia_parameters(M)

@@ -1,0 +1,1 @@
+"""Independent references for the tests; nothing here may import the package under test."""
