@@ -32,7 +32,7 @@ class SparseRegressor:
 
     Attributes:
         values: one row for each nonzero entry, one column for each sample.
-        rows, columns: drive and parameter of each entry.
+        rows, columns: drive and parameter of each entry, ordered by drive.
     """
 
     values: Float[np.ndarray, "entries samples"]
@@ -81,8 +81,8 @@ class Dynamics:
 
     @cached_property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and parameter of every structurally nonzero entry of Y."""
-        rows, columns = self.equations.Y.sparsity().get_triplet()
+        """Drive and parameter of every structurally nonzero entry of Y, drive by drive."""
+        columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows), np.array(columns)
 
     def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
@@ -125,7 +125,7 @@ class Dynamics:
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:
         e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), ca.vertcat(*e.Y.nonzeros()))
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), ca.vertcat(*e.Y.T.nonzeros()))
 
     @cached_property
     def _torque_kernel(self) -> BatchKernel:

@@ -15,6 +15,7 @@ from deltaid.robot.inertia import (
     inertia_parameters,
     pseudo_inertia,
     why_inconsistent,
+    with_thickness,
 )
 from deltaid.robot.shapes import Positive, Shape, Vector
 
@@ -77,9 +78,9 @@ class Telescope(_Part):
 class InertiaTensor(_Part):
     """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
 
-    xx: Positive
-    yy: Positive
-    zz: Positive
+    xx: Annotated[float, Field(ge=0)]
+    yy: Annotated[float, Field(ge=0)]
+    zz: Annotated[float, Field(ge=0)]
     xy: float = 0.0
     yz: float = 0.0
     xz: float = 0.0
@@ -123,7 +124,7 @@ class Body(_Part):
             raise ValueError("free names an entry twice")
         if isinstance(self.prior, tuple) and not self.prior:
             raise ValueError("prior needs at least one shape")
-        reason = why_inconsistent(self.prior_parameters())
+        reason = why_inconsistent(with_thickness(self.prior_parameters()))
         if reason:
             raise ValueError(f"the prior is not a physical body: {reason}")
         return self
@@ -135,12 +136,15 @@ class Body(_Part):
         return np.sum([shape.parameters() for shape in self.prior], axis=0)
 
     def reduced_prior(self) -> Float[np.ndarray, " 10"]:
-        """The prior with the first moments and products that `free` leaves out set to zero."""
+        """The prior with the first moments and products that `free` leaves out set to zero.
+
+        Bodies without thickness are made barely solid (`inertia.with_thickness`).
+        """
         M = pseudo_inertia(self.prior_parameters())
         for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
             if i != j and name not in self.free:
                 M[i, j] = M[j, i] = 0.0
-        return inertia_parameters(M)
+        return with_thickness(inertia_parameters(M))
 
 
 class Friction(_Part):

@@ -1,0 +1,92 @@
+"""Random motions within a robot's limits: for base parameters, demonstrations and tests."""
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import KinematicsError
+from deltaid.excitation.fourier import FourierMotion
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.robot.description import RobotDescription
+
+_GRID = 400
+_ATTEMPTS = 100
+_PSI_SPEED = np.deg2rad(1500.0)  # where the description sets no limit for the fourth drive
+
+
+def random_motion(
+    kinematics: Kinematics,
+    rng: np.random.Generator,
+    *,
+    period: float = 10.0,
+    harmonics: int = 8,
+) -> FourierMotion:
+    """A periodic motion with random coefficients, scaled to stay within the description's limits.
+
+    Amplitudes fall with the harmonic, so that no single one exhausts the acceleration.
+
+    Raises:
+        KinematicsError: no such motion was found; the description's limits leave no room.
+    """
+    robot = kinematics.robot
+    low, high = robot.workspace.z
+    for _ in range(_ATTEMPTS):
+        motion = _scaled(robot, kinematics.dof, rng, period, harmonics)
+        time = np.linspace(0.0, period, _GRID)
+        z, zd, zdd = motion.evaluate(time)
+        try:
+            q, _, _ = kinematics.drive_motion(z, zd, zdd)
+        except KinematicsError:
+            continue
+        if within_angles(robot, q):
+            return motion
+    raise KinematicsError(
+        f"no random motion between z = {low:g} and {high:g} m within {robot.workspace.radius:g} m "
+        "of the axis keeps the drives' angle limits",
+        where=robot.name,
+        cure="check workspace and drive_limits in the description",
+    )
+
+
+def within_angles(robot: RobotDescription, q: Float[np.ndarray, "samples dof"]) -> bool:
+    """Whether drive coordinates keep the described angle limits."""
+    for i, drive in enumerate(robot.drives):
+        limits = robot.drive_limits.get(drive)
+        if limits is not None and limits.angle_deg is not None:
+            low, high = np.deg2rad(limits.angle_deg)
+            if q[:, i].min() < low or q[:, i].max() > high:
+                return False
+    return True
+
+
+def _scaled(
+    robot: RobotDescription, dof: int, rng: np.random.Generator, period: float, harmonics: int
+) -> FourierMotion:
+    """Random coefficients, scaled to the workspace and to speed and acceleration limits."""
+    w0 = 2 * np.pi / period
+    decay = np.arange(1, harmonics + 1) ** -0.5
+    sine = rng.standard_normal((dof, harmonics)) * decay
+    cosine = rng.standard_normal((dof, harmonics)) * decay
+    motion = FourierMotion(w0, np.zeros(dof), sine, cosine)
+    z, zd, zdd = (np.abs(x).max(axis=0) for x in motion.evaluate(np.linspace(0, period, _GRID)))
+    low, high = robot.workspace.z
+    reach = np.array([robot.workspace.radius / np.sqrt(2)] * 2 + [0.5 * (high - low)])
+    share = np.minimum.reduce([reach / z[:3], robot.platform_speed / zd[:3],
+                               robot.platform_acceleration / zdd[:3]])  # fmt: skip
+    scale = np.ones(dof)
+    scale[:3] = 0.95 * share
+    if dof == 4:
+        scale[3] = 0.95 * _psi_share(robot, zd[3], zdd[3])
+    centre = np.zeros(dof)
+    centre[2] = 0.5 * (low + high)
+    return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])
+
+
+def _psi_share(robot: RobotDescription, speed: float, acceleration: float) -> float:
+    """Scale of ψ: at most one revolution a second where no limit is given."""
+    limits = robot.drive_limits.get("drive4")
+    top_speed, top_acceleration = _PSI_SPEED, np.inf
+    if limits is not None and limits.speed_deg_s is not None:
+        top_speed = np.deg2rad(limits.speed_deg_s)
+    if limits is not None and limits.acceleration_deg_s2 is not None:
+        top_acceleration = np.deg2rad(limits.acceleration_deg_s2)
+    return min(top_speed / speed, top_acceleration / acceleration)

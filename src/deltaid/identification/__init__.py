@@ -1,0 +1,1 @@
+"""From samples to parameters: information, base parameters, the consistent fit, uncertainty."""

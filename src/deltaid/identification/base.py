@@ -1,0 +1,248 @@
+"""Base parameters (Sec. IV A): what torques can tell, in groups, with least-squares estimates.
+
+The rank comes from a QR factorisation with column pivoting of the regressor's factor, its columns
+scaled to unit length. Pivoting alone picks an arbitrary basis, so the representatives are then
+chosen in a fixed order (platform first), and each other column is written as a combination of them:
+Y p = Y_B (p_B) with p_B = p_rep + K p_rest.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import qr, solve_triangular
+
+from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.errors import IdentificationError
+from deltaid.identification.information import Information
+
+# A pivot below this share of the largest one is a linear dependence. Dependences of the mechanism
+# come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
+_DEPENDENT = 1e-9
+_NEGLIGIBLE = 1e-8
+_PREFERENCE = ("P", "EE", "U", "TL", "TU", "S")
+
+LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
+
+
+@dataclass(frozen=True)
+class BaseGroup:
+    """One base parameter: a representative plus multiples of other parameters."""
+
+    representative: int
+    members: dict[int, float]
+
+    def formula(self, layout: ParameterLayout) -> str:
+        """The group as a formula, equal coefficients factored: 'm_P + m_EE + 6·(m_S − …)'."""
+        by_coefficient: dict[float, list[tuple[int, bool]]] = {}
+        for member, coefficient in self.members.items():
+            key = next(
+                (k for k in by_coefficient if np.isclose(k, abs(coefficient), rtol=1e-6)),
+                abs(coefficient),
+            )
+            by_coefficient.setdefault(key, []).append((member, coefficient < 0))
+        text = symbol(layout.names[self.representative])
+        for coefficient, terms in by_coefficient.items():
+            text += _written_out(coefficient, terms, layout)
+        return text
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """The identifiable combinations of a robot's parameters.
+
+    Attributes:
+        groups: one for each base parameter.
+        invisible: parameters that no torque shows.
+        condition: condition number of the base regressor, columns scaled to unit length.
+        pivots: |R_kk| of the pivoted factorisation as shares of the first; what follows the rank
+            is rounding.
+    """
+
+    layout: ParameterLayout
+    groups: tuple[BaseGroup, ...]
+    invisible: tuple[int, ...]
+    condition: float
+    pivots: Float[np.ndarray, " columns"]
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return len(self.groups)
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """All groups as formulas."""
+        return tuple(group.formula(self.layout) for group in self.groups)
+
+    def combination(self) -> Float[np.ndarray, "base parameters"]:
+        """The matrix that takes p to the base parameters."""
+        K = np.zeros((self.rank, len(self.layout.names)))
+        for row, group in enumerate(self.groups):
+            K[row, group.representative] = 1.0
+            for member, coefficient in group.members.items():
+                K[row, member] = coefficient
+        return K
+
+
+@dataclass(frozen=True)
+class BaseEstimate:
+    """Least-squares values of the base parameters with their standard deviations."""
+
+    method: LeastSquaresMethod
+    values: Float[np.ndarray, " base"]
+    std: Float[np.ndarray, " base"]
+    full: Float[np.ndarray, " parameters"]
+    """A vector p with these base parameters: representatives carry the values, the rest is zero."""
+
+
+def base_parameters(information: Information, layout: ParameterLayout) -> BaseParameters:
+    """The base parameters that some motion determines.
+
+    Raises:
+        IdentificationError: the rank is not the same by both factorisations; the motion leaves some
+            parameter on the edge of being determined.
+    """
+    Y = information.weighted(np.ones(len(information.factors)))[:, :-1]
+    norms = np.linalg.norm(Y, axis=0)
+    shown = np.flatnonzero(norms > _DEPENDENT * norms.max())
+    scaled = Y[:, shown] / norms[shown]
+    R, _ = qr(scaled, mode="r", pivoting=True)
+    pivots = np.abs(np.diag(R)) / abs(R[0, 0])
+    rank = int(np.sum(pivots > _DEPENDENT))
+    chosen = _representatives(scaled, information.columns[shown], layout)
+    if len(chosen) != rank:
+        raise IdentificationError(
+            f"the motion determines between {min(rank, len(chosen))} and "
+            f"{max(rank, len(chosen))} parameters; it hardly excites some of them",
+            cure="record a motion that uses all drives and more of the workspace",
+        )
+    groups = _groups(scaled, norms[shown], chosen, information.columns[shown])
+    invisible = np.setdiff1d(np.arange(len(layout.names)), information.columns[shown])
+    return BaseParameters(
+        layout=layout,
+        groups=groups,
+        invisible=tuple(int(i) for i in invisible),
+        condition=float(np.linalg.cond(scaled[:, chosen])),
+        pivots=pivots,
+    )
+
+
+def estimate_base(
+    base: BaseParameters,
+    information: Information,
+    method: Literal["ordinary", "weighted"] = "weighted",
+) -> BaseEstimate:
+    """Ordinary (W = I) or weighted (W = diag(τ_max)⁻²) least squares, with standard deviations.
+
+    Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
+    """
+    dof = len(information.factors)
+    weights = np.ones(dof) if method == "ordinary" else information.torque_max**-2.0
+    rows = information.samples * dof
+    return _least_squares(base, information, information.weighted(weights), method, rows)
+
+
+def estimate_gauss_markov(
+    base: BaseParameters,
+    information: Information,
+    whitened: Float[np.ndarray, "n+1 n+1"],
+) -> BaseEstimate:
+    """Gauss–Markov estimate: W = Σ⁻¹ with the covariance Σ of the drives' residuals.
+
+    Args:
+        whitened: factor of Σ^-½ [Ȳ, τ̄], from `information.whitened`.
+    """
+    rows = information.samples * len(information.factors)
+    return _least_squares(base, information, whitened, "gauss-markov", rows)
+
+
+def _least_squares(
+    base: BaseParameters,
+    information: Information,
+    factor: Float[np.ndarray, "n+1 n+1"],
+    method: LeastSquaresMethod,
+    rows: int,
+) -> BaseEstimate:
+    columns = [group.representative for group in base.groups]
+    at = np.searchsorted(information.columns, columns)
+    norms = np.linalg.norm(factor[:, at], axis=0)
+    Q, R = np.linalg.qr(factor[:, at] / norms)
+    projected = Q.T @ factor[:, -1]
+    values = solve_triangular(R, projected) / norms
+    residual = np.linalg.norm(factor[:, -1] - Q @ projected)
+    sigma = residual / np.sqrt(max(rows - base.rank, 1))
+    inverse = solve_triangular(R, np.eye(base.rank)) / norms[:, None]
+    full = np.zeros(len(base.layout.names))
+    full[columns] = values
+    return BaseEstimate(method, values, sigma * np.linalg.norm(inverse, axis=1), full)
+
+
+def symbol(name: str) -> str:
+    """'S.mcx' as 'mcx_S'; friction and rotor names as they are."""
+    owner, _, entry = name.partition(".")
+    return name if owner in ("viscous", "coulomb", "rotor") else f"{entry}_{owner}"
+
+
+def _representatives(
+    scaled: Float[np.ndarray, "rows shown"], columns: np.ndarray, layout: ParameterLayout
+) -> list[int]:
+    """Columns, in the preferred order, that do not depend on those taken before."""
+
+    def preference(k: int) -> tuple[int, bool, int]:
+        owner, _, entry = layout.names[columns[k]].partition(".")
+        known = _PREFERENCE.index(owner) if owner in _PREFERENCE else len(_PREFERENCE)
+        # Moments of inertia first: a strut's first moment then reads as mass at its ends.
+        return known, entry.startswith("m"), int(columns[k])
+
+    basis = np.zeros((len(scaled), 0))
+    chosen = []
+    for k in sorted(range(scaled.shape[1]), key=preference):
+        rest = scaled[:, k]
+        for _ in range(2):  # twice, so that rounding leaves it orthogonal
+            rest = rest - basis @ (basis.T @ rest)
+        length = np.linalg.norm(rest)
+        if length > _DEPENDENT:
+            basis = np.column_stack([basis, rest / length])
+            chosen.append(k)
+    return chosen
+
+
+def _groups(
+    scaled: Float[np.ndarray, "rows shown"],
+    norms: Float[np.ndarray, " shown"],
+    chosen: list[int],
+    columns: np.ndarray,
+) -> tuple[BaseGroup, ...]:
+    rest = [k for k in range(scaled.shape[1]) if k not in chosen]
+    K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, rest], rcond=None)
+    order = np.argsort(columns[chosen])
+    groups = []
+    for row in order:
+        # A coefficient counts by what it does to the torque, so in scaled columns.
+        members = {
+            int(columns[k]): float(K[row, j] * norms[k] / norms[chosen[row]])
+            for j, k in enumerate(rest)
+            if abs(K[row, j]) > _NEGLIGIBLE
+        }
+        groups.append(BaseGroup(int(columns[chosen[row]]), members))
+    return tuple(groups)
+
+
+def _written_out(
+    coefficient: float, terms: list[tuple[int, bool]], layout: ParameterLayout
+) -> str:
+    """' + 6·(m_S − mcx_S)': the terms that share a coefficient, after their common sign."""
+    negative = terms[0][1]
+    names = symbol(layout.names[terms[0][0]])
+    for member, sign in terms[1:]:
+        names += f" {'+' if sign == negative else '−'} {symbol(layout.names[member])}"
+    number = f"{coefficient:.6g}"
+    if number == "1" and (len(terms) == 1 or not negative):
+        inner = names
+    elif number == "1":
+        inner = f"({names})"
+    else:
+        inner = f"{number}·({names})" if len(terms) > 1 else f"{number}·{names}"
+    return f" {'−' if negative else '+'} {inner}"

@@ -1,0 +1,251 @@
+"""The consistent fit as a conic program: the global optimum of (15), with a certificate.
+
+J is convex in x, and consistency is a product of positive semidefinite cones and half lines, so an
+interior-point method ends at the global optimum with a dual bound below it. Steps:
+
+1. Stack data and quadratic regulariser and factor: J/γ = ‖L x − l‖² + spectral part + constant.
+2. If there is no spectral part and the unconstrained minimiser is consistent, it is the optimum.
+3. Otherwise solve  min ‖y‖² + spectral part  s.t.  y = L x − l,  M_b(x) − ε M_b,reg ⪰ 0.
+4. Report J(x) and its distance from the dual bound.
+
+The entropic part needs −log det A of the normalised block A: with Z lower triangular and
+[[A, Z], [Zᵀ, diag Z]] ⪰ 0, log det A = max Σ log Z_ii (exponential cones).
+"""
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from jaxtyping import Float
+from scipy import sparse
+from scipy.linalg import solve_triangular
+
+from deltaid.errors import IdentificationError
+from deltaid.identification.objective import Objective
+from deltaid.identification.reduction import Block, Reduction
+from deltaid.identification.regularizer import Vector
+
+# ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
+# above rounding, so that results are strictly consistent.
+INTERIOR = 1e-6
+# The solver stops at its own tolerances; a result with a larger gap, as a share of J plus the
+# regulariser's unit γ, is refused.
+_TOLERANCE, _LARGEST_GAP = 1e-9, 1e-5
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A minimiser of the objective and how good it is.
+
+    Attributes:
+        x: the free variables.
+        objective: J(x).
+        bound: no consistent x has a smaller J.
+        iterations: of the solver.
+        status: what the solver said.
+    """
+
+    x: Vector
+    objective: float
+    bound: float
+    iterations: int
+    status: str
+
+    @property
+    def duality_gap(self) -> float:
+        """J(x) minus its lower bound, never negative."""
+        return max(0.0, self.objective - self.bound)
+
+
+def solve_conic(objective: Objective, reduction: Reduction) -> Solution:
+    """The global optimum of (15) for a euclidean or entropic regulariser.
+
+    Raises:
+        IdentificationError: the regulariser is not convex, or the solver did not converge.
+    """
+    if objective.regularizer.name == "riemannian":
+        raise IdentificationError(
+            "the Riemannian distance is not convex in the parameters, so it has no conic program",
+            cure="use --method log-cholesky with it, or the entropic regulariser, which is close",
+        )
+    quadratic = _stacked(objective, reduction)
+    if objective.regularizer.spectral is None:
+        x = _unconstrained(quadratic)
+        if x is not None and all(_interior(block, x) for block in reduction.blocks):
+            value = objective.value(x)
+            return Solution(x, value, value, 0, "interior optimum")
+    return _Program(objective, reduction, quadratic).solve()
+
+
+@dataclass(frozen=True)
+class _Quadratic:
+    """‖L x − l‖² + c, all divided by γ."""
+
+    L: Float[np.ndarray, "n n"]
+    l: Vector  # noqa: E741, the mathematics' own letter
+    c: float
+
+
+def _stacked(objective: Objective, reduction: Reduction) -> _Quadratic:
+    data, prior, n = objective.data, objective.regularizer.quadratic, reduction.size
+    K = np.vstack([data.R / np.sqrt(objective.gamma), prior.D])
+    k = np.append(data.b / np.sqrt(objective.gamma), prior.D @ prior.x_reg)
+    rows = np.vstack([np.column_stack([K, k]), np.zeros((1, n + 1))])
+    triangle = np.linalg.qr(rows, mode="r")
+    c = data.c / objective.gamma + float(triangle[n, n] ** 2)
+    return _Quadratic(triangle[:n, :n], triangle[:n, n], c)
+
+
+def _unconstrained(quadratic: _Quadratic) -> Vector | None:
+    if np.min(np.abs(np.diag(quadratic.L))) == 0:
+        return None
+    return solve_triangular(quadratic.L, quadratic.l)
+
+
+def _interior(block: Block, x: Vector) -> bool:
+    A = _normalised(block, block.matrix(x))
+    return bool(np.linalg.eigvalsh(A)[0] > INTERIOR)
+
+
+def _normalised(block: Block, M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
+    """L⁻¹ M L⁻ᵀ with M_reg = L Lᵀ: the prior becomes the identity."""
+    L = np.linalg.cholesky(block.prior)
+    return solve_triangular(L, solve_triangular(L, M, lower=True).T, lower=True)
+
+
+class _Program:
+    """Assembles min ½ uᵀP u + qᵀu s.t. A u + s = b, s in cones, for u = [x/scale, y, Z, t]."""
+
+    def __init__(
+        self, objective: Objective, reduction: Reduction, quadratic: _Quadratic
+    ) -> None:
+        self._objective, self._reduction, self._quadratic = objective, reduction, quadratic
+        n = reduction.size
+        self._scale = _variable_scale(reduction)
+        self._size = 2 * n
+        self._rows: list[sparse.csc_matrix] = []
+        self._right: list[np.ndarray] = []
+        self._cones: list = []
+        self._linear: dict[int, float] = {}
+        self._constant = 0.0
+
+    def solve(self) -> Solution:
+        n, spectral = self._reduction.size, self._objective.regularizer.spectral
+        L = self._quadratic.L * self._scale
+        self._require(
+            np.hstack([L, -np.eye(n)]), self._quadratic.l, clarabel.ZeroConeT(n)
+        )
+        for block in self._reduction.blocks:
+            if spectral is None:
+                self._require_definite(block)
+            else:
+                self._add_entropy(block)
+        return self._run()
+
+    def _run(self) -> Solution:
+        n, size = self._reduction.size, self._size
+        diagonal = np.zeros(size)
+        diagonal[n : 2 * n] = 2.0
+        q = np.zeros(size)
+        for k, value in self._linear.items():
+            q[k] = value
+        A = sparse.vstack([_widened(rows, size) for rows in self._rows], format="csc")
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+        solver = clarabel.DefaultSolver(
+            sparse.diags(diagonal, format="csc"),
+            q,
+            A,
+            np.concatenate(self._right),
+            self._cones,
+            settings,
+        )
+        solution = solver.solve()
+        x = np.array(solution.x)[:n] * self._scale
+        gamma, constant = self._objective.gamma, self._quadratic.c + self._constant
+        value = self._objective.value(x) if np.all(np.isfinite(x)) else np.inf
+        bound = gamma * (solution.obj_val_dual + constant)
+        status = str(solution.status)
+        if not value - bound <= _LARGEST_GAP * (abs(value) + gamma):
+            raise IdentificationError(
+                f"the conic solver stopped without a certificate ({status}, objective "
+                f"{value:.3g}, bound {bound:.3g})",
+                cure="set a larger --gamma: the data alone may leave the problem too flat",
+            )
+        return Solution(x, value, bound, solution.iterations, status)
+
+    def _require(self, rows: np.ndarray, right: np.ndarray, cone: object) -> None:
+        """right − rows · u in the cone; rows may be shorter than u."""
+        self._rows.append(sparse.csc_matrix(rows))
+        self._right.append(np.asarray(right, dtype=float))
+        self._cones.append(cone)
+
+    def _affine(self, block: Block) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Normalised block as constant and one matrix for each variable of u."""
+        constant = _normalised(block, block.constant)
+        slopes = {
+            int(k): _normalised(block, (block.index == k) * self._scale[k])
+            for k in np.unique(block.index[block.index >= 0])
+        }
+        return constant, slopes
+
+    def _require_definite(self, block: Block) -> None:
+        constant, slopes = self._affine(block)
+        self._require_psd(constant - INTERIOR * np.eye(len(constant)), slopes)
+
+    def _require_psd(self, constant: np.ndarray, slopes: dict[int, np.ndarray]) -> None:
+        right = _svec(constant)
+        rows = np.zeros((len(right), self._size))
+        for k, slope in slopes.items():
+            rows[:, k] = -_svec(slope)
+        size = len(constant)
+        cone = clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
+        self._require(rows, right, cone)
+
+    def _add_entropy(self, block: Block) -> None:
+        """2 (tr A − log det A − k) of the normalised block A."""
+        constant, slopes = self._affine(block)
+        k = len(constant)
+        self._constant += 2 * (np.trace(constant) - k)
+        for variable, slope in slopes.items():
+            self._linear[variable] = self._linear.get(variable, 0.0) + 2 * np.trace(slope)
+        lower = [(i, j) for j in range(k) for i in range(j, k)]
+        Z = {ij: self._size + a for a, ij in enumerate(lower)}
+        t = [self._size + len(lower) + i for i in range(k)]
+        self._size += len(lower) + k
+        big = {v: np.pad(s, (0, k)) for v, s in slopes.items()}
+        for (i, j), variable in Z.items():
+            entry = np.zeros((2 * k, 2 * k))
+            entry[i, k + j] = entry[k + j, i] = 1.0
+            if i == j:
+                entry[k + i, k + i] = 1.0
+            big[variable] = entry
+        self._require_psd(np.pad(constant, (0, k)), big)
+        for i in range(k):
+            rows = np.zeros((3, self._size))
+            rows[0, t[i]] = rows[2, Z[i, i]] = -1.0
+            self._require(rows, np.array([0.0, 1.0, 0.0]), clarabel.ExponentialConeT())
+            self._linear[t[i]] = -2.0
+
+
+def _variable_scale(reduction: Reduction) -> Vector:
+    """A typical size of every variable: its prior, or √(M_ii M_jj) for an off-diagonal entry."""
+    scale = np.abs(reduction.prior)
+    for block in reduction.blocks:
+        d = np.sqrt(np.diag(block.prior))
+        for (i, j), k in np.ndenumerate(block.index):
+            if k >= 0:
+                scale[k] = d[i] * d[j]
+    return np.where(scale > 0, scale, 1.0)
+
+
+def _svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:
+    """Upper triangle column by column, off-diagonal entries times √2, as Clarabel wants it."""
+    rows, columns = np.tril_indices(len(M))  # of the transpose: upper triangle by columns
+    return np.where(rows == columns, 1.0, np.sqrt(2.0)) * M[columns, rows]
+
+
+def _widened(rows: sparse.csc_matrix, size: int) -> sparse.csc_matrix:
+    rows.resize((rows.shape[0], size))
+    return rows

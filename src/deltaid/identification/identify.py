@@ -1,0 +1,276 @@
+"""The whole identification: from a robot and its logs to a consistent model with intervals."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import IdentificationError
+from deltaid.identification.base import (
+    BaseEstimate,
+    BaseParameters,
+    base_parameters,
+    estimate_base,
+)
+from deltaid.identification.conic import Solution, solve_conic
+from deltaid.identification.information import Information, gather, merge
+from deltaid.identification.log_cholesky import solve_log_cholesky
+from deltaid.identification.model import (
+    Fit,
+    IdentifiedModel,
+    Parameter,
+    Settings,
+    Source,
+    eigenvalues,
+)
+from deltaid.identification.objective import (
+    NOISE_FLOOR,
+    Objective,
+    data_term,
+    default_gamma,
+    noise_level,
+)
+from deltaid.identification.reduction import Reduction, build_reduction
+from deltaid.identification.regularizer import build_regularizer, prior_scale
+from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log, open_log
+from deltaid.recording.windows import choose_filter
+from deltaid.robot.description import RobotDescription
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """An identified model with the evidence behind it.
+
+    Attributes:
+        model: the result.
+        base: which combinations of parameters the motion determines.
+        base_estimate: their weighted least-squares values, without consistency.
+        information: the factors of the data.
+        reduction: the free variables.
+        solution: the minimiser of (15) and its certificate.
+    """
+
+    model: IdentifiedModel
+    base: BaseParameters
+    base_estimate: BaseEstimate
+    information: Information
+    reduction: Reduction
+    solution: Solution
+
+
+def identify(
+    robot: RobotDescription,
+    logs: Sequence[str | Path],
+    *,
+    columns: ColumnMapping | None = None,
+    settings: Settings | None = None,
+    progress: Progress = lambda _: None,
+) -> Identification:
+    """Identify a robot's dynamic parameters from recordings of the same machine.
+
+    Args:
+        robot: the description with geometry, priors and reductions.
+        logs: CSV or Parquet files.
+        columns: names and units of their columns, if not the default ones.
+        settings: method, regulariser, γ, filter.
+        progress: called with a sentence before each stage.
+
+    Raises:
+        RecordingError: a log cannot be used.
+        IdentificationError: the fit cannot be posed or did not converge.
+    """
+    settings = settings or Settings()
+    if not logs:
+        raise IdentificationError("needs at least one log")
+    dynamics = Dynamics(robot)
+    surveyed: list[tuple[Log, LowPass | None]] = []
+    for path in logs:
+        progress(f"checking {path}")
+        log = open_log(Path(path), dynamics.kinematics, columns)
+        surveyed.append((log, choose_filter(log, settings.cutoff)))
+    parts = []
+    for log, low_pass in surveyed:
+        progress(f"evaluating {log.samples} samples of {log.path}")
+        parts.append(gather(dynamics, log, low_pass))
+    information = merge(parts)
+    progress("fitting")
+    base = base_parameters(information, dynamics.layout)
+    reduction = build_reduction(robot, information.columns)
+    objective = build_objective(information, reduction, settings)
+    solution = solve(objective, reduction, settings)
+    progress("comparing torques")
+    errors = [torque_error(dynamics, reduction.parameters(solution.x), *one) for one in surveyed]
+    weights = [part.samples for part in parts]
+    model = IdentifiedModel(
+        deltaid=version("deltaid"),
+        robot=robot,
+        parameters=_parameters(reduction, solution, objective, information, settings),
+        consistency=eigenvalues(dynamics.layout, reduction.parameters(solution.x)),
+        fit=_fit(solution, objective, information, base, reduction, _mean(errors, weights)),
+        settings=settings,
+        sources=tuple(
+            _source(log, low_pass, part.samples)
+            for (log, low_pass), part in zip(surveyed, parts, strict=True)
+        ),
+        warnings=tuple(f"{log.path}: {text}" for log, _ in surveyed for text in log.warnings),
+    )
+    estimate = estimate_base(base, information)
+    return Identification(model, base, estimate, information, reduction, solution)
+
+
+def build_objective(
+    information: Information, reduction: Reduction, settings: Settings
+) -> Objective:
+    """Objective (15) for some information, with γ given or by maximum a posteriori."""
+    gamma = settings.gamma or default_gamma(information, settings.prior_spread)
+    regularizer = build_regularizer(settings.regularizer, reduction)
+    return Objective(data_term(information, reduction), regularizer, gamma)
+
+
+def solve(objective: Objective, reduction: Reduction, settings: Settings) -> Solution:
+    """Minimise by the method asked for. The log-Cholesky route borrows the conic bound.
+
+    Raises:
+        IdentificationError: the solver did not converge.
+    """
+    if settings.method == "conic":
+        return solve_conic(objective, reduction)
+    solution = solve_log_cholesky(objective, reduction)
+    if objective.regularizer.name == "riemannian":
+        return solution
+    bound = solve_conic(objective, reduction).bound
+    return Solution(
+        solution.x, solution.objective, bound, solution.iterations, solution.status
+    )
+
+
+def validate(
+    model: IdentifiedModel, log: str | Path, *, columns: ColumnMapping | None = None
+) -> tuple[TorqueError, Log]:
+    """Torque errors of a model on a recording it has not seen, and the surveyed recording.
+
+    Raises:
+        RecordingError: the log cannot be used.
+    """
+    dynamics = Dynamics(model.robot)
+    surveyed = open_log(Path(log), dynamics.kinematics, columns)
+    low_pass = choose_filter(surveyed, model.settings.cutoff)
+    return torque_error(dynamics, model.p, surveyed, low_pass), surveyed
+
+
+def standard_deviations(
+    objective: Objective, reduction: Reduction, solution: Solution, information: Information
+) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " parameters"]]:
+    """Standard deviations of p given data and prior, and given the prior alone.
+
+    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²), so the covariance
+    of x is (s / (2 σ̂²) ∇²J)⁻¹ at the minimum, and that of the prior the same without the data.
+    Where a body touches the edge of consistency this Gaussian reaches beyond it.
+    """
+    sigma = max(noise_level(information), NOISE_FLOOR)
+    unit = sigma * np.sqrt(2.0 / (information.samples * objective.gamma))
+    _, _, hessian = objective.regularizer.evaluate(reduction.prior)
+    scale = np.sqrt(np.diag(hessian))
+    root = np.linalg.cholesky(hessian / np.outer(scale, scale)).T
+    data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
+    A = reduction.A / scale
+
+    def deviations(factor: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " parameters"]:
+        """√diag(A (FᵀF)⁻¹ Aᵀ) for a triangular F."""
+        return unit * np.linalg.norm(solve_triangular(factor, A.T, trans="T"), axis=0)
+
+    return deviations(np.linalg.qr(np.vstack([data, root]), mode="r")), deviations(root)
+
+
+def _parameters(
+    reduction: Reduction,
+    solution: Solution,
+    objective: Objective,
+    information: Information,
+    settings: Settings,
+) -> tuple[Parameter, ...]:
+    layout, p = reduction.layout, reduction.parameters(solution.x)
+    std, prior_std = standard_deviations(objective, reduction, solution, information)
+    spread = settings.prior_spread * prior_scale(reduction)
+    free = np.any(reduction.A != 0, axis=1)
+    rows = []
+    for i, name in enumerate(layout.names):
+        if free[i]:
+            by, deviation = ("data" if std[i] < 0.5 * prior_std[i] else "prior"), std[i]
+        elif p[i] != 0:
+            by = "prior" if np.isclose(p[i], reduction.p_reg[i], rtol=1e-9) else "consistency"
+            deviation = spread[i]
+        else:
+            by, deviation = "structure", 0.0
+        rows.append(
+            Parameter(
+                name=name,
+                value=float(p[i]),
+                std=float(deviation),
+                unit=layout.units[i],
+                prior=float(reduction.p_reg[i]),
+                determined_by=by,
+            )
+        )
+    return tuple(rows)
+
+
+def _fit(
+    solution: Solution,
+    objective: Objective,
+    information: Information,
+    base: BaseParameters,
+    reduction: Reduction,
+    error: TorqueError,
+) -> Fit:
+    certified = bool(np.isfinite(solution.bound))
+    return Fit(
+        objective=solution.objective,
+        lower_bound=solution.bound if certified else None,
+        duality_gap=solution.duality_gap if certified else None,
+        gamma=objective.gamma,
+        status=solution.status,
+        iterations=solution.iterations,
+        optimization_variables=reduction.size,
+        base_parameters=base.rank,
+        base_condition=base.condition,
+        noise_level=noise_level(information),
+        rms=tuple(map(float, error.rms)),
+        nrmse=tuple(map(float, error.nrmse)),
+        rms_unfiltered=tuple(map(float, error.rms_unfiltered)),
+    )
+
+
+def _mean(errors: list[TorqueError], weights: list[int]) -> TorqueError:
+    """Torque errors over several recordings, weighted by their samples."""
+    share = np.array(weights)[:, None] / sum(weights)
+
+    def together(squares: list[np.ndarray]) -> np.ndarray:
+        return np.sqrt(np.sum(share * np.array(squares), axis=0))
+
+    rms = together([e.rms**2 for e in errors])
+    torque = together([(e.rms / e.nrmse) ** 2 for e in errors])
+    covariance = np.einsum("i,ijk->jk", share[:, 0], np.array([e.covariance for e in errors]))
+    raw = together([e.rms_unfiltered**2 for e in errors])
+    return TorqueError(rms, rms / torque, raw, covariance, errors[0].cutoff)
+
+
+def _source(log: Log, low_pass: LowPass | None, used: int) -> Source:
+    return Source(
+        log=log.path.name,
+        sha256=log.sha256,
+        samples=log.samples,
+        rate_hz=log.rate,
+        cutoff_hz=low_pass.cutoff if low_pass else None,
+        used_samples=used,
+    )

@@ -1,0 +1,169 @@
+"""Everything a fit needs from any number of samples: triangular factors of [Ȳ, τ̄], one a drive.
+
+For drive i let A_i = [Y_i, τ_i] hold its rows of all samples. Its QR factor R_i with
+R_iᵀ R_i = A_iᵀ A_i is all that least squares, (15) and the torque error of any p ever use. Factors
+of chunks stack and factor again (tall-skinny QR), so memory stays constant, results add up over
+chunks, logs and machines, and no digits are lost to normal equations.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import lapack
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.errors import IdentificationError
+from deltaid.recording.filter import LowPass, apply
+from deltaid.recording.log import Log
+from deltaid.recording.windows import Window, windows
+
+
+@dataclass(frozen=True)
+class Information:
+    """What a recording says about the parameters.
+
+    Attributes:
+        columns: the parameters (positions in p) that the factors' columns stand for; all others
+            have no effect on torques.
+        factors: for each drive a matrix F with Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
+        samples: number of samples s behind it.
+        torque_max: largest |τ| of each drive.
+    """
+
+    columns: Int[np.ndarray, " columns"]
+    factors: Float[np.ndarray, "dof columns+1 columns+1"]
+    samples: int
+    torque_max: Float[np.ndarray, " dof"]
+
+    def weighted(self, weights: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "n+1 n+1"]:
+        """Factor of W^½ [Ȳ, τ̄] with one weight a drive: rows of drive i times √weights_i."""
+        scaled = self.factors * np.sqrt(weights)[:, None, None]
+        return np.linalg.qr(scaled.reshape(-1, scaled.shape[2]), mode="r")
+
+    def rms(self, p: Parameters) -> Float[np.ndarray, " dof"]:
+        """Root mean square of τ_i − Y_i p for each drive."""
+        residual = self.factors @ np.append(-p[self.columns], 1.0)
+        return np.linalg.norm(residual, axis=1) / np.sqrt(self.samples)
+
+    def torque_rms(self) -> Float[np.ndarray, " dof"]:
+        """Root mean square of τ_i for each drive."""
+        return np.linalg.norm(self.factors[:, :, -1], axis=1) / np.sqrt(self.samples)
+
+
+def gather(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Information:
+    """The information of one log, read in constant memory.
+
+    With a filter, the same filter goes over torques and regressor, and what remains is thinned to
+    the rate that the cut-off allows.
+
+    Raises:
+        IdentificationError: the regressor is not finite somewhere.
+    """
+    samples = (_evaluated(dynamics, w, low_pass) for w in windows(log, dynamics.kinematics, low_pass))
+    return _factorise(dynamics, samples, str(log.path))
+
+
+def gather_samples(
+    dynamics: Dynamics,
+    z: Float[np.ndarray, "samples dof"],
+    qd: Float[np.ndarray, "samples dof"],
+    qdd: Float[np.ndarray, "samples dof"],
+    tau: Float[np.ndarray, "samples dof"],
+) -> Information:
+    """The information of samples in memory."""
+    chunk = 8192
+    pieces = (
+        Window(np.zeros(0), *(a[i : i + chunk] for a in (z, qd, qdd, tau)))
+        for i in range(0, len(z), chunk)
+    )
+    return _factorise(dynamics, (_evaluated(dynamics, w, None) for w in pieces), "samples")
+
+
+def merge(parts: Iterable[Information]) -> Information:
+    """Information of several recordings of the same robot together."""
+    parts = tuple(parts)
+    first = parts[0]
+    factors = [
+        np.linalg.qr(np.vstack([part.factors[i] for part in parts]), mode="r")
+        for i in range(len(first.factors))
+    ]
+    return Information(
+        columns=first.columns,
+        factors=np.stack(factors),
+        samples=sum(part.samples for part in parts),
+        torque_max=np.max([part.torque_max for part in parts], axis=0),
+    )
+
+
+def whitened(
+    dynamics: Dynamics,
+    log: Log,
+    low_pass: LowPass | None,
+    whitening: Float[np.ndarray, "dof dof"],
+) -> Float[np.ndarray, "n+1 n+1"]:
+    """Factor of W^½ [Ȳ, τ̄] with W = Σ⁻¹ full over the drives of a sample; `whitening` is Σ^-½.
+
+    A second pass over the log, because rows of different drives are mixed.
+    """
+    columns = active_columns(dynamics)
+    rows, entries = dynamics.regressor_pattern
+    position = {column: k for k, column in enumerate(columns)}
+    where = np.array([position[c] for c in entries])
+    factor = np.zeros((0, len(columns) + 1))
+    for window in windows(log, dynamics.kinematics, low_pass):
+        values, tau = _evaluated(dynamics, window, low_pass)
+        full = np.zeros((dynamics.dof, len(columns) + 1, values.shape[1]))
+        full[rows, where] = values
+        full[:, -1] = tau
+        mixed = np.einsum("ij,jks->isk", whitening, full).reshape(-1, len(columns) + 1)
+        factor = np.linalg.qr(np.vstack([factor, mixed]), mode="r")
+    return factor
+
+
+def active_columns(dynamics: Dynamics) -> Int[np.ndarray, " columns"]:
+    """Parameters whose column of Y is not zero by structure, in the order of p."""
+    return np.unique(dynamics.regressor_pattern[1])
+
+
+def _evaluated(
+    dynamics: Dynamics, window: Window, low_pass: LowPass | None
+) -> tuple[Float[np.ndarray, "entries samples"], Float[np.ndarray, "dof samples"]]:
+    """Nonzero regressor entries and torques of a window, both filtered and thinned alike."""
+    values = dynamics.sparse_regressor(window.z, window.qd, window.qdd).values
+    tau = window.tau.T
+    if low_pass is None:
+        return values, tau
+    return tuple(apply(low_pass.smooth, x, low_pass.decimation) for x in (values, tau))  # pyright: ignore[reportReturnType]
+
+
+def _factorise(
+    dynamics: Dynamics,
+    pieces: Iterable[tuple[Float[np.ndarray, "entries samples"], Float[np.ndarray, "dof samples"]]],
+    where: str,
+) -> Information:
+    columns = active_columns(dynamics)
+    rows, entries = dynamics.regressor_pattern
+    n, dof = len(columns), dynamics.dof
+    of_drive = [np.searchsorted(columns, entries[rows == i]) for i in range(dof)]
+    factors = np.zeros((dof, n + 1, n + 1))
+    samples, torque_max = 0, np.zeros(dof)
+    for values, tau in pieces:
+        for i in range(dof):
+            chunk = np.vstack([values[rows == i], tau[i]])
+            triangle = np.zeros((chunk.shape[0], n + 1))
+            R = _triangle(chunk)
+            triangle[: len(R), np.append(of_drive[i], n)] = R
+            factors[i] = np.linalg.qr(np.vstack([factors[i], triangle]), mode="r")
+        samples += tau.shape[1]
+        torque_max = np.maximum(torque_max, np.abs(tau).max(axis=1, initial=0.0))
+    if not np.all(np.isfinite(factors)):
+        raise IdentificationError("the regressor is not finite; is the motion singular?", where=where)
+    return Information(columns, factors, samples, torque_max)
+
+
+def _triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, "rows n"]:
+    """R of the QR factorisation of chunkᵀ; destroys the chunk."""
+    qr, _, _, _ = lapack.dgeqrf(chunk.T, overwrite_a=1)
+    return np.triu(qr[: chunk.shape[0]])

@@ -1,0 +1,219 @@
+"""The paper's parametrisation (Sec. V): x(π) is consistent for every π, so the fit is unconstrained.
+
+For each body M̄ = e^{2α} UᵀU with U upper triangular, diag(U) = (e^{d₁}, e^{d₂}, e^{d₃}, 1), products
+s and last column t, eqs. (12)–(14); friction and rotor coefficients are e^β. The map is built as
+that product and read off, entry by entry; nothing of (14) is typed again. A completed diagonal
+entry (a mass that torques cannot see) has its factor fixed to one, as the paper does with α of the
+upper arm. Rows are ordered so that completed ones come last. A small share of the prior is added,
+x = (…)(π) + ε x_reg, which keeps x as far from the edge as the conic program does: both search the
+same set.
+"""
+
+from dataclasses import replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+from scipy import optimize
+
+from deltaid.errors import IdentificationError
+from deltaid.identification.conic import INTERIOR, Solution
+from deltaid.identification.objective import Objective
+from deltaid.identification.reduction import Reduction
+from deltaid.identification.regularizer import Vector
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
+
+# Where the relaxation of the regulariser starts, Newton iterations for each of its steps and for
+# the last one, and the gradient of J/γ at which a step ends.
+_STRONG, _ITERATIONS, _LAST_ITERATIONS, _GRADIENT = 1e-2, 15, 500, 1e-6
+
+
+class LogCholesky:
+    """The map x(π), one to one from Rⁿ onto the consistent x, with exact derivatives.
+
+    Raises:
+        IdentificationError: the entries left free do not form a pattern that a Cholesky factor has.
+    """
+
+    def __init__(self, reduction: Reduction) -> None:
+        self.reduction = reduction
+        self._pi = ca.SX.sym("pi", reduction.size)
+        entries = ca.SX(reduction.size, 1)
+        for body in reduction.layout.bodies:
+            for name, value in self._body_entries(body).items():
+                entries[reduction.names.index(name)] = value
+        for i, name in enumerate(reduction.names):
+            if name.split(".")[0] not in reduction.layout.bodies:
+                entries[i] = ca.exp(self._pi[i])
+        self._x = entries + INTERIOR * ca.DM(reduction.prior)
+
+    def x(self, pi: Vector) -> Vector:
+        """x(π)."""
+        return np.asarray(self._functions(pi, np.zeros(len(pi)))[0]).ravel()
+
+    def derivatives(self, pi: Vector, weights: Vector) -> tuple[Vector, np.ndarray, np.ndarray]:
+        """x, ∂x/∂π and Σ_i weights_i ∂²x_i/∂π²."""
+        x, J, H = (np.asarray(value) for value in self._functions(pi, weights))
+        return x.ravel(), J, H
+
+    def pi(self, x: Vector) -> Vector:
+        """The inverse map: π(x), by Cholesky factorisation.
+
+        Raises:
+            IdentificationError: x is not consistent.
+        """
+        reduction, pi = self.reduction, np.empty(len(x))
+        inner = x - INTERIOR * reduction.prior
+        p = reduction.A @ inner + reduction.p_0
+        for body in reduction.layout.bodies:
+            for name, value in self._body_coordinates(body, p).items():
+                pi[reduction.names.index(name)] = value
+        for i, name in enumerate(reduction.names):
+            if name.split(".")[0] not in reduction.layout.bodies:
+                pi[i] = np.log(inner[i])
+        return pi
+
+    @cached_property
+    def _functions(self) -> ca.Function:
+        weights = ca.SX.sym("w", self.reduction.size)
+        H, _ = ca.hessian(ca.dot(weights, self._x), self._pi)
+        J = ca.jacobian(self._x, self._pi)
+        return ca.Function(
+            "map", [self._pi, weights], [ca.densify(e) for e in (self._x, J, H)]
+        )
+
+    def _free(self, body: str) -> dict[tuple[int, int], int]:
+        """Position in π of each free entry of a body's M̄, by its place (i ≤ j)."""
+        names = self.reduction.names
+        return {
+            tuple(sorted(place)): names.index(f"{body}.{entry}")
+            for entry, place in PSEUDO_INERTIA_ENTRIES.items()
+            if f"{body}.{entry}" in names
+        }
+
+    def _order(self, body: str) -> list[int]:
+        completed = self.reduction.completed[body]
+        return [i for i in range(4) if i not in completed] + list(completed)
+
+    def _body_entries(self, body: str) -> dict[str, ca.SX]:
+        """Free entries of M̄(π) of one body."""
+        free, order = self._free(body), self._order(body)
+        alpha = self._pi[free[3, 3]] if (3, 3) in free else ca.SX(0)
+        U = ca.SX(4, 4)
+        for a, i in enumerate(order):
+            d = self._pi[free[i, i]] if (i, i) in free and i != 3 else ca.SX(0)
+            U[a, a] = ca.exp(d)
+            for b in range(a + 1, 4):
+                place = tuple(sorted((i, order[b])))
+                if place in free:
+                    U[a, b] = self._pi[free[place]]
+        M = ca.exp(2 * alpha) * (U.T @ U)
+        place_in = {i: a for a, i in enumerate(order)}
+        entries = {}
+        for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
+            value = M[place_in[i], place_in[j]]
+            if tuple(sorted((i, j))) in free:
+                entries[f"{body}.{entry}"] = value
+            elif i != j and not ca.sparsify(value).nnz() == 0:
+                raise IdentificationError(
+                    f"log-cholesky cannot hold {entry} at zero while its neighbours are free",
+                    where=f"bodies.{body}.free",
+                    cure=f"free {entry} too, or use --method conic",
+                )
+            elif i == j and i not in self.reduction.completed[body]:
+                raise IdentificationError(
+                    f"log-cholesky cannot hold {entry}, which torques show, at its prior",
+                    where=f"bodies.{body}.free",
+                    cure=f"free {entry} too, or use --method conic",
+                )
+        return entries
+
+    def _body_coordinates(
+        self, body: str, p: Float[np.ndarray, " parameters"]
+    ) -> dict[str, float]:
+        """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row.
+
+        Completed rows take no part in the factorisation; only their coupling is read.
+        """
+        free, order = self._free(body), self._order(body)
+        M = pseudo_inertia(p[self.reduction.layout.body(body)])[np.ix_(order, order)]
+        known = 4 - len(self.reduction.completed[body])
+        if np.linalg.eigvalsh(M[:known, :known])[0] <= 0 if known else False:
+            raise IdentificationError(f"body {body} is not consistent, so it has no log-Cholesky")
+        U = np.zeros((4, 4))
+        C = np.linalg.cholesky(M[:known, :known]).T if known else np.zeros((0, 0))
+        U[:known, :known] = C
+        U[:known, known:] = np.linalg.solve(C.T, M[:known, known:]) if known else 0.0
+        alpha = np.log(U[order.index(3), order.index(3)]) if (3, 3) in free else 0.0
+        U *= np.exp(-alpha)
+        coordinates = {}
+        for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
+            if tuple(sorted((i, j))) in free:
+                a, b = sorted((order.index(i), order.index(j)))
+                value = U[a, b] if a != b else (alpha if i == 3 else np.log(U[a, a]))
+                coordinates[f"{body}.{entry}"] = float(value)
+        return coordinates
+
+
+def solve_log_cholesky(objective: Objective, reduction: Reduction) -> Solution:
+    """A minimum of J(π), eq. (15), by a trust-region Newton method with exact Hessians.
+
+    Starts at the prior, π₀ = argmin ‖p(π) − p_reg‖ (Sec. VIII B), which the Cholesky factor gives
+    exactly. On the way an exponential may run towards zero, where its gradient dies and the
+    iteration with it; so the regulariser starts strong, where the minimum is near the prior, and is
+    relaxed tenfold at a time to the γ asked for. The solution's bound is −∞: this route has no
+    certificate of its own.
+
+    Raises:
+        IdentificationError: the pattern of free entries has no Cholesky factor.
+    """
+    chart = LogCholesky(reduction)
+    pi, iterations, message = chart.pi(reduction.prior), 0, ""
+    for gamma in _relaxation(objective.gamma):
+        last = gamma == objective.gamma
+        problem = _Unconstrained(replace(objective, gamma=gamma), chart)
+        result = optimize.minimize(
+            problem.value,
+            pi,
+            method="trust-exact",
+            jac=problem.gradient,
+            hess=problem.hessian,
+            options={"gtol": _GRADIENT, "maxiter": _LAST_ITERATIONS if last else _ITERATIONS},
+        )
+        pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
+    x = chart.x(pi)
+    return Solution(x, objective.value(x), -np.inf, iterations, message.rstrip("."))
+
+
+def _relaxation(gamma: float) -> list[float]:
+    """Tenfold steps from a strong regulariser down to γ."""
+    steps = max(0, int(np.ceil(np.log10(_STRONG / gamma))))
+    return [gamma * 10.0**k for k in range(steps, -1, -1)]
+
+
+class _Unconstrained:
+    """J(π)/γ with gradient and Hessian; keeps the last point, which all three share."""
+
+    def __init__(self, objective: Objective, chart: LogCholesky) -> None:
+        self._objective, self._chart = objective, chart
+        self._at: bytes = b""
+        self._last: tuple[float, Vector, np.ndarray] = (np.nan, np.zeros(0), np.zeros((0, 0)))
+
+    def value(self, pi: Vector) -> float:
+        return self._evaluate(pi)[0]
+
+    def gradient(self, pi: Vector) -> Vector:
+        return self._evaluate(pi)[1]
+
+    def hessian(self, pi: Vector) -> np.ndarray:
+        return self._evaluate(pi)[2]
+
+    def _evaluate(self, pi: Vector) -> tuple[float, Vector, np.ndarray]:
+        if pi.tobytes() != self._at:
+            value, g, H = self._objective.evaluate(self._chart.x(pi))
+            _, J, second = self._chart.derivatives(pi, g)
+            scale = self._objective.gamma  # brings the regulariser to the order of one
+            self._last = (value / scale, J.T @ g / scale, (J.T @ H @ J + second) / scale)
+            self._at = pi.tobytes()
+        return self._last

@@ -1,0 +1,178 @@
+"""The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from ruamel.yaml import YAML
+
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.files import written_whole
+from deltaid.identification.reduction import least_margin
+from deltaid.identification.regularizer import RegularizerName
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.load import load_yaml
+
+Method = Literal["conic", "log-cholesky"]
+FORMAT = 1
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Settings(_Part):
+    """How a model is fitted.
+
+    Attributes:
+        method: 'conic' (global optimum, certified) or 'log-cholesky' (the paper's).
+        regularizer: the metric that pulls towards the prior.
+        gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
+        prior_spread: relative standard deviation of the prior that this rule assumes.
+        cutoff: low-pass cut-off [Hz] for logs; by rule when None.
+    """
+
+    method: Method = "conic"
+    regularizer: RegularizerName = "euclidean"
+    gamma: Annotated[float, Field(gt=0)] | None = None
+    prior_spread: Annotated[float, Field(gt=0)] = 0.5
+    cutoff: Annotated[float, Field(gt=0)] | None = None
+
+
+class Parameter(_Part):
+    """One parameter: value ± standard deviation, its prior, and which of both decided it.
+
+    `determined_by` is 'data' where the data shrank the prior's standard deviation to less than a
+    half, 'prior' where it did not, 'structure' for entries that the reduction holds at zero, and
+    'consistency' for entries that no torque shows and that grew to keep their body consistent.
+    """
+
+    name: str
+    value: float
+    std: Annotated[float, Field(ge=0)]
+    unit: str
+    prior: float
+    determined_by: Literal["data", "prior", "structure", "consistency"]
+
+
+class Source(_Part):
+    """A log that a model comes from, and how it was filtered."""
+
+    log: str
+    sha256: str
+    samples: int
+    rate_hz: float
+    cutoff_hz: float | None
+    used_samples: int
+
+
+class Fit(_Part):
+    """What the fit reached; torque errors are per drive.
+
+    `lower_bound` is the certified bound below J of the same objective and `duality_gap` what lies
+    between; None when the objective has no certificate.
+    """
+
+    objective: float
+    lower_bound: float | None
+    duality_gap: float | None
+    gamma: float
+    status: str
+    iterations: int
+    optimization_variables: int
+    base_parameters: int
+    base_condition: float
+    noise_level: float
+    rms: tuple[float, ...]
+    nrmse: tuple[float, ...]
+    rms_unfiltered: tuple[float, ...]
+
+
+class Consistency(_Part):
+    """Eigenvalues of each body's pseudo-inertia matrix (12), ascending, all positive."""
+
+    body: str
+    eigenvalues: tuple[float, float, float, float]
+
+
+class IdentifiedModel(_Part):
+    """A robot with identified parameters."""
+
+    format: Literal[1] = FORMAT
+    deltaid: str = Field(description="version that wrote the file")
+    robot: RobotDescription
+    parameters: tuple[Parameter, ...]
+    consistency: tuple[Consistency, ...]
+    fit: Fit
+    settings: Settings
+    sources: tuple[Source, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Names and places of the parameters."""
+        return parameter_layout(self.robot)
+
+    @property
+    def p(self) -> Float[np.ndarray, " parameters"]:
+        """The identified parameter vector."""
+        return np.array([parameter.value for parameter in self.parameters])
+
+    @property
+    def consistent(self) -> bool:
+        """Whether all bodies are physically consistent and all friction positive."""
+        return least_margin(self.layout, self.p)[1] > 0
+
+    def value(self, name: str) -> float:
+        """One parameter by name, such as 'U.mcx' or 'viscous.drive1'."""
+        return float(self.p[self.layout.names.index(name)])
+
+    def save(self, path: str | Path) -> None:
+        """Write as YAML; numbers keep every bit.
+
+        Raises:
+            DeltaidError: the file cannot be written.
+        """
+        yaml = YAML()
+        yaml.default_flow_style = None
+        yaml.width = 100
+        with written_whole(Path(path)) as file:
+            file.write("# Identified by deltaid. Units are SI; inertias are about the link frames.\n")
+            yaml.dump(self.model_dump(mode="json"), file)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "IdentifiedModel":
+        """Read a saved model.
+
+        Raises:
+            DescriptionError: the file is not a model, or its bodies are not consistent.
+        """
+        return load_yaml(Path(path), cls)
+
+    @model_validator(mode="after")
+    def _check(self) -> "IdentifiedModel":
+        names = tuple(parameter.name for parameter in self.parameters)
+        if names != self.layout.names:
+            raise ValueError("parameters are not those of the robot, in its order")
+        worst, margin = least_margin(self.layout, self.p)
+        if margin <= 0:
+            raise ValueError(f"{worst} is not physically consistent")
+        return self
+
+
+def eigenvalues(
+    layout: ParameterLayout, p: Float[np.ndarray, " parameters"]
+) -> tuple[Consistency, ...]:
+    """Eigenvalues of M̄ of every body."""
+    return tuple(
+        Consistency(
+            body=body,
+            eigenvalues=tuple(
+                float(v) for v in np.linalg.eigvalsh(pseudo_inertia(p[layout.body(body)]))
+            ),
+        )
+        for body in layout.bodies
+    )

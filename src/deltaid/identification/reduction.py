@@ -1,0 +1,203 @@
+"""Which parameters the fit may change (Sec. VI a–g), as an affine map and a product of cones.
+
+The free variables x are entries of the bodies' pseudo-inertia matrices (12), friction coefficients
+and rotor inertias. p = A x + p_0. Physical consistency of x is: every block M_b(x), affine in x, is
+positive definite. A block is a principal part of a body's M̄ whose entries hang together, or a
+single coefficient. Diagonal entries that are neither free nor visible in any torque are left out of
+the blocks and completed afterwards, because they can always be made large enough.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse.csgraph import connected_components
+
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
+from deltaid.errors import IdentificationError
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import (
+    PSEUDO_INERTIA_ENTRIES,
+    consistency,
+    entry_map,
+    inertia_parameters,
+    pseudo_inertia,
+)
+
+_ENTRY_NAMES = tuple(PSEUDO_INERTIA_ENTRIES)
+# A completed mass or second moment exceeds the least that keeps its body consistent by this share.
+_COMPLETION_MARGIN = 0.05
+
+
+@dataclass(frozen=True)
+class Block:
+    """A symmetric matrix, affine in x, that must be positive definite.
+
+    Attributes:
+        name: whose it is, such as 'S[x,m]'.
+        index: position in x of each entry, or −1 where the entry is constant.
+        constant: values of the constant entries, 0 elsewhere.
+        prior: the matrix at the prior, positive definite.
+    """
+
+    name: str
+    index: Int[np.ndarray, "k k"]
+    constant: Float[np.ndarray, "k k"]
+    prior: Float[np.ndarray, "k k"]
+
+    def matrix(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
+        """M_b(x)."""
+        return self.constant + np.where(self.index >= 0, x[self.index], 0.0)
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """The free variables of a robot and what they mean.
+
+    Attributes:
+        layout: the layout of p.
+        names: name of each free variable, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'.
+        A, p_0: p = A x + p_0.
+        blocks: what must be positive definite.
+        prior: x at the prior.
+        p_reg: p at the prior, reduced.
+        completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
+    """
+
+    layout: ParameterLayout
+    names: tuple[str, ...]
+    A: Float[np.ndarray, "parameters n"]
+    p_0: Float[np.ndarray, " parameters"]
+    blocks: tuple[Block, ...]
+    prior: Float[np.ndarray, " n"]
+    p_reg: Float[np.ndarray, " parameters"]
+    completed: dict[str, tuple[int, ...]]
+
+    @property
+    def size(self) -> int:
+        """Number of optimisation variables."""
+        return len(self.names)
+
+    def parameters(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " parameters"]:
+        """p for free variables x, with the completed entries of every body made consistent.
+
+        Raises:
+            IdentificationError: x is not consistent.
+        """
+        p = self.A @ x + self.p_0
+        for body in self.layout.bodies:
+            part = self.layout.body(body)
+            p[part] = _complete(p[part], self.completed[body])
+        margin = least_margin(self.layout, p)
+        if margin[1] <= 0:
+            raise IdentificationError(f"the result for {margin[0]} is not physically consistent")
+        return p
+
+
+def least_margin(
+    layout: ParameterLayout, p: Float[np.ndarray, " parameters"]
+) -> tuple[str, float]:
+    """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
+    margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
+    first = 10 * len(layout.bodies)
+    margins |= {name: float(p[i]) for i, name in enumerate(layout.names) if i >= first}
+    worst = min(margins, key=lambda name: margins[name])
+    return worst, margins[worst]
+
+
+def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"]) -> Reduction:
+    """The reduction of a described robot.
+
+    Args:
+        visible: parameters whose regressor column is not zero.
+
+    Raises:
+        IdentificationError: the prior is not consistent after the reduction.
+    """
+    layout, p_reg = parameter_layout(robot), prior_parameters(robot)
+    names, columns, values, blocks = [], [], [], []
+    p_0, completed = np.zeros(len(p_reg)), {}
+    to_p = entry_map()
+    is_visible = np.isin(np.arange(len(p_reg)), visible)
+    for body in layout.bodies:
+        part = layout.body(body)
+        M = pseudo_inertia(p_reg[part])
+        if consistency(p_reg[part]) <= 0:
+            raise IdentificationError(
+                f"with the entries that 'free' leaves out set to zero, the prior of body {body} is "
+                "not consistent",
+                where=f"bodies.{body}",
+                cure="free the first moments of its centre of mass, or change the prior",
+            )
+        index = np.full((4, 4), -1)
+        hidden = []
+        for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
+            if entry in robot.bodies[body].free:
+                index[i, j] = index[j, i] = len(names)
+                names.append(f"{body}.{entry}")
+                values.append(M[i, j])
+                column = np.zeros(len(p_reg))
+                column[part] = to_p[:, k]
+                columns.append(column)
+            else:
+                p_0[part] += to_p[:, k] * M[i, j]
+                if i == j and not is_visible[part][np.abs(to_p[:, k]) > 0].any():
+                    hidden.append(i)
+        completed[body] = tuple(sorted(hidden))
+        blocks += _body_blocks(body, index, M, completed[body])
+    for i in range(10 * len(layout.bodies), len(p_reg)):
+        blocks.append(
+            Block(layout.names[i], np.array([[len(names)]]), np.zeros((1, 1)), p_reg[i] * np.eye(1))
+        )
+        names.append(layout.names[i])
+        values.append(p_reg[i])
+        columns.append(np.eye(len(p_reg))[i])
+    return Reduction(
+        layout=layout,
+        names=tuple(names),
+        A=np.column_stack(columns),
+        p_0=p_0,
+        blocks=tuple(blocks),
+        prior=np.array(values),
+        p_reg=p_reg,
+        completed=completed,
+    )
+
+
+def _body_blocks(
+    body: str,
+    index: Int[np.ndarray, "4 4"],
+    M: Float[np.ndarray, "4 4"],
+    completed: tuple[int, ...],
+) -> list[Block]:
+    """The smallest independent blocks of a body's M̄ without the completed rows."""
+    rows = np.array([i for i in range(4) if i not in completed], dtype=int)
+    if not rows.size:
+        return []
+    inner = np.ix_(rows, rows)
+    _, part_of = connected_components((index[inner] >= 0) | (M[inner] != 0), directed=False)
+    blocks = []
+    for part in np.unique(part_of):
+        members = rows[part_of == part]
+        ix = np.ix_(members, members)
+        if np.all(index[ix] < 0):
+            continue  # constant and consistent, since the prior is
+        name = f"{body}[{','.join('xyzm'[i] for i in members)}]"
+        blocks.append(Block(name, index[ix], np.where(index[ix] < 0, M[ix], 0.0), M[ix]))
+    return blocks
+
+
+def _complete(
+    p: Float[np.ndarray, " 10"], completed: tuple[int, ...]
+) -> Float[np.ndarray, " 10"]:
+    """Raise completed diagonal entries of M̄ where the rest of the body needs it (Schur)."""
+    M = pseudo_inertia(p)
+    known = [i for i in range(4) if i not in completed]
+    for i in completed:
+        rest = np.ix_(known, known)
+        coupling = M[known, i]
+        if known and np.any(coupling):
+            least = coupling @ np.linalg.solve(M[rest], coupling)
+            M[i, i] = max(M[i, i], (1 + _COMPLETION_MARGIN) * least)
+        known.append(i)
+    return inertia_parameters(M)
