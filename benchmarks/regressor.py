@@ -86,8 +86,8 @@ def casadi_map(function: ca.Function, motion: Motion) -> tuple[Callable[[], None
     x = np.hstack(motion)  # a sample a row, which is a column to CasADi
     out = np.empty((len(x), function.numel_out(0)))
     buffer, evaluate = function.map(len(x)).buffer()
-    buffer.set_arg(0, memoryview(x))
-    buffer.set_res(0, memoryview(out))
+    buffer.set_arg(0, x.data)
+    buffer.set_res(0, out.data)
 
     def call(_keep: tuple[object, ...] = (buffer, x)) -> None:  # `evaluate` points into them only
         evaluate()

@@ -1,1 +1,66 @@
-"""deltaid: dynamic models of Delta-like robots, identified from recordings."""
+"""deltaid: physically consistent dynamic models of Delta-like robots, identified from recordings.
+
+    robot = deltaid.load_robot("irb360-6-1600")         # or your own YAML file
+    result = deltaid.identify(robot, ["log.csv"])
+    result.model.save("model.yaml")
+
+    dynamics = deltaid.Dynamics(robot)
+    tau = dynamics.inverse_dynamics(q, qd, qdd, result.model.p)
+
+Names are imported when first used, so that `import deltaid` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from deltaid.dynamics.dynamics import Dynamics
+    from deltaid.errors import DeltaidError
+    from deltaid.identification.identify import Identification, identify, validate
+    from deltaid.identification.model import IdentifiedModel, Settings
+    from deltaid.mechanism.kinematics import Kinematics
+    from deltaid.recording.columns import ColumnMapping, load_mapping
+    from deltaid.robot.description import RobotDescription
+    from deltaid.robot.load import catalogue, load_robot
+
+_HOME = {
+    "ColumnMapping": "deltaid.recording.columns",
+    "DeltaidError": "deltaid.errors",
+    "Dynamics": "deltaid.dynamics.dynamics",
+    "Identification": "deltaid.identification.identify",
+    "IdentifiedModel": "deltaid.identification.model",
+    "Kinematics": "deltaid.mechanism.kinematics",
+    "RobotDescription": "deltaid.robot.description",
+    "Settings": "deltaid.identification.model",
+    "catalogue": "deltaid.robot.load",
+    "identify": "deltaid.identification.identify",
+    "load_mapping": "deltaid.recording.columns",
+    "load_robot": "deltaid.robot.load",
+    "validate": "deltaid.identification.identify",
+}
+
+__all__ = [
+    "ColumnMapping",
+    "DeltaidError",
+    "Dynamics",
+    "Identification",
+    "IdentifiedModel",
+    "Kinematics",
+    "RobotDescription",
+    "Settings",
+    "catalogue",
+    "identify",
+    "load_mapping",
+    "load_robot",
+    "validate",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'deltaid' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -125,7 +125,7 @@ class Dynamics:
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:
         e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), ca.vertcat(*e.Y.T.nonzeros()))
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.Y.T.nz[:])
 
     @cached_property
     def _torque_kernel(self) -> BatchKernel:

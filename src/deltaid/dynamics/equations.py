@@ -81,9 +81,7 @@ def _regressor(
     v, a = ca.SX.sym("v", mechanism.dof), ca.SX.sym("a", mechanism.dof)
     for body in mechanism.bodies:
         columns[body.name] += body.count * body_regressor(body_motion(body, z, v, a, gravity))
-    inertial = ca.substitute(
-        [ca.horzcat(*columns.values())], [v, a], [zd, zdd]
-    )[0]
+    inertial = ca.substitute([ca.horzcat(*columns.values())], [v, a], [zd, zdd])[0]
     joints = [_joint_motion(mechanism, joint, T, qd) for joint in robot.friction_joints]
     viscous = [velocity * partial for velocity, partial in joints]
     coulomb = [ca.sign(velocity) * partial for velocity, partial in joints]
@@ -91,9 +89,7 @@ def _regressor(
     return ca.horzcat(T.T @ inertial, *viscous, *coulomb, *rotors)
 
 
-def _joint_motion(
-    mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+def _joint_motion(mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Velocity ϑ̇ of a friction joint and its partial derivatives ∂ϑ̇/∂q̇ (a column)."""
     names = list(mechanism.joints)
     if joint in names[: mechanism.dof]:  # a drive: ϑ = q_i, exactly

@@ -230,9 +230,7 @@ def _groups(
     return tuple(groups)
 
 
-def _written_out(
-    coefficient: float, terms: list[tuple[int, bool]], layout: ParameterLayout
-) -> str:
+def _written_out(coefficient: float, terms: list[tuple[int, bool]], layout: ParameterLayout) -> str:
     """' + 6·(m_S − mcx_S)': the terms that share a coefficient, after their common sign."""
     negative = terms[0][1]
     names = symbol(layout.names[terms[0][0]])

@@ -21,6 +21,7 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
+from deltaid.identification.information import triangle
 from deltaid.identification.objective import Objective
 from deltaid.identification.reduction import Block, Reduction
 from deltaid.identification.regularizer import Vector
@@ -82,7 +83,7 @@ class _Quadratic:
     """‖L x − l‖² + c, all divided by γ."""
 
     L: Float[np.ndarray, "n n"]
-    l: Vector  # noqa: E741, the mathematics' own letter
+    l: Vector
     c: float
 
 
@@ -91,9 +92,9 @@ def _stacked(objective: Objective, reduction: Reduction) -> _Quadratic:
     K = np.vstack([data.R / np.sqrt(objective.gamma), prior.D])
     k = np.append(data.b / np.sqrt(objective.gamma), prior.D @ prior.x_reg)
     rows = np.vstack([np.column_stack([K, k]), np.zeros((1, n + 1))])
-    triangle = np.linalg.qr(rows, mode="r")
-    c = data.c / objective.gamma + float(triangle[n, n] ** 2)
-    return _Quadratic(triangle[:n, :n], triangle[:n, n], c)
+    R = triangle(rows)
+    c = data.c / objective.gamma + float(R[n, n] ** 2)
+    return _Quadratic(R[:n, :n], R[:n, n], c)
 
 
 def _unconstrained(quadratic: _Quadratic) -> Vector | None:
@@ -116,9 +117,7 @@ def _normalised(block: Block, M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, 
 class _Program:
     """Assembles min ½ uᵀP u + qᵀu s.t. A u + s = b, s in cones, for u = [x/scale, y, Z, t]."""
 
-    def __init__(
-        self, objective: Objective, reduction: Reduction, quadratic: _Quadratic
-    ) -> None:
+    def __init__(self, objective: Objective, reduction: Reduction, quadratic: _Quadratic) -> None:
         self._objective, self._reduction, self._quadratic = objective, reduction, quadratic
         n = reduction.size
         self._scale = _variable_scale(reduction)
@@ -132,9 +131,7 @@ class _Program:
     def solve(self) -> Solution:
         n, spectral = self._reduction.size, self._objective.regularizer.spectral
         L = self._quadratic.L * self._scale
-        self._require(
-            np.hstack([L, -np.eye(n)]), self._quadratic.l, clarabel.ZeroConeT(n)
-        )
+        self._require(np.hstack([L, -np.eye(n)]), self._quadratic.l, clarabel.ZeroConeT(n))
         for block in self._reduction.blocks:
             if spectral is None:
                 self._require_definite(block)

@@ -18,7 +18,7 @@ from deltaid.identification.base import (
     estimate_base,
 )
 from deltaid.identification.conic import Solution, solve_conic
-from deltaid.identification.information import Information, gather, merge
+from deltaid.identification.information import Information, gather, merge, triangle
 from deltaid.identification.log_cholesky import solve_log_cholesky
 from deltaid.identification.model import (
     Fit,
@@ -149,9 +149,7 @@ def solve(objective: Objective, reduction: Reduction, settings: Settings) -> Sol
     if objective.regularizer.name == "riemannian":
         return solution
     bound = solve_conic(objective, reduction).bound
-    return Solution(
-        solution.x, solution.objective, bound, solution.iterations, solution.status
-    )
+    return Solution(solution.x, solution.objective, bound, solution.iterations, solution.status)
 
 
 def validate(
@@ -159,13 +157,26 @@ def validate(
 ) -> tuple[TorqueError, Log]:
     """Torque errors of a model on a recording it has not seen, and the surveyed recording.
 
+    A recording without derivatives is filtered with the cut-off that the model was identified with.
+
     Raises:
         RecordingError: the log cannot be used.
     """
     dynamics = Dynamics(model.robot)
     surveyed = open_log(Path(log), dynamics.kinematics, columns)
-    low_pass = choose_filter(surveyed, model.settings.cutoff)
+    low_pass = model_filter(model, surveyed)
     return torque_error(dynamics, model.p, surveyed, low_pass), surveyed
+
+
+def model_filter(model: IdentifiedModel, log: Log) -> LowPass | None:
+    """The filter for a log that a model is compared with: the one of the model's own recordings.
+
+    Raises:
+        RecordingError: the cut-off does not go with the log's rate, or the log is too short.
+    """
+    own = next((s.cutoff_hz for s in model.sources if s.cutoff_hz is not None), None)
+    forced = model.settings.cutoff is not None
+    return choose_filter(log, own if forced or not log.has_derivatives else None)
 
 
 def standard_deviations(
@@ -189,7 +200,7 @@ def standard_deviations(
         """√diag(A (FᵀF)⁻¹ Aᵀ) for a triangular F."""
         return unit * np.linalg.norm(solve_triangular(factor, A.T, trans="T"), axis=0)
 
-    return deviations(np.linalg.qr(np.vstack([data, root]), mode="r")), deviations(root)
+    return deviations(triangle(np.vstack([data, root]))), deviations(root)
 
 
 def _parameters(

@@ -17,7 +17,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import IdentificationError
 from deltaid.recording.filter import LowPass, apply
 from deltaid.recording.log import Log
-from deltaid.recording.windows import Window, windows
+from deltaid.recording.windows import WINDOW, Window, windows
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Information:
     def weighted(self, weights: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "n+1 n+1"]:
         """Factor of W^½ [Ȳ, τ̄] with one weight a drive: rows of drive i times √weights_i."""
         scaled = self.factors * np.sqrt(weights)[:, None, None]
-        return np.linalg.qr(scaled.reshape(-1, scaled.shape[2]), mode="r")
+        return triangle(scaled.reshape(-1, scaled.shape[2]))
 
     def rms(self, p: Parameters) -> Float[np.ndarray, " dof"]:
         """Root mean square of τ_i − Y_i p for each drive."""
@@ -61,7 +61,9 @@ def gather(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Informatio
     Raises:
         IdentificationError: the regressor is not finite somewhere.
     """
-    samples = (_evaluated(dynamics, w, low_pass) for w in windows(log, dynamics.kinematics, low_pass))
+    samples = (
+        _evaluated(dynamics, w, low_pass) for w in windows(log, dynamics.kinematics, low_pass)
+    )
     return _factorise(dynamics, samples, str(log.path))
 
 
@@ -73,10 +75,9 @@ def gather_samples(
     tau: Float[np.ndarray, "samples dof"],
 ) -> Information:
     """The information of samples in memory."""
-    chunk = 8192
     pieces = (
-        Window(np.zeros(0), *(a[i : i + chunk] for a in (z, qd, qdd, tau)))
-        for i in range(0, len(z), chunk)
+        Window(np.zeros(0), *(a[i : i + WINDOW] for a in (z, qd, qdd, tau)))
+        for i in range(0, len(z), WINDOW)
     )
     return _factorise(dynamics, (_evaluated(dynamics, w, None) for w in pieces), "samples")
 
@@ -86,8 +87,7 @@ def merge(parts: Iterable[Information]) -> Information:
     parts = tuple(parts)
     first = parts[0]
     factors = [
-        np.linalg.qr(np.vstack([part.factors[i] for part in parts]), mode="r")
-        for i in range(len(first.factors))
+        triangle(np.vstack([part.factors[i] for part in parts])) for i in range(len(first.factors))
     ]
     return Information(
         columns=first.columns,
@@ -118,7 +118,7 @@ def whitened(
         full[rows, where] = values
         full[:, -1] = tau
         mixed = np.einsum("ij,jks->isk", whitening, full).reshape(-1, len(columns) + 1)
-        factor = np.linalg.qr(np.vstack([factor, mixed]), mode="r")
+        factor = triangle(np.vstack([factor, mixed]))
     return factor
 
 
@@ -152,18 +152,25 @@ def _factorise(
     for values, tau in pieces:
         for i in range(dof):
             chunk = np.vstack([values[rows == i], tau[i]])
-            triangle = np.zeros((chunk.shape[0], n + 1))
-            R = _triangle(chunk)
-            triangle[: len(R), np.append(of_drive[i], n)] = R
-            factors[i] = np.linalg.qr(np.vstack([factors[i], triangle]), mode="r")
+            widened = np.zeros((chunk.shape[0], n + 1))
+            R = _chunk_triangle(chunk)
+            widened[: len(R), np.append(of_drive[i], n)] = R
+            factors[i] = triangle(np.vstack([factors[i], widened]))
         samples += tau.shape[1]
         torque_max = np.maximum(torque_max, np.abs(tau).max(axis=1, initial=0.0))
     if not np.all(np.isfinite(factors)):
-        raise IdentificationError("the regressor is not finite; is the motion singular?", where=where)
+        raise IdentificationError(
+            "the regressor is not finite; is the motion singular?", where=where
+        )
     return Information(columns, factors, samples, torque_max)
 
 
-def _triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, "rows n"]:
-    """R of the QR factorisation of chunkᵀ; destroys the chunk."""
+def triangle(A: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rank n"]:
+    """The upper triangular R with RᵀR = AᵀA, from a QR factorisation."""
+    return np.asarray(np.linalg.qr(A, mode="r"))
+
+
+def _chunk_triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, "rows n"]:
+    """The same for chunkᵀ, in place: destroys the chunk, which is read without a copy."""
     qr, _, _, _ = lapack.dgeqrf(chunk.T, overwrite_a=1)
     return np.triu(qr[: chunk.shape[0]])

@@ -1,12 +1,12 @@
-"""The paper's parametrisation (Sec. V): x(π) is consistent for every π, so the fit is unconstrained.
+"""The paper's parametrisation (Sec. V): x(π) is consistent for every π, so nothing constrains π.
 
-For each body M̄ = e^{2α} UᵀU with U upper triangular, diag(U) = (e^{d₁}, e^{d₂}, e^{d₃}, 1), products
-s and last column t, eqs. (12)–(14); friction and rotor coefficients are e^β. The map is built as
-that product and read off, entry by entry; nothing of (14) is typed again. A completed diagonal
-entry (a mass that torques cannot see) has its factor fixed to one, as the paper does with α of the
-upper arm. Rows are ordered so that completed ones come last. A small share of the prior is added,
-x = (…)(π) + ε x_reg, which keeps x as far from the edge as the conic program does: both search the
-same set.
+For each body M̄ = e^{2α} UᵀU with U upper triangular, its diagonal (e^{d₁}, e^{d₂}, e^{d₃}, 1),
+products s and last column t, eqs. (12)–(14); friction and rotor coefficients are e^β. The map is
+built as that product and read off, entry by entry; nothing of (14) is typed again. A completed
+diagonal entry (a mass that torques cannot see) has its factor fixed to one, as the paper does with
+α of the upper arm. Rows are ordered so that completed ones come last. A small share of the prior is
+added, x = (…)(π) + ε x_reg, which keeps x as far from the edge as the conic program does: both
+search the same set.
 """
 
 from dataclasses import replace
@@ -79,15 +79,13 @@ class LogCholesky:
         weights = ca.SX.sym("w", self.reduction.size)
         H, _ = ca.hessian(ca.dot(weights, self._x), self._pi)
         J = ca.jacobian(self._x, self._pi)
-        return ca.Function(
-            "map", [self._pi, weights], [ca.densify(e) for e in (self._x, J, H)]
-        )
+        return ca.Function("map", [self._pi, weights], [ca.densify(e) for e in (self._x, J, H)])
 
     def _free(self, body: str) -> dict[tuple[int, int], int]:
         """Position in π of each free entry of a body's M̄, by its place (i ≤ j)."""
         names = self.reduction.names
         return {
-            tuple(sorted(place)): names.index(f"{body}.{entry}")
+            _sorted(*place): names.index(f"{body}.{entry}")
             for entry, place in PSEUDO_INERTIA_ENTRIES.items()
             if f"{body}.{entry}" in names
         }
@@ -105,7 +103,7 @@ class LogCholesky:
             d = self._pi[free[i, i]] if (i, i) in free and i != 3 else ca.SX(0)
             U[a, a] = ca.exp(d)
             for b in range(a + 1, 4):
-                place = tuple(sorted((i, order[b])))
+                place = _sorted(i, order[b])
                 if place in free:
                     U[a, b] = self._pi[free[place]]
         M = ca.exp(2 * alpha) * (U.T @ U)
@@ -113,9 +111,9 @@ class LogCholesky:
         entries = {}
         for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
             value = M[place_in[i], place_in[j]]
-            if tuple(sorted((i, j))) in free:
+            if _sorted(i, j) in free:
                 entries[f"{body}.{entry}"] = value
-            elif i != j and not ca.sparsify(value).nnz() == 0:
+            elif i != j and ca.sparsify(value).nnz():
                 raise IdentificationError(
                     f"log-cholesky cannot hold {entry} at zero while its neighbours are free",
                     where=f"bodies.{body}.free",
@@ -129,9 +127,7 @@ class LogCholesky:
                 )
         return entries
 
-    def _body_coordinates(
-        self, body: str, p: Float[np.ndarray, " parameters"]
-    ) -> dict[str, float]:
+    def _body_coordinates(self, body: str, p: Float[np.ndarray, " parameters"]) -> dict[str, float]:
         """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row.
 
         Completed rows take no part in the factorisation; only their coupling is read.
@@ -149,11 +145,16 @@ class LogCholesky:
         U *= np.exp(-alpha)
         coordinates = {}
         for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            if tuple(sorted((i, j))) in free:
+            if _sorted(i, j) in free:
                 a, b = sorted((order.index(i), order.index(j)))
                 value = U[a, b] if a != b else (alpha if i == 3 else np.log(U[a, a]))
                 coordinates[f"{body}.{entry}"] = float(value)
         return coordinates
+
+
+def _sorted(i: int, j: int) -> tuple[int, int]:
+    """The place of an entry in the upper triangle."""
+    return (i, j) if i <= j else (j, i)
 
 
 def solve_log_cholesky(objective: Objective, reduction: Reduction) -> Solution:

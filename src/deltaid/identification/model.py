@@ -6,15 +6,13 @@ from typing import Annotated, Literal
 import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-from ruamel.yaml import YAML
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
-from deltaid.files import written_whole
 from deltaid.identification.reduction import least_margin
 from deltaid.identification.regularizer import RegularizerName
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
-from deltaid.robot.load import load_yaml
+from deltaid.robot.load import load_yaml, save_yaml
 
 Method = Literal["conic", "log-cholesky"]
 FORMAT = 1
@@ -136,12 +134,7 @@ class IdentifiedModel(_Part):
         Raises:
             DeltaidError: the file cannot be written.
         """
-        yaml = YAML()
-        yaml.default_flow_style = None
-        yaml.width = 100
-        with written_whole(Path(path)) as file:
-            file.write("# Identified by deltaid. Units are SI; inertias are about the link frames.\n")
-            yaml.dump(self.model_dump(mode="json"), file)
+        save_yaml(self, Path(path))
 
     @classmethod
     def load(cls, path: str | Path) -> "IdentifiedModel":
@@ -170,9 +163,7 @@ def eigenvalues(
     return tuple(
         Consistency(
             body=body,
-            eigenvalues=tuple(
-                float(v) for v in np.linalg.eigvalsh(pseudo_inertia(p[layout.body(body)]))
-            ),
+            eigenvalues=tuple(np.linalg.eigvalsh(pseudo_inertia(p[layout.body(body)])).tolist()),
         )
         for body in layout.bodies
     )

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.identification.information import Information
+from deltaid.identification.information import Information, triangle
 from deltaid.identification.reduction import Reduction
 from deltaid.identification.regularizer import Matrix, Regularizer, Vector
 
@@ -51,8 +50,8 @@ def data_term(information: Information, reduction: Reduction) -> DataTerm:
     reduced = np.column_stack([Y @ reduction.A[at], tau - Y @ reduction.p_0[at]])
     n = reduction.size
     padded = np.vstack([reduced, np.zeros((max(0, n + 1 - len(reduced)), n + 1))])
-    triangle = np.linalg.qr(padded, mode="r") / np.sqrt(information.samples)
-    return DataTerm(triangle[:n, :n], triangle[:n, n], float(triangle[n, n] ** 2))
+    R = triangle(padded) / np.sqrt(information.samples)
+    return DataTerm(R[:n, :n], R[:n, n], float(R[n, n] ** 2))
 
 
 def noise_level(information: Information) -> float:

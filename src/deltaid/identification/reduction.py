@@ -94,9 +94,7 @@ class Reduction:
         return p
 
 
-def least_margin(
-    layout: ParameterLayout, p: Float[np.ndarray, " parameters"]
-) -> tuple[str, float]:
+def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -> tuple[str, float]:
     """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
     margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
     first = 10 * len(layout.bodies)
@@ -187,9 +185,7 @@ def _body_blocks(
     return blocks
 
 
-def _complete(
-    p: Float[np.ndarray, " 10"], completed: tuple[int, ...]
-) -> Float[np.ndarray, " 10"]:
+def _complete(p: Float[np.ndarray, " 10"], completed: tuple[int, ...]) -> Float[np.ndarray, " 10"]:
     """Raise completed diagonal entries of M̄ where the rest of the body needs it (Schur)."""
     M = pseudo_inertia(p)
     known = [i for i in range(4) if i not in completed]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
@@ -83,3 +84,10 @@ def torque_error(
         covariance=covariance / samples,
         cutoff=low_pass.cutoff if low_pass else None,
     )
+
+
+def prediction_csv(part: Prediction, *, header: bool) -> str:
+    """Predicted torques as lines of CSV: t, tau1, tau2, …"""
+    columns = {"t": part.time}
+    columns |= {f"tau{i + 1}": part.predicted[:, i] for i in range(part.predicted.shape[1])}
+    return pl.DataFrame(columns).write_csv(include_header=header)

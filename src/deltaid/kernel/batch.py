@@ -17,8 +17,9 @@ from jaxtyping import Float
 
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
 
-# Samples a thread takes at a time: small enough that in- and outputs of a block stay in the cache.
-BLOCK = 2048
+# Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
+# and no power of two, because rows a power of two apart fight for the same lines of it.
+BLOCK = 2000
 
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 
@@ -54,18 +55,18 @@ class BatchKernel:
         threads: int | None = None,
     ) -> Float[np.ndarray, "n_out samples"]:
         """Evaluate all samples, on all cores unless `threads` says otherwise."""
-        x = np.asarray(x, dtype=float)
-        n = x.shape[1]
-        out = np.empty((self.n_out, n))
-        starts = range(0, n, BLOCK)
+        x, shared = np.asarray(x, dtype=float), self._uniform(uniform)
+        if x.shape[0] != self.n_in:
+            raise ValueError(f"the kernel has {self.n_in} inputs, not {x.shape[0]}")
+        out = np.empty((self.n_out, x.shape[1]))
+        starts = range(0, x.shape[1], BLOCK)
         workers = min(threads or os.cpu_count() or 1, len(starts))
-        work = functools.partial(self._block, x, self._uniform(uniform), out)
         if workers <= 1:
-            for start in starts:
-                work(start)
+            self._blocks(x, shared, out, starts)
         else:
             with ThreadPoolExecutor(workers) as pool:
-                list(pool.map(work, starts))
+                shares = [starts[i::workers] for i in range(workers)]
+                list(pool.map(functools.partial(self._blocks, x, shared, out), shares))
         return out
 
     def _uniform(self, uniform: Float[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
@@ -74,44 +75,35 @@ class BatchKernel:
             raise ValueError(f"the kernel has {self.n_uniform} uniform inputs, not {values.size}")
         return values
 
-    def _block(
+    def _blocks(
         self,
         x: Float[np.ndarray, "n_in samples"],
         uniform: Float[np.ndarray, " n_uniform"],
         out: Float[np.ndarray, "n_out samples"],
-        start: int,
+        starts: range,
     ) -> None:
-        """One block of samples; the last block's end is padded up to the vector width."""
-        stop = min(start + BLOCK, x.shape[1])
-        full = start + (stop - start) // self._width * self._width
-        whole = x[:, start:full]
-        if full > start and whole.strides[1] == x.itemsize and out.strides[1] == out.itemsize:
-            self._run(whole, uniform, out[:, start:full])
-        elif full > start:
-            out[:, start:full] = self._padded(whole, uniform)
-        if stop > full:
-            out[:, full:stop] = self._padded(x[:, full:stop], uniform)
+        """Some blocks of samples, one after the other through buffers that stay in the cache.
 
-    def _padded(
-        self, x: Float[np.ndarray, "n_in samples"], uniform: Float[np.ndarray, " n_uniform"]
-    ) -> Float[np.ndarray, "n_out samples"]:
-        n = x.shape[1]
-        padding = -n % self._width
-        padded = np.ascontiguousarray(np.pad(x, ((0, 0), (0, padding)), mode="edge"))
-        out = np.empty((self.n_out, n + padding))
-        self._run(padded, uniform, out)
-        return out[:, :n]
-
-    def _run(
-        self,
-        x: Float[np.ndarray, "n_in samples"],
-        uniform: Float[np.ndarray, " n_uniform"],
-        out: Float[np.ndarray, "n_out samples"],
-    ) -> None:
-        strides = (out.strides[0] // out.itemsize, x.strides[0] // x.itemsize)
-        self._call(
-            out.ctypes.data, strides[0], x.ctypes.data, strides[1], uniform.ctypes.data, x.shape[1]
-        )
+        The last block's end is padded with its last sample up to the vector width.
+        """
+        length = min(BLOCK, x.shape[1])
+        length += -length % self._width
+        inputs, outputs = np.empty((self.n_in, length)), np.empty((self.n_out, length))
+        for start in starts:
+            stop = min(start + BLOCK, x.shape[1])
+            n = stop - start
+            padded = n + (-n % self._width)
+            inputs[:, :n] = x[:, start:stop]
+            inputs[:, n:padded] = x[:, stop - 1 : stop]
+            self._call(
+                outputs.ctypes.data,
+                length,
+                inputs.ctypes.data,
+                length,
+                uniform.ctypes.data,
+                padded,
+            )
+            out[:, start:stop] = outputs[:, :n]
 
 
 def _vector_width() -> int:

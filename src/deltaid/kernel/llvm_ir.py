@@ -163,7 +163,9 @@ class _Emitter:
             scalars = [
                 self._value(f"extractelement {self._vector} {arg}, i64 {lane}") for arg in args
             ]
-            called = self._value(f"call double @{name}({', '.join(f'double {s}' for s in scalars)})")
+            called = self._value(
+                f"call double @{name}({', '.join(f'double {s}' for s in scalars)})"
+            )
             result = self._value(
                 f"insertelement {self._vector} {result}, double {called}, i64 {lane}"
             )

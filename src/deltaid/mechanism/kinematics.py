@@ -67,10 +67,10 @@ class Kinematics:
         bad = np.flatnonzero(~(margin > 0))
         if bad.size:
             i = bad[0]
+            missing = _excess(self.robot, float(margin[i]))
             raise KinematicsError(
                 f"no platform position closes the loops at q = {_numbers(q[i])}: the three "
-                f"elbows are too far apart for the struts, by {_excess(self.robot, margin[i]):.4g} "
-                "m of strut length",
+                f"elbows are too far apart for the struts, by {missing:.4g} m of strut length",
                 where=f"sample {i}",
                 cure="check the drive angles' unit, sign and zero (0 = arm horizontal, positive "
                 "= down), and the lengths in the robot's description",
@@ -129,7 +129,7 @@ class Kinematics:
             i = bad[0]
             raise KinematicsError(
                 f"the pose z = {_numbers(z[i])} is singular: drives and platform lose their "
-                "one-to-one relation (an arm and its struts are in line, or the struts are coplanar)",
+                "one-to-one relation (an arm and its struts in line, or the struts coplanar)",
                 where=f"sample {i}",
                 cure="keep the motion away from the edge of the workspace",
             )
@@ -177,9 +177,7 @@ class Kinematics:
     @cached_property
     def _pose_kernel(self) -> BatchKernel:
         m = self.mechanism
-        columns = [
-            ca.vertcat(ca.vec(ca.densify(b.R_LB)), ca.densify(b.r_LB)) for b in m.bodies
-        ]
+        columns = [ca.vertcat(ca.vec(ca.densify(b.R_LB)), ca.densify(b.r_LB)) for b in m.bodies]
         return BatchKernel(m.z, ca.vertcat(*columns))
 
 

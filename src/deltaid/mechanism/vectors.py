@@ -16,9 +16,9 @@ def frame(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
 def rotation_z(angle: ca.SX) -> ca.SX:
     """Rotation about the third axis."""
     c, s = ca.cos(angle), ca.sin(angle)
-    return frame(ca.vertcat(c, s, 0), ca.vertcat(-s, c, 0), ca.vertcat(0, 0, 1))
+    return frame(ca.vertcat(c, s, 0), ca.vertcat(-s, c, 0), ca.SX(ca.DM([0, 0, 1])))
 
 
 def inverse(A: ca.SX) -> ca.SX:
     """Inverse of a small square matrix by cofactors; decoupled rows and columns cost nothing."""
-    return ca.densify(ca.sparsify(ca.inv_minor(A))) if A.is_dense() else ca.inv_minor(A)
+    return ca.inv_minor(A)

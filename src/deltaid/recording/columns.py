@@ -170,7 +170,7 @@ def _factor(unit: str, target: str, torque_constant: float | None, *, where: str
         one = registry.Quantity(1.0, unit)
         if torque_constant is not None:
             one = one * registry.Quantity(torque_constant, "N*m/A")
-        return float(one.to(target).magnitude)
+        return float(one.m_as(target))
     except pint.DimensionalityError:
         hint = "; a current needs a torque_constant in N m/A" if target == "N*m" else ""
         raise RecordingError(

@@ -18,9 +18,7 @@ from deltaid.errors import RecordingError
 _ATTENUATION, _TRANSITION = 60.0, 0.8
 # Central differences of eighth order for the first and second derivative.
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-_SECOND = np.array(
-    [-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]
-)
+_SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 # Above a tenth of the sampling rate the differences are no longer exact to 1e-4.
 _HIGHEST = 0.1
 _SEGMENT, _SHORTEST = 4096, 256
@@ -112,10 +110,10 @@ class SpectrumEstimate:
         self._segments += 1
 
     def cutoff(self, rate: float) -> float | None:
-        """Twice the highest frequency at which a drive's position stands 20 dB over its noise floor.
+        """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
 
-        The floor is the median power of the upper half of the band. Twice, because torques hold
-        products of velocities. None without a full segment.
+        The noise floor is the median power of the upper half of the band. Twice, because torques
+        hold products of velocities. None without a full segment.
         """
         if not self._segments:
             return None

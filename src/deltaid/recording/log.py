@@ -211,9 +211,7 @@ class _Survey:
         outside = np.flatnonzero(~inside_workspace(self.kinematics.robot, z))
         if outside.size and not self.outside:
             i = outside[0]
-            self.first_outside = (
-                f"row {row + i} at [{z[i, 0]:.3f}, {z[i, 1]:.3f}, {z[i, 2]:.3f}] m"
-            )
+            self.first_outside = f"row {row + i} at [{z[i, 0]:.3f}, {z[i, 1]:.3f}, {z[i, 2]:.3f}] m"
         self.outside += outside.size
 
     def _check_constant(

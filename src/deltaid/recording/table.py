@@ -39,7 +39,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Batch:
-    """Consecutive rows in SI units; columns as in `Columns.all`. `row` is the first one's number."""
+    """Consecutive rows in SI units, columns as in `Columns.all`; `row` numbers the first one."""
 
     row: int
     values: Float[np.ndarray, "rows channels"]
@@ -93,9 +93,7 @@ def checksum(path: Path) -> str:
 def _check_header(path: Path, names: tuple[str, ...]) -> None:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
-        raise RecordingError(
-            f"has two columns called '{repeated[0]}'", where=f"{path}, row 1"
-        )
+        raise RecordingError(f"has two columns called '{repeated[0]}'", where=f"{path}, row 1")
 
     def is_number(name: str) -> bool:
         try:

@@ -11,8 +11,9 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.filter import LowPass, apply, design_low_pass
 from deltaid.recording.log import Log
 
-# Samples a window yields: long against the filter's length, short against memory.
-WINDOW = 8192
+# Samples a window yields: long against the filter's length, short against memory, and no power of
+# two, because rows of an array that lie a power of two apart fight for the same lines of the cache.
+WINDOW = 8000
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ All lengths are metres, angles degrees where the key ends in `_deg`, everything 
 those of `docs/conventions.md`.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -64,7 +64,7 @@ class Limbs(_Part):
 
 
 class Telescope(_Part):
-    """Telescope bar (Cardan axle) from the base to the platform; adds the rotation ψ as 4th axis."""
+    """Telescope bar (Cardan axle) from base to platform; adds the rotation ψ as fourth axis."""
 
     base_joint: Vector = Field(
         default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"
@@ -113,7 +113,7 @@ class Body(_Part):
 
     prior: ExplicitInertia | tuple[Shape, ...]
     free: tuple[Entry, ...] = Field(
-        default=tuple(PSEUDO_INERTIA_ENTRIES),
+        default=get_args(Entry),
         min_length=1,
         description="entries that the identification may change; all ten when left out",
     )

@@ -12,6 +12,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from deltaid.errors import DescriptionError
+from deltaid.files import written_whole
 from deltaid.robot.description import RobotDescription
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -23,6 +24,18 @@ def catalogue() -> tuple[str, ...]:
     return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml")))
 
 
+def catalogue_text(name: str) -> str:
+    """The description file of a catalogue robot.
+
+    Raises:
+        DescriptionError: no such robot.
+    """
+    if name not in catalogue():
+        raise _unknown(name)
+    file = resources.files("deltaid.robot") / "catalogue" / f"{name}.yaml"
+    return file.read_text(encoding="utf-8")
+
+
 def load_robot(robot: str | Path) -> RobotDescription:
     """The description of a catalogue robot (by name) or of a YAML file (by path).
 
@@ -30,16 +43,10 @@ def load_robot(robot: str | Path) -> RobotDescription:
         DescriptionError: no such robot or file, or the file does not describe a robot.
     """
     if str(robot) in catalogue():
-        file = resources.files("deltaid.robot") / "catalogue" / f"{robot}.yaml"
-        return parse(file.read_text(encoding="utf-8"), RobotDescription, where=f"{robot}.yaml")
+        return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
     path = Path(robot)
     if not path.is_file():
-        near = difflib.get_close_matches(str(robot), catalogue(), n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise DescriptionError(
-            f"no robot file and no catalogue robot called '{robot}'",
-            cure=f"{hint}the catalogue has: {', '.join(catalogue())}",
-        )
+        raise _unknown(str(robot))
     return load_yaml(path, RobotDescription)
 
 
@@ -54,6 +61,19 @@ def load_yaml(path: Path, model: type[_Model]) -> _Model:
     except (OSError, UnicodeDecodeError) as error:
         raise DescriptionError(f"cannot be read as text: {error}", where=str(path)) from None
     return parse(text, model, where=str(path))
+
+
+def save_yaml(value: BaseModel, path: Path) -> None:
+    """Write a model as YAML, whole or not at all; numbers keep every bit.
+
+    Raises:
+        DeltaidError: the file cannot be written.
+    """
+    yaml = YAML()
+    yaml.default_flow_style = None
+    yaml.width = 100
+    with written_whole(path) as file:
+        yaml.dump(value.model_dump(mode="json", exclude_none=True), file)
 
 
 def parse(text: str, model: type[_Model], *, where: str) -> _Model:
@@ -83,6 +103,15 @@ def parse(text: str, model: type[_Model], *, where: str) -> _Model:
             where=where,
             cure="`deltaid schema` prints the JSON Schema that editors complete and check with",
         ) from None
+
+
+def _unknown(name: str) -> DescriptionError:
+    near = difflib.get_close_matches(name, catalogue(), n=1, cutoff=0.4)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return DescriptionError(
+        f"no robot file and no catalogue robot called '{name}'",
+        cure=f"{hint}the catalogue has: {', '.join(catalogue())}",
+    )
 
 
 def _plain(node: Any) -> Any:

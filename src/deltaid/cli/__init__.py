@@ -1,0 +1,5 @@
+"""The command line: `deltaid COMMAND`, one module a command."""
+
+from deltaid.cli.app import main
+
+__all__ = ["main"]

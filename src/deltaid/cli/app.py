@@ -1,0 +1,45 @@
+"""The `deltaid` command: its subcommands and what happens to errors."""
+
+import os
+import sys
+
+import typer
+
+from deltaid.cli import base, demo, identify, robots, schema, torque, validate
+from deltaid.cli.output import print_error
+from deltaid.errors import DeltaidError
+
+app = typer.Typer(
+    name="deltaid",
+    help="Physically consistent dynamic models of Delta-like robots, identified from recordings.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    add_completion=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for module in (demo, robots, schema, identify, validate, torque, base):
+    module.register(app)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: bool = typer.Option(False, "--version", help="Print the version and stop."),
+) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"deltaid {installed('deltaid')}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
+    try:
+        app()
+    except DeltaidError as error:
+        print_error(error)
+        sys.exit(2)
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)

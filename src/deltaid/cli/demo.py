@@ -1,0 +1,80 @@
+"""`deltaid demo`: the whole job on a surrogate robot whose truth is known."""
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from deltaid.identification.demo import Demonstration
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("demo")(demo)
+
+
+def demo(
+    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file.")] = "irb360-6-1600",
+    seed: Annotated[int, typer.Option(help="Seed of truth, motions and noise.")] = 0,
+    noise: Annotated[
+        float, typer.Option(help="Torque noise as a share of the largest torque.", min=0.0)
+    ] = 0.02,
+    keep: Annotated[
+        Path | None, typer.Option(help="Folder to keep robot, logs and model in.")
+    ] = None,
+) -> None:
+    """Simulate a robot with known parameters, record it as a drive would, and identify it.
+
+    The truth is up to 30 % away from the prior; the log has encoder steps and torque noise.
+    """
+    from deltaid.cli.output import progress
+    from deltaid.errors import DeltaidError
+    from deltaid.identification.demo import demonstrate
+    from deltaid.robot.load import load_robot
+
+    description = load_robot(robot)
+    with tempfile.TemporaryDirectory() as temporary, progress(False) as say:
+        folder = keep or Path(temporary)
+        if keep is not None:
+            try:
+                keep.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise DeltaidError(f"cannot be made: {error.strerror}", where=str(keep)) from None
+        result = demonstrate(description, folder, seed=seed, torque_noise=noise, progress=say)
+    _print(result, keep)
+
+
+def _print(result: "Demonstration", keep: Path | None) -> None:
+    from deltaid.cli.identify import summary
+    from deltaid.cli.output import console, number, percent, table, with_uncertainty
+    from deltaid.cli.validate import error_table
+
+    model, rows = result.identification.model, []
+    for parameter, truth in zip(model.parameters, result.truth, strict=True):
+        if parameter.determined_by == "structure":
+            continue
+        value, std = with_uncertainty(parameter.value, parameter.std)
+        remark = "" if parameter.determined_by == "data" else f"from the {parameter.determined_by}"
+        if parameter.determined_by == "consistency":
+            remark = "for consistency"
+        rows.append(
+            [parameter.name, number(parameter.prior), number(truth), value, std, parameter.unit,
+             remark]
+        )  # fmt: skip
+    columns = ["parameter", "prior", "truth", "identified", "±", "unit", ""]
+    console.print(table(f"{model.robot.title}, simulated", columns, rows))
+    console.print()
+    console.print(error_table(model, result.verification))
+    console.print()
+    for line in summary(result.identification):
+        console.print(line)
+    console.print(
+        "[bold]against the truth:[/] mass matrix within "
+        f"{percent(result.mass_error_diagonal)} on and {percent(result.mass_error_off_diagonal)} "
+        f"off the diagonal, friction within {percent(result.friction_error)}; a single body's own "
+        "numbers are less certain than what the drives feel of them"
+    )
+    if keep is not None:
+        console.print(f"robot.yaml, identify.csv, verify.csv and model.yaml are in {keep}")

@@ -1,0 +1,202 @@
+"""`deltaid identify`: from a robot and its logs to a model."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from deltaid.identification.identify import Identification
+    from deltaid.identification.model import IdentifiedModel
+    from deltaid.identification.torque_error import TorqueError
+
+
+class Method(StrEnum):
+    """How the fit is solved."""
+
+    CONIC = "conic"
+    LOG_CHOLESKY = "log-cholesky"
+
+
+class Metric(StrEnum):
+    """What pulls towards the prior."""
+
+    EUCLIDEAN = "euclidean"
+    ENTROPIC = "entropic"
+    RIEMANNIAN = "riemannian"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("identify")(identify)
+
+
+def identify(
+    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
+    logs: Annotated[list[Path], typer.Argument(help="Recordings, CSV or Parquet.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Where to save the model (YAML).")
+    ] = None,
+    verify: Annotated[
+        Path | None, typer.Option(help="A recording of another motion, to test the model on.")
+    ] = None,
+    columns: Annotated[
+        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
+    ] = None,
+    method: Annotated[
+        Method, typer.Option(help="conic: certified optimum; log-cholesky: the paper's.")
+    ] = Method.CONIC,
+    regularizer: Annotated[
+        Metric, typer.Option(help="Distance that pulls towards the prior.")
+    ] = Metric.EUCLIDEAN,
+    gamma: Annotated[
+        float | None, typer.Option(help="γ_p/γ_τ of eq. (15). Default: from the data's noise.")
+    ] = None,
+    prior_spread: Annotated[
+        float, typer.Option(help="How far the prior may be off, as a share (one sigma).")
+    ] = 0.5,
+    cutoff: Annotated[
+        float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
+    from deltaid.cli.output import print_json, print_warnings, progress
+    from deltaid.identification.identify import identify as run
+    from deltaid.identification.identify import validate
+    from deltaid.identification.model import Settings
+    from deltaid.recording.columns import load_mapping
+    from deltaid.robot.load import load_robot
+
+    for name, value in (("gamma", gamma), ("prior-spread", prior_spread), ("cutoff", cutoff)):
+        if value is not None and not 0 < value < float("inf"):
+            raise typer.BadParameter("must be a positive number", param_hint=f"--{name}")
+    settings = Settings(
+        method=method.value,
+        regularizer=regularizer.value,
+        gamma=gamma,
+        prior_spread=prior_spread,
+        cutoff=cutoff,
+    )
+    description = load_robot(robot)
+    mapping = load_mapping(columns) if columns else None
+    with progress(as_json) as say:
+        result = run(description, logs, columns=mapping, settings=settings, progress=say)
+        verification, doubts = None, list(result.model.warnings)
+        if verify is not None:
+            say(f"verifying on {verify}")
+            verification, log = validate(result.model, verify, columns=mapping)
+            doubts += [f"{log.path}: {text}" for text in log.warnings]
+    print_warnings(doubts)
+    if output is not None:
+        result.model.save(output)
+    if as_json:
+        print_json(as_dictionary(result, verification))
+    else:
+        print_result(result, verification, output)
+
+
+def as_dictionary(result: "Identification", verification: "TorqueError | None") -> dict:
+    """The result as one JSON object."""
+    from deltaid.cli.validate import error_dictionary
+
+    model, fit = result.model, result.model.fit
+    layout = model.layout
+    value = {
+        "robot": model.robot.name,
+        "method": model.settings.method,
+        "regularizer": model.settings.regularizer,
+        "objective": fit.objective,
+        "lower_bound": fit.lower_bound,
+        "duality_gap": fit.duality_gap,
+        "gamma": fit.gamma,
+        "status": fit.status,
+        "iterations": fit.iterations,
+        "optimization_variables": fit.optimization_variables,
+        "base_parameters": fit.base_parameters,
+        "base_condition": fit.base_condition,
+        "noise_level": fit.noise_level,
+        "samples": result.information.samples,
+        "cutoff_hz": [source.cutoff_hz for source in model.sources],
+        "rms": list(fit.rms),
+        "nrmse": list(fit.nrmse),
+        "rms_unfiltered": list(fit.rms_unfiltered),
+        "friction": {
+            "joints": list(model.robot.friction_joints),
+            "viscous": model.p[layout.viscous].tolist(),
+            "coulomb": model.p[layout.coulomb].tolist(),
+        },
+        "consistent": model.consistent,
+        "parameters": [parameter.model_dump() for parameter in model.parameters],
+        "warnings": list(model.warnings),
+    }
+    if verification is not None:
+        value["verify"] = error_dictionary(verification)
+    return value
+
+
+def print_result(
+    result: "Identification", verification: "TorqueError | None", output: Path | None
+) -> None:
+    """The result as tables."""
+    from deltaid.cli.output import console
+    from deltaid.cli.validate import error_table
+
+    model = result.model
+    console.print(parameter_table(model))
+    console.print()
+    console.print(error_table(model, verification))
+    console.print()
+    for line in summary(result):
+        console.print(line)
+    if output is not None:
+        console.print(f"saved {output}")
+
+
+def parameter_table(model: "IdentifiedModel") -> object:
+    """Prior, value and standard deviation of every parameter that is not zero by structure."""
+    from deltaid.cli.output import number, table, with_uncertainty
+
+    rows = []
+    for parameter in model.parameters:
+        if parameter.determined_by == "structure":
+            continue
+        value, std = with_uncertainty(parameter.value, parameter.std)
+        by = {"data": "", "prior": "from the prior", "consistency": "for consistency"}
+        rows.append(
+            [parameter.name, number(parameter.prior), value, std, parameter.unit,
+             by[parameter.determined_by]]
+        )  # fmt: skip
+    columns = ["parameter", "prior", "identified", "±", "unit", ""]
+    return table(model.robot.title or model.robot.name, columns, rows)
+
+
+def summary(result: "Identification") -> list[str]:
+    """Sentences about the fit: filter, optimum, rank, consistency."""
+    fit, model = result.model.fit, result.model
+    lines = []
+    for source in model.sources:
+        filtered = (
+            f"zero-phase low-pass at {source.cutoff_hz:.3g} Hz, thinned to {source.used_samples}"
+            if source.cutoff_hz
+            else "not filtered"
+        )
+        lines.append(
+            f"{source.log}: {source.samples} samples at {source.rate_hz:.6g} Hz, {filtered}"
+        )
+    if fit.duality_gap is None:
+        certificate = "no certificate: this regulariser is not convex"
+    elif model.settings.method == "conic":
+        certificate = f"global optimum, duality gap {fit.duality_gap:.1e}"
+    else:
+        share = fit.duality_gap / fit.objective
+        certificate = f"{fit.duality_gap:.1e} ({100 * share:.2g} %) above the certified optimum"
+    lines += [
+        f"objective {fit.objective:.4e}, {certificate}; γ = {fit.gamma:.2e}",
+        f"{fit.optimization_variables} free parameters, {fit.base_parameters} base parameters, "
+        f"condition {fit.base_condition:.0f}; torque noise {100 * fit.noise_level:.2g} % of the "
+        "largest torque",
+        "all bodies physically consistent",
+    ]
+    return lines

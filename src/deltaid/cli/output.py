@@ -1,0 +1,72 @@
+"""What all commands print: errors, tables, progress, JSON."""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from deltaid.errors import DeltaidError
+
+console = Console(highlight=False)
+error_console = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def print_error(error: DeltaidError) -> None:
+    """One clear message on standard error."""
+    error_console.print(f"[bold red]error:[/] {escape(str(error))}")
+
+
+def print_warnings(warnings: Sequence[str]) -> None:
+    """Warnings on standard error, so that --json stays clean."""
+    for text in warnings:
+        error_console.print(f"[yellow]warning:[/] {escape(text)}")
+
+
+def print_json(value: dict) -> None:
+    """One JSON object on standard output."""
+    print(json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False))
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """A plain table; the first column is text, the others are numbers."""
+    result = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for i, column in enumerate(columns):
+        result.add_column(column, justify="left" if i == 0 else "right", header_style="dim")
+    for row in rows:
+        result.add_row(*(escape(cell) for cell in row))
+    return result
+
+
+@contextmanager
+def progress(silent: bool) -> Iterator[Callable[[str], None]]:
+    """A line on standard error that says what is being done; nothing when silent or not a tty."""
+    if silent or not error_console.is_terminal:
+        yield lambda _: None
+        return
+    with error_console.status("starting") as status:
+        yield lambda text: status.update(escape(text))
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number to so many significant digits."""
+    return f"{value:.{digits}g}"
+
+
+def with_uncertainty(value: float, std: float) -> tuple[str, str]:
+    """Value and ± to the same decimal place: two digits of ± decide."""
+    if not std > 0 or not math.isfinite(std):
+        return number(value), ""
+    place = 1 - math.floor(math.log10(std))
+    if abs(value) >= 1e5 or place > 7 or place < 0:
+        digits = max(2, 1 + math.floor(math.log10(max(abs(value), std) / std)) + 1)
+        return f"{value:.{min(digits, 9) - 1}e}", f"{std:.1e}"
+    return f"{value:.{place}f}", f"{std:.{place}f}"
+
+
+def percent(value: float) -> str:
+    """A share in per cent with two significant digits."""
+    return f"{100 * value:.2g} %"

@@ -1,0 +1,38 @@
+"""`deltaid schema`: JSON Schemas that editors complete and check YAML files with."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+
+class Kind(StrEnum):
+    """What a schema describes."""
+
+    ROBOT = "robot"
+    COLUMNS = "columns"
+    MODEL = "model"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("schema")(schema)
+
+
+def schema(
+    kind: Annotated[
+        Kind, typer.Argument(help="robot, columns (a log's mapping) or model.")
+    ] = Kind.ROBOT,
+) -> None:
+    """Print the JSON Schema of a file that deltaid reads."""
+    from deltaid.cli.output import print_json
+    from deltaid.identification.model import IdentifiedModel
+    from deltaid.recording.columns import ColumnMapping
+    from deltaid.robot.description import RobotDescription
+
+    models = {
+        Kind.ROBOT: RobotDescription,
+        Kind.COLUMNS: ColumnMapping,
+        Kind.MODEL: IdentifiedModel,
+    }
+    print_json(models[kind].model_json_schema())

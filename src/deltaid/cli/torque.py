@@ -1,0 +1,51 @@
+"""`deltaid torque`: the torques a model predicts along a recording."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("torque")(torque)
+
+
+def torque(
+    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, CSV or Parquet.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="CSV file to write.")],
+    columns: Annotated[
+        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
+    ] = None,
+) -> None:
+    """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m.
+
+    Without recorded velocities and accelerations the positions are filtered and differentiated,
+    and as many rows as the filter is long are missing at either end.
+    """
+    from deltaid.cli.output import console, print_warnings, progress
+    from deltaid.dynamics.dynamics import Dynamics
+    from deltaid.files import written_whole
+    from deltaid.identification.identify import model_filter
+    from deltaid.identification.model import IdentifiedModel
+    from deltaid.identification.torque_error import predict, prediction_csv
+    from deltaid.recording.columns import load_mapping
+    from deltaid.recording.log import open_log
+
+    identified = IdentifiedModel.load(model)
+    dynamics = Dynamics(identified.robot)
+    mapping = load_mapping(columns) if columns else None
+    rows = 0
+    with progress(False) as say:
+        say(f"checking {log}")
+        surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
+        print_warnings([f"{log}: {text}" for text in surveyed.warnings])
+        low_pass = model_filter(identified, surveyed)
+        say(f"predicting torques along {log}")
+        with written_whole(output) as file:
+            for part in predict(dynamics, identified.p, surveyed, low_pass):
+                file.write(prediction_csv(part, header=rows == 0))
+                rows += len(part.time)
+    filtered = f", positions low-passed at {low_pass.cutoff:.3g} Hz" if low_pass else ""
+    console.print(f"wrote {rows} of {surveyed.samples} samples to {output}{filtered}")

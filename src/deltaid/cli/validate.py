@@ -1,0 +1,76 @@
+"""`deltaid validate`: how well a model predicts a recording."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from deltaid.identification.model import IdentifiedModel
+    from deltaid.identification.torque_error import TorqueError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("validate")(validate)
+
+
+def validate(
+    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    log: Annotated[Path, typer.Argument(help="A recording, CSV or Parquet.")],
+    columns: Annotated[
+        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Compare a model's torques with a recording, drive by drive."""
+    from deltaid.cli.output import console, print_json, print_warnings, progress
+    from deltaid.identification.identify import validate as run
+    from deltaid.identification.model import IdentifiedModel
+    from deltaid.recording.columns import load_mapping
+
+    mapping = load_mapping(columns) if columns else None
+    identified = IdentifiedModel.load(model)
+    with progress(as_json) as say:
+        say(f"comparing with {log}")
+        error, surveyed = run(identified, log, columns=mapping)
+    print_warnings([f"{log}: {text}" for text in surveyed.warnings])
+    if as_json:
+        print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
+    else:
+        console.print(error_table(identified, error))
+
+
+def error_dictionary(error: "TorqueError") -> dict:
+    """Torque errors for JSON."""
+    return {
+        "rms": error.rms.tolist(),
+        "nrmse": error.nrmse.tolist(),
+        "rms_unfiltered": error.rms_unfiltered.tolist(),
+        "cutoff_hz": error.cutoff,
+    }
+
+
+def error_table(model: "IdentifiedModel", verification: "TorqueError | None") -> object:
+    """Torque errors per drive, on the identification's recordings and on another one."""
+    from deltaid.cli.output import number, percent, table
+
+    fit, rows = model.fit, []
+    for i, drive in enumerate(model.robot.drives):
+        row = [
+            drive,
+            number(fit.rms[i], 3),
+            percent(fit.nrmse[i]),
+            number(fit.rms_unfiltered[i], 3),
+        ]
+        if verification is not None:
+            row += [
+                number(verification.rms[i], 3),
+                percent(verification.nrmse[i]),
+                number(verification.rms_unfiltered[i], 3),
+            ]
+        rows.append(row)
+    columns = ["torque error", "rms N m", "of torque", "unfiltered N m"]
+    if verification is not None:
+        columns += ["verify rms N m", "of torque", "unfiltered N m"]
+    return table("", columns, rows)

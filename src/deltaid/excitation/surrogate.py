@@ -1,0 +1,99 @@
+"""A surrogate robot with known truth (Sec. VII) and recordings of it as a drive would log them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.excitation.fourier import FourierMotion
+from deltaid.files import written_whole
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+
+# Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
+_VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
+_COULOMB = {"drive1": 4.0, "drive2": 4.0, "drive3": 4.0, "drive4": 1.0, "slide": 5.0}
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """What a drive's sensors do to the truth.
+
+    Attributes:
+        torque: standard deviation of white torque noise, as a share of each drive's largest torque.
+        encoder_step: resolution of the measured angle [rad].
+    """
+
+    torque: float = 0.02
+    encoder_step: float = 2 * np.pi / 2**20
+
+
+def surrogate_parameters(
+    robot: RobotDescription, rng: np.random.Generator, spread: float = 0.3
+) -> Parameters:
+    """True parameters away from the prior, each body still physically consistent.
+
+    Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
+    scales its masses and sizes by about ± spread and keeps its symmetry; friction as in Sec. VII.
+    """
+    p = prior_parameters(robot)
+    dynamics = Dynamics(robot)
+    layout = dynamics.layout
+    for body in layout.bodies:
+        part = layout.body(body)
+        G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
+        p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
+    for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
+        p[columns] = [values[joint] for joint in robot.friction_joints]
+    p[layout.rotor] *= np.exp(spread * rng.uniform(-1, 1, len(robot.rotor_drives)))
+    return p
+
+
+def simulate_recording(
+    dynamics: Dynamics,
+    p: Parameters,
+    motion: FourierMotion,
+    rng: np.random.Generator,
+    *,
+    duration: float = 10.0,
+    rate: float = 1000.0,
+    noise: SensorNoise | None = None,
+) -> pl.DataFrame:
+    """Time, measured angles and measured torques of a motion: columns t, q1…, tau1….
+
+    Without noise the velocities and accelerations are recorded as well.
+
+    Raises:
+        KinematicsError: the motion leaves the workspace.
+    """
+    time = np.arange(round(duration * rate)) / rate
+    z, zd, zdd = motion.evaluate(time)
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, p)
+    columns: dict[str, Float[np.ndarray, " samples"]] = {"t": time}
+    if noise is None:
+        columns |= _named("q", q) | _named("qd", qd) | _named("qdd", qdd) | _named("tau", tau)
+    else:
+        measured = np.round(q / noise.encoder_step) * noise.encoder_step
+        largest = np.abs(tau).max(axis=0)
+        noisy = tau + noise.torque * largest * rng.standard_normal(tau.shape)
+        columns |= _named("q", measured) | _named("tau", noisy)
+    return pl.DataFrame(columns)
+
+
+def write_recording(recording: pl.DataFrame, path: Path) -> None:
+    """Write a recording as CSV, whole or not at all.
+
+    Raises:
+        DeltaidError: the file cannot be written.
+    """
+    with written_whole(path) as file:
+        file.write(recording.write_csv())
+
+
+def _named(name: str, values: Float[np.ndarray, "samples dof"]) -> dict[str, np.ndarray]:
+    return {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}

@@ -1,0 +1,96 @@
+"""The whole job on a surrogate robot: truth, recording, identification, comparison (Sec. VII)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.excitation.random_motion import random_motion
+from deltaid.excitation.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.identification.identify import Identification, identify, validate
+from deltaid.identification.torque_error import TorqueError
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import save_yaml
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """An identification beside the truth.
+
+    Attributes:
+        truth: the true parameters.
+        identification: what came out.
+        verification: torque errors on a second motion.
+        mass_error_diagonal, mass_error_off_diagonal: largest relative error of the entries of M
+            along the verification motion. As in Sec. VII it is relative to the mean of the entry;
+            an entry whose mean is small against its neighbours' is compared with √(M_ii M_jj).
+        friction_error: largest relative error of the friction coefficients.
+    """
+
+    truth: Parameters
+    identification: Identification
+    verification: TorqueError
+    mass_error_diagonal: float
+    mass_error_off_diagonal: float
+    friction_error: float
+
+
+def demonstrate(
+    robot: RobotDescription,
+    folder: Path,
+    *,
+    seed: int = 0,
+    torque_noise: float = 0.02,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Demonstration:
+    """Simulate, record into `folder`, identify, compare.
+
+    Raises:
+        DeltaidError: the folder cannot be written to, or the robot cannot be moved.
+    """
+    rng = np.random.default_rng(seed)
+    dynamics = Dynamics(robot)
+    progress("simulating two recordings")
+    truth = surrogate_parameters(robot, rng)
+    motions = [random_motion(dynamics.kinematics, rng) for _ in range(2)]
+    noise = SensorNoise(torque=torque_noise)
+    save_yaml(robot, folder / "robot.yaml")
+    for name, motion in zip(("identify", "verify"), motions, strict=True):
+        recording = simulate_recording(dynamics, truth, motion, rng, duration=20.0, noise=noise)
+        write_recording(recording, folder / f"{name}.csv")
+    result = identify(robot, [folder / "identify.csv"], progress=progress)
+    progress("verifying")
+    verification, _ = validate(result.model, folder / "verify.csv")
+    result.model.save(folder / "model.yaml")
+    z, _, _ = motions[1].evaluate(np.linspace(0, motions[1].period, 500))
+    diagonal, off_diagonal = mass_matrix_error(dynamics, z, truth, result.model.p)
+    friction = slice(dynamics.layout.viscous.start, dynamics.layout.coulomb.stop)
+    return Demonstration(
+        truth=truth,
+        identification=result,
+        verification=verification,
+        mass_error_diagonal=diagonal,
+        mass_error_off_diagonal=off_diagonal,
+        friction_error=float(np.max(np.abs(result.model.p[friction] / truth[friction] - 1))),
+    )
+
+
+def mass_matrix_error(
+    dynamics: Dynamics, z: np.ndarray, truth: Parameters, p: Parameters
+) -> tuple[float, float]:
+    """Largest relative error of M's entries on and off the diagonal along task coordinates z."""
+    q = dynamics.kinematics.inverse(z)
+    M_true, M = dynamics.mass_matrix(q, truth), dynamics.mass_matrix(q, p)
+    mean = np.abs(M_true.mean(axis=0))
+    size = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
+    reference = np.where(mean > 0.05 * size, mean, size)
+    error = np.abs(M - M_true).max(axis=0) / reference
+    on = np.eye(len(mean), dtype=bool)
+    return float(error[on].max()), float(error[~on].max())
