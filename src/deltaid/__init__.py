@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.errors import DeltaidError
-    from deltaid.identification.identify import Identification, identify, validate
+    from deltaid.identification.identify import Identification, identify
     from deltaid.identification.model import IdentifiedModel, Settings
+    from deltaid.identification.validation import validate
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.recording.columns import ColumnMapping, load_mapping
     from deltaid.robot.description import RobotDescription
@@ -36,7 +37,7 @@ _HOME = {
     "identify": "deltaid.identification.identify",
     "load_mapping": "deltaid.recording.columns",
     "load_robot": "deltaid.robot.load",
-    "validate": "deltaid.identification.identify",
+    "validate": "deltaid.identification.validation",
 }
 
 __all__ = [

@@ -1,8 +1,23 @@
 """`deltaid base`: which combinations of parameters torques can tell."""
 
-from typing import Annotated
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from deltaid.dynamics.dynamics import Dynamics
+    from deltaid.identification.base import BaseParameters
+    from deltaid.identification.least_squares import BaseEstimate
+
+
+class Method(StrEnum):
+    """Weight of the least squares."""
+
+    ORDINARY = "ordinary"
+    WEIGHTED = "weighted"
+    GAUSS_MARKOV = "gauss-markov"
 
 
 def register(app: typer.Typer) -> None:
@@ -12,48 +27,95 @@ def register(app: typer.Typer) -> None:
 
 def base(
     robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
-    seed: Annotated[int, typer.Option(help="Seed of the random motion.")] = 0,
+    logs: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings, to estimate the values as well.")
+    ] = None,
+    method: Annotated[
+        Method, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
+    ] = Method.WEIGHTED,
+    columns: Annotated[
+        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
+    ] = None,
+    cutoff: Annotated[
+        float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """List the base parameters of a robot as formulas, found from a random motion."""
-    import numpy as np
-
-    from deltaid.cli.output import console, print_json
-    from deltaid.dynamics.dynamics import Dynamics
-    from deltaid.excitation.random_motion import random_motion
-    from deltaid.identification.base import base_parameters
-    from deltaid.identification.information import gather_samples
-    from deltaid.identification.reduction import build_reduction
+    """List a robot's base parameters as formulas; with recordings, estimate their values too."""
+    from deltaid.cli.output import positive, print_json, progress
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.identification.least_squares import identify_base, random_motion_base
+    from deltaid.recording.columns import load_mapping
     from deltaid.robot.load import load_robot
 
-    description = load_robot(robot)
-    dynamics = Dynamics(description)
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 2000))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    information = gather_samples(dynamics, z, qd, qdd, np.zeros_like(z))
-    result = base_parameters(information, dynamics.layout)
-    invisible = [dynamics.layout.names[i] for i in result.invisible]
-    variables = build_reduction(description, information.columns).size
+    positive("--cutoff", cutoff)
+    dynamics = compiled(load_robot(robot))
+    mapping = load_mapping(columns) if columns else None
+    with progress(as_json) as say:
+        if logs:
+            say("reading logs")
+            result, estimate = identify_base(
+                dynamics, logs, method.value, columns=mapping, cutoff=cutoff
+            )
+        else:
+            say("trying a random motion")
+            result, estimate = random_motion_base(dynamics, seed), None
     if as_json:
-        print_json(
-            {
-                "robot": description.name,
-                "columns": len(dynamics.layout.names),
-                "nonzero_columns": len(dynamics.layout.names) - len(invisible),
-                "base_parameters": result.rank,
-                "optimization_variables": variables,
-                "condition": result.condition,
-                "groups": list(result.formulas),
-                "invisible": invisible,
-            }
-        )
-        return
-    console.print(f"[bold]{description.title or description.name}[/]")
+        print_json(_as_dictionary(dynamics, result, estimate))
+    else:
+        _print(dynamics, result, estimate)
+
+
+def _as_dictionary(
+    dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None"
+) -> dict:
+    layout = dynamics.layout
+    value = {
+        "robot": dynamics.robot.name,
+        "columns": len(layout.names),
+        "nonzero_columns": len(layout.names) - len(result.invisible),
+        "base_parameters": result.rank,
+        "optimization_variables": _free(dynamics),
+        "condition": result.condition,
+        "groups": list(result.formulas),
+        "invisible": [layout.names[i] for i in result.invisible],
+    }
+    if estimate is not None:
+        value |= {
+            "method": estimate.method,
+            "values": estimate.values.tolist(),
+            "std": estimate.std.tolist(),
+        }
+    return value
+
+
+def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
+    from deltaid.cli.output import console, table, with_uncertainty
+
+    robot, layout = dynamics.robot, dynamics.layout
+    visible = len(layout.names) - len(result.invisible)
+    console.print(f"[bold]{robot.title or robot.name}[/]")
     console.print(
-        f"{len(dynamics.layout.names)} parameters, {len(dynamics.layout.names) - len(invisible)} "
-        f"visible in torques, {result.rank} base parameters; {variables} free in a consistent fit"
+        f"{len(layout.names)} parameters, {visible} visible in torques, {result.rank} base "
+        f"parameters; {_free(dynamics)} free in a consistent fit"
     )
+    rows = []
     for i, formula in enumerate(result.formulas):
-        console.print(f"{i + 1:4d}  {formula}")
-    console.print(f"not visible in any torque: {', '.join(invisible)}")
+        row = [f"{i + 1}", formula]
+        if estimate is not None:
+            unit = layout.units[result.groups[i].representative]
+            row += [*with_uncertainty(estimate.values[i], estimate.std[i]), unit]
+        rows.append(row)
+    numbers = ["value", "±", "unit"] if estimate is not None else []
+    console.print(table("", ["", "base parameter", *numbers], rows))
+    names = ", ".join(layout.names[i] for i in result.invisible)
+    console.print(f"not visible in any torque: {names}")
+
+
+def _free(dynamics: "Dynamics") -> int:
+    """Number of optimisation variables of the consistent fit."""
+    from deltaid.identification.information import active_columns
+    from deltaid.identification.reduction import build_reduction
+
+    return build_reduction(dynamics.robot, active_columns(dynamics)).size

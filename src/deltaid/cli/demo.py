@@ -56,14 +56,11 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         if parameter.determined_by == "structure":
             continue
         value, std = with_uncertainty(parameter.value, parameter.std)
-        remark = "" if parameter.determined_by == "data" else f"from the {parameter.determined_by}"
-        if parameter.determined_by == "consistency":
-            remark = "for consistency"
         rows.append(
             [parameter.name, number(parameter.prior), number(truth), value, std, parameter.unit,
-             remark]
+             parameter.determined_by]
         )  # fmt: skip
-    columns = ["parameter", "prior", "truth", "identified", "±", "unit", ""]
+    columns = ["parameter", "prior", "truth", "identified", "±", "unit", "from"]
     console.print(table(f"{model.robot.title}, simulated", columns, rows))
     console.print()
     console.print(error_table(model, result.verification))

@@ -62,16 +62,16 @@ def identify(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
-    from deltaid.cli.output import print_json, print_warnings, progress
+    from deltaid.cli.output import positive, print_json, print_warnings, progress
     from deltaid.identification.identify import identify as run
-    from deltaid.identification.identify import validate
     from deltaid.identification.model import Settings
+    from deltaid.identification.validation import validate
     from deltaid.recording.columns import load_mapping
     from deltaid.robot.load import load_robot
 
-    for name, value in (("gamma", gamma), ("prior-spread", prior_spread), ("cutoff", cutoff)):
-        if value is not None and not 0 < value < float("inf"):
-            raise typer.BadParameter("must be a positive number", param_hint=f"--{name}")
+    positive("--gamma", gamma)
+    positive("--prior-spread", prior_spread)
+    positive("--cutoff", cutoff)
     settings = Settings(
         method=method.value,
         regularizer=regularizer.value,
@@ -163,12 +163,11 @@ def parameter_table(model: "IdentifiedModel") -> object:
         if parameter.determined_by == "structure":
             continue
         value, std = with_uncertainty(parameter.value, parameter.std)
-        by = {"data": "", "prior": "from the prior", "consistency": "for consistency"}
         rows.append(
             [parameter.name, number(parameter.prior), value, std, parameter.unit,
-             by[parameter.determined_by]]
+             parameter.determined_by]
         )  # fmt: skip
-    columns = ["parameter", "prior", "identified", "±", "unit", ""]
+    columns = ["parameter", "prior", "identified", "±", "unit", "from"]
     return table(model.robot.title or model.robot.name, columns, rows)
 
 

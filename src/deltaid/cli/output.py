@@ -11,7 +11,10 @@ from rich.table import Table
 
 from deltaid.errors import DeltaidError
 
-console = Console(highlight=False)
+# Columns whose cells are words.
+_TEXT_COLUMNS = ("unit", "from", "robot", "base parameter")
+
+console = Console(highlight=False, soft_wrap=True)
 error_console = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
@@ -32,10 +35,12 @@ def print_json(value: dict) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """A plain table; the first column is text, the others are numbers."""
+    """A plain table; the first column and those of text are left-aligned, numbers right."""
     result = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for i, column in enumerate(columns):
-        result.add_column(column, justify="left" if i == 0 else "right", header_style="dim")
+        text = i == 0 or column in _TEXT_COLUMNS
+        justify = "left" if text else "right"
+        result.add_column(column, justify=justify, header_style="dim", no_wrap=True)
     for row in rows:
         result.add_row(*(escape(cell) for cell in row))
     return result
@@ -49,6 +54,12 @@ def progress(silent: bool) -> Iterator[Callable[[str], None]]:
         return
     with error_console.status("starting") as status:
         yield lambda text: status.update(escape(text))
+
+
+def positive(option: str, value: float | None) -> None:
+    """Refuse an option's value that is not a positive, finite number."""
+    if value is not None and not 0 < value < math.inf:
+        raise DeltaidError(f"must be a positive number, not {value:g}", where=option)
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -27,9 +27,9 @@ def torque(
     from deltaid.cli.output import console, print_warnings, progress
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.files import written_whole
-    from deltaid.identification.identify import model_filter
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import predict, prediction_csv
+    from deltaid.identification.validation import model_filter
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
 

@@ -25,8 +25,8 @@ def validate(
 ) -> None:
     """Compare a model's torques with a recording, drive by drive."""
     from deltaid.cli.output import console, print_json, print_warnings, progress
-    from deltaid.identification.identify import validate as run
     from deltaid.identification.model import IdentifiedModel
+    from deltaid.identification.validation import validate as run
     from deltaid.recording.columns import load_mapping
 
     mapping = load_mapping(columns) if columns else None
@@ -70,7 +70,7 @@ def error_table(model: "IdentifiedModel", verification: "TorqueError | None") ->
                 number(verification.rms_unfiltered[i], 3),
             ]
         rows.append(row)
-    columns = ["torque error", "rms N m", "of torque", "unfiltered N m"]
+    columns = ["torque error, N m", "rms", "share", "unfiltered"]
     if verification is not None:
-        columns += ["verify rms N m", "of torque", "unfiltered N m"]
+        columns += ["verify rms", "share", "unfiltered"]
     return table("", columns, rows)

@@ -1,7 +1,7 @@
 """Numeric dynamics of a robot in batches: regressor, inverse dynamics, and the terms of (1)."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -38,6 +38,19 @@ class SparseRegressor:
     values: Float[np.ndarray, "entries samples"]
     rows: np.ndarray
     columns: np.ndarray
+
+
+@lru_cache(maxsize=8)
+def _compiled(description: str) -> "Dynamics":
+    return Dynamics(RobotDescription.model_validate_json(description))
+
+
+def compiled(robot: RobotDescription) -> "Dynamics":
+    """The dynamics of a robot, kept with its compiled kernels for the next call with an equal one.
+
+    Everything a `Dynamics` holds follows from the description, so sharing it changes no result.
+    """
+    return _compiled(robot.model_dump_json())
 
 
 class Dynamics:

@@ -8,7 +8,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.parameters import prior_parameters
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.excitation.fourier import FourierMotion
 from deltaid.files import written_whole
 from deltaid.robot.description import RobotDescription
@@ -40,9 +40,7 @@ def surrogate_parameters(
     Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
     scales its masses and sizes by about ± spread and keeps its symmetry; friction as in Sec. VII.
     """
-    p = prior_parameters(robot)
-    dynamics = Dynamics(robot)
-    layout = dynamics.layout
+    p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))

@@ -1,4 +1,4 @@
-"""Base parameters (Sec. IV A): what torques can tell, in groups, with least-squares estimates.
+"""Base parameters (Sec. IV A): the combinations of parameters that torques can tell.
 
 The rank comes from a QR factorisation with column pivoting of the regressor's factor, its columns
 scaled to unit length. Pivoting alone picks an arbitrary basis, so the representatives are then
@@ -7,11 +7,10 @@ Y p = Y_B (p_B) with p_B = p_rep + K p_rest.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import qr
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
@@ -22,8 +21,6 @@ from deltaid.identification.information import Information
 _DEPENDENT = 1e-9
 _NEGLIGIBLE = 1e-8
 _PREFERENCE = ("P", "EE", "U", "TL", "TU", "S")
-
-LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 
 @dataclass(frozen=True)
@@ -86,17 +83,6 @@ class BaseParameters:
         return K
 
 
-@dataclass(frozen=True)
-class BaseEstimate:
-    """Least-squares values of the base parameters with their standard deviations."""
-
-    method: LeastSquaresMethod
-    values: Float[np.ndarray, " base"]
-    std: Float[np.ndarray, " base"]
-    full: Float[np.ndarray, " parameters"]
-    """A vector p with these base parameters: representatives carry the values, the rest is zero."""
-
-
 def base_parameters(information: Information, layout: ParameterLayout) -> BaseParameters:
     """The base parameters that some motion determines.
 
@@ -127,56 +113,6 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
         condition=float(np.linalg.cond(scaled[:, chosen])),
         pivots=pivots,
     )
-
-
-def estimate_base(
-    base: BaseParameters,
-    information: Information,
-    method: Literal["ordinary", "weighted"] = "weighted",
-) -> BaseEstimate:
-    """Ordinary (W = I) or weighted (W = diag(τ_max)⁻²) least squares, with standard deviations.
-
-    Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
-    """
-    dof = len(information.factors)
-    weights = np.ones(dof) if method == "ordinary" else information.torque_max**-2.0
-    rows = information.samples * dof
-    return _least_squares(base, information, information.weighted(weights), method, rows)
-
-
-def estimate_gauss_markov(
-    base: BaseParameters,
-    information: Information,
-    whitened: Float[np.ndarray, "n+1 n+1"],
-) -> BaseEstimate:
-    """Gauss–Markov estimate: W = Σ⁻¹ with the covariance Σ of the drives' residuals.
-
-    Args:
-        whitened: factor of Σ^-½ [Ȳ, τ̄], from `information.whitened`.
-    """
-    rows = information.samples * len(information.factors)
-    return _least_squares(base, information, whitened, "gauss-markov", rows)
-
-
-def _least_squares(
-    base: BaseParameters,
-    information: Information,
-    factor: Float[np.ndarray, "n+1 n+1"],
-    method: LeastSquaresMethod,
-    rows: int,
-) -> BaseEstimate:
-    columns = [group.representative for group in base.groups]
-    at = np.searchsorted(information.columns, columns)
-    norms = np.linalg.norm(factor[:, at], axis=0)
-    Q, R = np.linalg.qr(factor[:, at] / norms)
-    projected = Q.T @ factor[:, -1]
-    values = solve_triangular(R, projected) / norms
-    residual = np.linalg.norm(factor[:, -1] - Q @ projected)
-    sigma = residual / np.sqrt(max(rows - base.rank, 1))
-    inverse = solve_triangular(R, np.eye(base.rank)) / norms[:, None]
-    full = np.zeros(len(base.layout.names))
-    full[columns] = values
-    return BaseEstimate(method, values, sigma * np.linalg.norm(inverse, axis=1), full)
 
 
 def symbol(name: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.excitation.random_motion import random_motion
 from deltaid.excitation.surrogate import (
     SensorNoise,
@@ -14,8 +14,9 @@ from deltaid.excitation.surrogate import (
     surrogate_parameters,
     write_recording,
 )
-from deltaid.identification.identify import Identification, identify, validate
+from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import TorqueError
+from deltaid.identification.validation import validate
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 
@@ -56,7 +57,7 @@ def demonstrate(
         DeltaidError: the folder cannot be written to, or the robot cannot be moved.
     """
     rng = np.random.default_rng(seed)
-    dynamics = Dynamics(robot)
+    dynamics = compiled(robot)
     progress("simulating two recordings")
     truth = surrogate_parameters(robot, rng)
     motions = [random_motion(dynamics.kinematics, rng) for _ in range(2)]

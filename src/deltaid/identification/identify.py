@@ -6,19 +6,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
-from scipy.linalg import solve_triangular
 
-from deltaid.dynamics.dynamics import Dynamics
-from deltaid.errors import IdentificationError
-from deltaid.identification.base import (
-    BaseEstimate,
-    BaseParameters,
-    base_parameters,
-    estimate_base,
-)
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.base import BaseParameters, base_parameters
 from deltaid.identification.conic import Solution, solve_conic
-from deltaid.identification.information import Information, gather, merge, triangle
+from deltaid.identification.information import Information, gather, merge
+from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import solve_log_cholesky
 from deltaid.identification.model import (
     Fit,
@@ -29,7 +22,6 @@ from deltaid.identification.model import (
     eigenvalues,
 )
 from deltaid.identification.objective import (
-    NOISE_FLOOR,
     Objective,
     data_term,
     default_gamma,
@@ -38,10 +30,11 @@ from deltaid.identification.objective import (
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.identification.regularizer import build_regularizer, prior_scale
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.identification.uncertainty import standard_deviations
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log, open_log
-from deltaid.recording.windows import choose_filter
+from deltaid.recording.log import Log
+from deltaid.recording.windows import open_logs
 from deltaid.robot.description import RobotDescription
 
 Progress = Callable[[str], None]
@@ -90,16 +83,10 @@ def identify(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings = settings or Settings()
-    if not logs:
-        raise IdentificationError("needs at least one log")
-    dynamics = Dynamics(robot)
-    surveyed: list[tuple[Log, LowPass | None]] = []
-    for path in logs:
-        progress(f"checking {path}")
-        log = open_log(Path(path), dynamics.kinematics, columns)
-        surveyed.append((log, choose_filter(log, settings.cutoff)))
+    dynamics = compiled(robot)
+    filtered = open_logs(logs, dynamics.kinematics, columns, settings.cutoff, progress)
     parts = []
-    for log, low_pass in surveyed:
+    for log, low_pass in filtered:
         progress(f"evaluating {log.samples} samples of {log.path}")
         parts.append(gather(dynamics, log, low_pass))
     information = merge(parts)
@@ -109,7 +96,7 @@ def identify(
     objective = build_objective(information, reduction, settings)
     solution = solve(objective, reduction, settings)
     progress("comparing torques")
-    errors = [torque_error(dynamics, reduction.parameters(solution.x), *one) for one in surveyed]
+    errors = [torque_error(dynamics, reduction.parameters(solution.x), *one) for one in filtered]
     weights = [part.samples for part in parts]
     model = IdentifiedModel(
         deltaid=version("deltaid"),
@@ -120,9 +107,9 @@ def identify(
         settings=settings,
         sources=tuple(
             _source(log, low_pass, part.samples)
-            for (log, low_pass), part in zip(surveyed, parts, strict=True)
+            for (log, low_pass), part in zip(filtered, parts, strict=True)
         ),
-        warnings=tuple(f"{log.path}: {text}" for log, _ in surveyed for text in log.warnings),
+        warnings=tuple(f"{log.path}: {text}" for log, _ in filtered for text in log.warnings),
     )
     estimate = estimate_base(base, information)
     return Identification(model, base, estimate, information, reduction, solution)
@@ -150,57 +137,6 @@ def solve(objective: Objective, reduction: Reduction, settings: Settings) -> Sol
         return solution
     bound = solve_conic(objective, reduction).bound
     return Solution(solution.x, solution.objective, bound, solution.iterations, solution.status)
-
-
-def validate(
-    model: IdentifiedModel, log: str | Path, *, columns: ColumnMapping | None = None
-) -> tuple[TorqueError, Log]:
-    """Torque errors of a model on a recording it has not seen, and the surveyed recording.
-
-    A recording without derivatives is filtered with the cut-off that the model was identified with.
-
-    Raises:
-        RecordingError: the log cannot be used.
-    """
-    dynamics = Dynamics(model.robot)
-    surveyed = open_log(Path(log), dynamics.kinematics, columns)
-    low_pass = model_filter(model, surveyed)
-    return torque_error(dynamics, model.p, surveyed, low_pass), surveyed
-
-
-def model_filter(model: IdentifiedModel, log: Log) -> LowPass | None:
-    """The filter for a log that a model is compared with: the one of the model's own recordings.
-
-    Raises:
-        RecordingError: the cut-off does not go with the log's rate, or the log is too short.
-    """
-    own = next((s.cutoff_hz for s in model.sources if s.cutoff_hz is not None), None)
-    forced = model.settings.cutoff is not None
-    return choose_filter(log, own if forced or not log.has_derivatives else None)
-
-
-def standard_deviations(
-    objective: Objective, reduction: Reduction, solution: Solution, information: Information
-) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " parameters"]]:
-    """Standard deviations of p given data and prior, and given the prior alone.
-
-    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²), so the covariance
-    of x is (s / (2 σ̂²) ∇²J)⁻¹ at the minimum, and that of the prior the same without the data.
-    Where a body touches the edge of consistency this Gaussian reaches beyond it.
-    """
-    sigma = max(noise_level(information), NOISE_FLOOR)
-    unit = sigma * np.sqrt(2.0 / (information.samples * objective.gamma))
-    _, _, hessian = objective.regularizer.evaluate(reduction.prior)
-    scale = np.sqrt(np.diag(hessian))
-    root = np.linalg.cholesky(hessian / np.outer(scale, scale)).T
-    data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
-    A = reduction.A / scale
-
-    def deviations(factor: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " parameters"]:
-        """√diag(A (FᵀF)⁻¹ Aᵀ) for a triangular F."""
-        return unit * np.linalg.norm(solve_triangular(factor, A.T, trans="T"), axis=0)
-
-    return deviations(triangle(np.vstack([data, root]))), deviations(root)
 
 
 def _parameters(

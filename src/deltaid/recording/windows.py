@@ -1,19 +1,24 @@
 """From a log to windows of samples (z, q̇, q̈, τ) in constant memory, filtered where needed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass, apply, design_low_pass
-from deltaid.recording.log import Log
+from deltaid.recording.log import Log, open_log
 
 # Samples a window yields: long against the filter's length, short against memory, and no power of
 # two, because rows of an array that lie a power of two apart fight for the same lines of the cache.
 WINDOW = 8000
+
+
+FilteredLog = tuple[Log, LowPass | None]
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,28 @@ class Window:
     qd: Float[np.ndarray, "samples dof"]
     qdd: Float[np.ndarray, "samples dof"]
     tau: Float[np.ndarray, "samples torques"]
+
+
+def open_logs(
+    paths: Sequence[str | Path],
+    kinematics: Kinematics,
+    mapping: ColumnMapping | None = None,
+    cutoff: float | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[FilteredLog]:
+    """Survey several recordings and choose a filter for each.
+
+    Raises:
+        RecordingError: there is none, or one cannot be used.
+    """
+    if not paths:
+        raise RecordingError("no log was given")
+    filtered = []
+    for path in paths:
+        progress(f"checking {path}")
+        log = open_log(Path(path), kinematics, mapping)
+        filtered.append((log, choose_filter(log, cutoff)))
+    return filtered
 
 
 def choose_filter(log: Log, cutoff: float | None = None) -> LowPass | None:

@@ -1,0 +1,34 @@
+"""How far identified parameters can be trusted: standard deviations with and without the data."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.identification.conic import Solution
+from deltaid.identification.information import Information, triangle
+from deltaid.identification.objective import NOISE_FLOOR, Objective, noise_level
+from deltaid.identification.reduction import Reduction
+
+
+def standard_deviations(
+    objective: Objective, reduction: Reduction, solution: Solution, information: Information
+) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " parameters"]]:
+    """Standard deviations of p given data and prior, and given the prior alone.
+
+    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²), so the covariance
+    of x is (s / (2 σ̂²) ∇²J)⁻¹ at the minimum, and that of the prior the same without the data.
+    Where a body touches the edge of consistency this Gaussian reaches beyond it.
+    """
+    sigma = max(noise_level(information), NOISE_FLOOR)
+    unit = sigma * np.sqrt(2.0 / (information.samples * objective.gamma))
+    _, _, hessian = objective.regularizer.evaluate(reduction.prior)
+    scale = np.sqrt(np.diag(hessian))
+    root = np.linalg.cholesky(hessian / np.outer(scale, scale)).T
+    data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
+    A = reduction.A / scale
+
+    def deviations(factor: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " parameters"]:
+        """√diag(A (FᵀF)⁻¹ Aᵀ) for a triangular F."""
+        return unit * np.linalg.norm(solve_triangular(factor, A.T, trans="T"), axis=0)
+
+    return deviations(triangle(np.vstack([data, root]))), deviations(root)
