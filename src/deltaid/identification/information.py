@@ -33,11 +33,11 @@ class Information:
     """
 
     columns: Int[np.ndarray, " columns"]
-    factors: Float[np.ndarray, "dof columns+1 columns+1"]
+    factors: Float[np.ndarray, "dof augmented augmented"]
     samples: int
     torque_max: Float[np.ndarray, " dof"]
 
-    def weighted(self, weights: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "n+1 n+1"]:
+    def weighted(self, weights: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "augmented augmented"]:
         """Factor of W^½ [Ȳ, τ̄] with one weight a drive: rows of drive i times √weights_i."""
         scaled = self.factors * np.sqrt(weights)[:, None, None]
         return triangle(scaled.reshape(-1, scaled.shape[2]))
@@ -76,10 +76,10 @@ def gather_samples(
 ) -> Information:
     """The information of samples in memory."""
     pieces = (
-        Window(np.zeros(0), *(a[i : i + WINDOW] for a in (z, qd, qdd, tau)))
-        for i in range(0, len(z), WINDOW)
+        (dynamics.sparse_regressor(z[part], qd[part], qdd[part]).values, tau[part].T)
+        for part in (slice(i, i + WINDOW) for i in range(0, len(z), WINDOW))
     )
-    return _factorise(dynamics, (_evaluated(dynamics, w, None) for w in pieces), "samples")
+    return _factorise(dynamics, pieces, "samples")
 
 
 def merge(parts: Iterable[Information]) -> Information:
@@ -102,7 +102,7 @@ def whitened(
     log: Log,
     low_pass: LowPass | None,
     whitening: Float[np.ndarray, "dof dof"],
-) -> Float[np.ndarray, "n+1 n+1"]:
+) -> Float[np.ndarray, "augmented augmented"]:
     """Factor of W^½ [Ȳ, τ̄] with W = Σ⁻¹ full over the drives of a sample; `whitening` is Σ^-½.
 
     A second pass over the log, because rows of different drives are mixed.

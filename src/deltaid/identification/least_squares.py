@@ -111,7 +111,7 @@ def estimate_base(
 def estimate_gauss_markov(
     base: BaseParameters,
     information: Information,
-    whitened: Float[np.ndarray, "n+1 n+1"],
+    whitened: Float[np.ndarray, "augmented augmented"],
 ) -> BaseEstimate:
     """Gauss–Markov estimate: W = Σ⁻¹ with the covariance Σ of the drives' residuals.
 
@@ -125,7 +125,7 @@ def estimate_gauss_markov(
 def _least_squares(
     base: BaseParameters,
     information: Information,
-    factor: Float[np.ndarray, "n+1 n+1"],
+    factor: Float[np.ndarray, "augmented augmented"],
     method: LeastSquaresMethod,
     rows: int,
 ) -> BaseEstimate:

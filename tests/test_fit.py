@@ -1,0 +1,293 @@
+"""The two solvers of (15), the parametrisation behind one of them, and the regularisers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.errors import IdentificationError
+from deltaid.excitation.random_motion import random_motion
+from deltaid.excitation.surrogate import surrogate_parameters
+from deltaid.identification import conic
+from deltaid.identification.information import Information, active_columns, gather_samples
+from deltaid.identification.log_cholesky import LogCholesky, solve_log_cholesky
+from deltaid.identification.objective import (
+    Objective,
+    data_term,
+    default_gamma,
+    noise_level,
+)
+from deltaid.identification.reduction import Reduction, build_reduction
+from deltaid.identification.regularizer import build_regularizer
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import (
+    consistency,
+    inertia_parameters,
+    pseudo_inertia,
+    why_inconsistent,
+    with_thickness,
+)
+from deltaid.robot.load import load_robot
+
+numbers = st.floats(-1.5, 1.5)
+
+
+def information(dynamics: Dynamics, truth: np.ndarray, noise: float, seed: int = 0) -> Information:
+    rng = np.random.default_rng(seed)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1500, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, truth)
+    tau = tau + noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    return gather_samples(dynamics, z, qd, qdd, tau)
+
+
+def problem(
+    name: str = "irb360-6-1600", regularizer="euclidean", noise: float = 0.02, gamma=None
+) -> tuple[Objective, Reduction]:
+    robot = load_robot(name)
+    dynamics = compiled(robot)
+    truth = surrogate_parameters(robot, np.random.default_rng(5))
+    data = information(dynamics, truth, noise)
+    reduction = build_reduction(robot, data.columns)
+    weight = gamma or default_gamma(data, 0.5)
+    return Objective(
+        data_term(data, reduction), build_regularizer(regularizer, reduction), weight
+    ), (reduction)
+
+
+def freed(robot: RobotDescription, body: str, entries: tuple[str, ...]) -> RobotDescription:
+    changed = robot.bodies[body].model_copy(update={"free": entries})
+    return robot.model_copy(update={"bodies": robot.bodies | {body: changed}})
+
+
+@given(pi=st.lists(numbers, min_size=10, max_size=10))
+@settings(max_examples=50, deadline=None)
+def test_log_cholesky_of_a_free_body_is_equation_14(pi: list[float]) -> None:
+    """Against the closed form (14) with its misprints mended, typed here and nowhere else."""
+    chart = free_body_chart()
+    names = [n for n in chart.reduction.names if n.startswith("EE.")]
+    at = [chart.reduction.names.index(n) for n in names]
+    full = chart.pi(chart.reduction.prior)
+    full[at] = pi
+    x = chart.x(full) - conic.INTERIOR * chart.reduction.prior
+    a, t1, t2, t3, d1, d2, d3, s12, s23, s13 = pi
+    e1, e2, e3 = np.exp([d1, d2, d3])
+    p = np.exp(2 * a) * np.array(
+        [
+            t1**2 + t2**2 + t3**2 + 1,
+            t1 * e1,
+            t1 * s12 + t2 * e2,
+            t1 * s13 + t2 * s23 + t3 * e3,
+            s12**2 + s23**2 + s13**2 + e2**2 + e3**2,
+            s13**2 + s23**2 + e1**2 + e3**2,
+            s12**2 + e1**2 + e2**2,
+            -s12 * e1,
+            -s12 * s13 - s23 * e2,
+            -s13 * e1,
+        ]
+    )
+    part = chart.reduction.layout.body("EE")
+    ours = (chart.reduction.A @ x)[part]
+    assert np.allclose(ours, p, rtol=1e-10, atol=1e-12 * np.abs(p).max())
+
+
+def free_body_chart() -> LogCholesky:
+    robot = load_robot("irb360-6-1600")
+    everything = ("m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz")
+    robot = freed(robot, "EE", everything)
+    return LogCholesky(build_reduction(robot, active_columns(compiled(robot))))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_log_cholesky_is_one_to_one_and_always_consistent(seed: int) -> None:
+    _, reduction = PROBLEM
+    chart = LogCholesky(reduction)
+    rng = np.random.default_rng(seed)
+    pi = chart.pi(reduction.prior) + rng.uniform(-1, 1, reduction.size)
+    x = chart.x(pi)
+    assert np.allclose(chart.pi(x), pi, atol=1e-6)
+    p = reduction.parameters(x)
+    for body in reduction.layout.bodies:
+        assert consistency(p[reduction.layout.body(body)]) > 0
+    assert np.all(p[10 * len(reduction.layout.bodies) :] > 0)
+
+
+PROBLEM = problem()
+
+
+def test_optimisation_variables_are_those_of_section_vi() -> None:
+    _, reduction = PROBLEM
+    of = [name.split(".")[0] for name in reduction.names]
+    counts = {body: of.count(body) for body in reduction.layout.bodies}
+    assert counts == {"U": 4, "S": 5, "P": 1, "TU": 5, "TL": 5, "EE": 5}
+    assert of.count("rotor") == 1
+    assert of.count("viscous") + of.count("coulomb") == 10
+    assert reduction.size == 36
+
+
+def test_log_cholesky_derivatives_are_exact() -> None:
+    _, reduction = PROBLEM
+    chart, rng = LogCholesky(reduction), np.random.default_rng(0)
+    pi = chart.pi(reduction.prior) + 0.3 * rng.standard_normal(reduction.size)
+    weights, step = rng.standard_normal(reduction.size), 1e-5
+    _, J, H = chart.derivatives(pi, weights)
+    for k in rng.choice(reduction.size, 8, replace=False):
+        e = step * np.eye(reduction.size)[k]
+        slope = (chart.x(pi + e) - chart.x(pi - e)) / (2 * step)
+        assert np.allclose(J[:, k], slope, rtol=1e-6, atol=1e-8)
+        gradients = [weights @ chart.derivatives(pi + s * e, weights)[1] for s in (1, -1)]
+        assert np.allclose(
+            H[:, k], (gradients[0] - gradients[1]) / (2 * step), rtol=1e-5, atol=1e-7
+        )
+
+
+@pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])
+def test_regulariser_derivatives_are_exact(name) -> None:
+    _, reduction = PROBLEM
+    regularizer = build_regularizer(name, reduction)
+    chart, rng = LogCholesky(reduction), np.random.default_rng(1)
+    x = chart.x(chart.pi(reduction.prior) + 0.2 * rng.standard_normal(reduction.size))
+    _, g, H = regularizer.evaluate(x)
+    for k in range(reduction.size):
+        e = 1e-5 * abs(x[k]) * np.eye(reduction.size)[k]
+        h = e[k]
+        up, down = regularizer.evaluate(x + e), regularizer.evaluate(x - e)
+        assert np.isclose(g[k], (up[0] - down[0]) / (2 * h), rtol=1e-5, atol=1e-6 * abs(g).max())
+        slope = (up[1] - down[1]) / (2 * h)
+        assert np.allclose(H[:, k], slope, rtol=1e-4, atol=1e-6 * np.abs(H[:, k]).max())
+
+
+@pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])
+def test_regularisers_agree_for_a_small_common_scale(name) -> None:
+    _, reduction = PROBLEM
+    regularizer = build_regularizer(name, reduction)
+    assert regularizer.evaluate(reduction.prior)[0] == pytest.approx(0, abs=1e-15)
+    friction = [i for i, n in enumerate(reduction.names) if n.startswith("viscous")]
+    x = reduction.prior.copy()
+    x[friction] *= 1.001
+    assert regularizer.evaluate(x)[0] == pytest.approx(1e-6 * len(friction), rel=2e-3)
+
+
+@pytest.mark.parametrize("regularizer", ["euclidean", "entropic"])
+def test_no_consistent_neighbour_is_better_than_the_conic_optimum(regularizer) -> None:
+    objective, reduction = problem(regularizer=regularizer, gamma=1e-7)
+    best = conic.solve_conic(objective, reduction)
+    assert best.duality_gap <= 1e-6 * best.objective
+    chart, rng = LogCholesky(reduction), np.random.default_rng(2)
+    pi = chart.pi(best.x + 1e-3 * (reduction.prior - best.x))
+    for size in (1e-4, 1e-3, 1e-2, 0.1):
+        for _ in range(20):
+            x = chart.x(pi + size * rng.standard_normal(reduction.size))
+            assert objective.value(x) >= best.bound
+
+
+@pytest.mark.parametrize("regularizer", ["euclidean", "entropic"])
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600"])
+def test_both_solvers_find_the_same_optimum(name: str, regularizer) -> None:
+    objective, reduction = problem(name, regularizer, gamma=1e-5)
+    certified = conic.solve_conic(objective, reduction)
+    paper = solve_log_cholesky(objective, reduction)
+    assert paper.objective == pytest.approx(certified.objective, rel=1e-6)
+    assert paper.objective >= certified.bound - 1e-9 * abs(certified.bound)
+
+
+def test_an_interior_optimum_needs_no_cone_and_the_cone_program_agrees() -> None:
+    objective, reduction = problem(gamma=1.0)
+    direct = conic.solve_conic(objective, reduction)
+    assert direct.status == "interior optimum"
+    program = conic._Program(objective, reduction, conic._stacked(objective, reduction))
+    assert np.allclose(program.solve().x, direct.x, rtol=1e-4)
+
+
+def test_a_binding_cone_is_respected_and_certified() -> None:
+    """A prior far off and little weight on it drives a strut's second moments to the edge."""
+    objective, reduction = problem(noise=0.2, gamma=1e-9)
+    unconstrained = conic._unconstrained(conic._stacked(objective, reduction))
+    assert unconstrained is not None
+    assert not all(conic._interior(block, unconstrained) for block in reduction.blocks)
+    best = conic.solve_conic(objective, reduction)
+    assert objective.value(unconstrained) < best.objective
+    assert best.duality_gap <= 1e-5 * best.objective
+    p = reduction.parameters(best.x)
+    for body in reduction.layout.bodies:
+        assert np.linalg.eigvalsh(pseudo_inertia(p[reduction.layout.body(body)]))[0] > 0
+
+
+def test_the_riemannian_distance_has_no_conic_program() -> None:
+    objective, reduction = problem(regularizer="riemannian")
+    with pytest.raises(IdentificationError, match="not convex"):
+        conic.solve_conic(objective, reduction)
+
+
+def test_patterns_that_a_cholesky_factor_fills_in_are_refused() -> None:
+    robot = freed(load_robot("irb360-6-1600"), "S", ("m", "mcx", "Sxx", "Syy", "Szz", "Sxy"))
+    reduction = build_reduction(robot, active_columns(compiled(robot)))
+    with pytest.raises(IdentificationError, match="mcy"):
+        LogCholesky(reduction)
+
+
+def test_a_mass_that_torques_cannot_see_grows_until_the_body_is_consistent() -> None:
+    _, reduction = PROBLEM
+    x = reduction.prior.copy()
+    x[reduction.names.index("U.mcx")] *= 4
+    p = reduction.parameters(x)
+    assert p[0] > 4 * reduction.p_reg[0]
+    assert consistency(p[reduction.layout.body("U")]) > 0
+    assert reduction.parameters(reduction.prior)[0] == reduction.p_reg[0]
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_pseudo_inertia_is_the_matrix_of_moments_of_a_cloud_of_points(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, r = rng.uniform(0.1, 1, 6), rng.standard_normal((6, 3))
+    homogeneous = np.column_stack([r, np.ones(6)])
+    M = np.einsum("i,ij,ik->jk", m, homogeneous, homogeneous)
+    Theta = np.einsum("i,ijk->jk", m, [(a @ a) * np.eye(3) - np.outer(a, a) for a in r])
+    p = inertia_parameters(M)
+    assert np.allclose(pseudo_inertia(p), M)
+    upper = [Theta[0, 0], Theta[1, 1], Theta[2, 2], Theta[0, 1], Theta[1, 2], Theta[0, 2]]
+    assert np.allclose(p, [m.sum(), *(m @ r), *upper])
+    assert consistency(p) > 0
+    assert why_inconsistent(p) == ""
+
+
+def test_inconsistent_bodies_are_told_why() -> None:
+    good = np.array([1.0, 0, 0, 0, 1, 1, 1, 0, 0, 0])
+    assert "mass" in why_inconsistent(good * np.array([-1] + [1] * 9))
+    assert "triangle" in why_inconsistent(np.array([1.0, 0, 0, 0, 1, 1, 2.5, 0, 0, 0]))
+    assert "centre of mass" in why_inconsistent(np.array([1.0, 2, 0, 0, 1, 1, 1, 0, 0, 0]))
+
+
+def test_plates_lines_and_points_become_barely_solid() -> None:
+    plate = np.array([1.0, 0, 0, 0, 0.002, 0.002, 0.004, 0, 0, 0])
+    assert consistency(plate) <= 1e-12
+    assert consistency(with_thickness(plate)) > 0
+    assert np.allclose(with_thickness(plate), plate, rtol=2e-6)
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.05])
+def test_noise_level_is_the_noise_put_in(noise: float) -> None:
+    robot = load_robot("clavel-delta3")
+    truth = surrogate_parameters(robot, np.random.default_rng(0))
+    data = information(compiled(robot), truth, noise)
+    # W_τ normalises by the largest noisy torque, which exceeds the largest true one.
+    assert noise_level(data) == pytest.approx(noise, rel=0.15)
+    assert default_gamma(data, 1.0) == pytest.approx(
+        noise_level(data) ** 2 / data.samples, rel=1e-12
+    )
+    assert default_gamma(data, 0.5) == pytest.approx(4 * default_gamma(data, 1.0), rel=1e-12)
+
+
+def test_more_weight_on_the_prior_moves_the_result_towards_it() -> None:
+    objective, reduction = PROBLEM
+    distances = []
+    for gamma in (1e-8, 1e-4, 1.0, 1e4):
+        x = conic.solve_conic(replace(objective, gamma=gamma), reduction).x
+        distances.append(np.linalg.norm((x - reduction.prior) / conic._variable_scale(reduction)))
+    assert distances == sorted(distances, reverse=True)
+    assert distances[-1] < 1e-3

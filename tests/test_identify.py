@@ -1,0 +1,159 @@
+"""The whole identification against recordings whose truth another library made."""
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.demo import demonstrate, mass_matrix_error
+from deltaid.identification.identify import identify
+from deltaid.identification.model import IdentifiedModel, Settings
+from deltaid.identification.validation import validate
+from deltaid.robot.load import load_robot
+from recordings import (
+    LOGS,
+    describe,
+    needs_logs,
+    record,
+    shared_oracle,
+    true_parameters,
+    typical_oracle,
+)
+
+SHARES = (0.7, 1.4)
+ROBOTS = ("delta3", "delta4")
+
+
+def friction_error(model: IdentifiedModel, truth: np.ndarray) -> float:
+    layout = model.layout
+    friction = slice(layout.viscous.start, layout.coulomb.stop)
+    return float(np.max(np.abs(model.p[friction] / truth[friction] - 1)))
+
+
+def shared_z(name: str, model: IdentifiedModel) -> np.ndarray:
+    dof = len(model.robot.drives)
+    table = np.loadtxt(LOGS / name / "exact.csv", delimiter=",", skiprows=1)
+    return compiled(model.robot).kinematics.forward(table[:, 1 : 1 + dof])
+
+
+@pytest.mark.parametrize("telescope", [False, True])
+@pytest.mark.parametrize("share", SHARES)
+def test_conic_recovers_what_the_oracle_recorded(tmp_path, telescope: bool, share: float) -> None:
+    rng = np.random.default_rng(7)
+    oracle = typical_oracle(rng, telescope=telescope)
+    z = record(oracle, tmp_path / "log.csv", rng)
+    result = identify(describe(oracle, share), [tmp_path / "log.csv"])
+    truth = true_parameters(oracle)
+    diagonal, off_diagonal = mass_matrix_error(
+        compiled(result.model.robot), z, truth, result.model.p
+    )
+    assert diagonal < 1e-4
+    assert off_diagonal < 1e-4
+    assert friction_error(result.model, truth) < 1e-4
+    assert result.model.consistent
+
+
+@needs_logs
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("share", SHARES)
+def test_conic_recovers_the_shared_robots(name: str, share: float) -> None:
+    oracle = shared_oracle(name)
+    result = identify(describe(oracle, share), [LOGS / name / "exact.csv"])
+    truth = true_parameters(oracle)
+    errors = mass_matrix_error(
+        compiled(result.model.robot), shared_z(name, result.model), truth, result.model.p
+    )
+    assert max(errors) < 1e-4
+    assert friction_error(result.model, truth) < 1e-4
+    assert result.model.fit.duality_gap is not None
+    assert result.model.fit.duality_gap < 1e-6 * result.model.fit.objective
+
+
+@needs_logs
+@pytest.mark.parametrize("share", SHARES)
+def test_log_cholesky_reaches_the_papers_figures(share: float) -> None:
+    oracle = shared_oracle("delta4")
+    settings = Settings(method="log-cholesky")
+    result = identify(describe(oracle, share), [LOGS / "delta4" / "exact.csv"], settings=settings)
+    truth = true_parameters(oracle)
+    diagonal, off_diagonal = mass_matrix_error(
+        compiled(result.model.robot), shared_z("delta4", result.model), truth, result.model.p
+    )
+    assert diagonal < 0.01
+    assert off_diagonal < 0.02
+    assert friction_error(result.model, truth) < 0.022
+    fit = result.model.fit
+    assert fit.lower_bound is not None
+    assert fit.objective >= fit.lower_bound
+
+
+@needs_logs
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("share", SHARES)
+def test_noisy_log_predicts_as_well_as_the_truth(name: str, share: float) -> None:
+    oracle = shared_oracle(name)
+    robot = describe(oracle, share)
+    result = identify(robot, [LOGS / name / "identify.csv"])
+    truth = true_parameters(oracle)
+    rows = [
+        parameter.model_copy(update={"value": float(value)})
+        for parameter, value in zip(result.model.parameters, truth, strict=True)
+    ]
+    true_model = result.model.model_copy(update={"parameters": tuple(rows)})
+    verify = LOGS / name / "verify.csv"
+    ours, _ = validate(result.model, verify)
+    theirs, _ = validate(true_model, verify)
+    assert np.all(ours.rms < 1.05 * theirs.rms)
+    assert np.all(ours.rms_unfiltered < 1.05 * theirs.rms_unfiltered)
+
+
+def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
+    result = demonstrate(load_robot("irb360-6-1600"), tmp_path, seed=3)
+    assert result.mass_error_diagonal < 0.05
+    assert result.mass_error_off_diagonal < 0.05
+    assert result.friction_error < 0.03
+    assert np.all(result.verification.nrmse < 0.03)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "robot.yaml",
+        "identify.csv",
+        "verify.csv",
+        "model.yaml",
+    }
+
+
+def test_two_logs_together_are_more_certain_than_one(tmp_path) -> None:
+    demonstrate(load_robot("clavel-delta3"), tmp_path)
+    robot = load_robot(tmp_path / "robot.yaml")
+    one = identify(robot, [tmp_path / "identify.csv"])
+    both = identify(robot, [tmp_path / "identify.csv", tmp_path / "verify.csv"])
+    assert both.information.samples > 1.9 * one.information.samples
+    for a, b in zip(one.model.parameters, both.model.parameters, strict=True):
+        if a.determined_by == "data" and a.std < 0.2 * abs(a.prior):
+            assert b.std < a.std
+
+
+def test_model_file_gives_the_same_torques_to_the_last_bit(tmp_path) -> None:
+    rng = np.random.default_rng(1)
+    demonstrate(load_robot("clavel-delta3"), tmp_path)
+    result = identify(load_robot(tmp_path / "robot.yaml"), [tmp_path / "identify.csv"])
+    result.model.save(tmp_path / "saved.yaml")
+    loaded = IdentifiedModel.load(tmp_path / "saved.yaml")
+    assert loaded == result.model
+    dynamics = compiled(result.model.robot)
+    z = np.array([[0.1, -0.05, -0.9]])
+    q = dynamics.kinematics.inverse(np.repeat(z, 5, axis=0))
+    qd, qdd = rng.standard_normal((2, 5, 3))
+    before = dynamics.inverse_dynamics(q, qd, qdd, result.model.p)
+    after = compiled(loaded.robot).inverse_dynamics(q, qd, qdd, loaded.p)
+    assert before.tobytes() == after.tobytes()
+    assert loaded.sources[0].sha256 == result.model.sources[0].sha256
+
+
+@pytest.mark.parametrize("regularizer", ["entropic", "riemannian"])
+def test_other_metrics_fit_as_well(tmp_path, regularizer) -> None:
+    demonstrate(load_robot("clavel-delta3"), tmp_path)
+    robot = load_robot(tmp_path / "robot.yaml")
+    settings = Settings(regularizer=regularizer, method="log-cholesky")
+    other = identify(robot, [tmp_path / "identify.csv"], settings=settings).model
+    plain = identify(robot, [tmp_path / "identify.csv"]).model
+    assert np.allclose(other.fit.rms, plain.fit.rms, rtol=0.01)
+    assert other.consistent

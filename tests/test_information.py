@@ -1,0 +1,204 @@
+"""Information factors and base parameters against plain dense least squares."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import IdentificationError
+from deltaid.excitation.random_motion import random_motion
+from deltaid.excitation.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.identification.base import base_parameters, symbol
+from deltaid.identification.information import gather, gather_samples, merge
+from deltaid.identification.least_squares import (
+    estimate_base,
+    identify_base,
+    random_motion_base,
+)
+from deltaid.identification.torque_error import torque_error
+from deltaid.recording.log import open_log
+from deltaid.recording.windows import choose_filter
+from deltaid.robot.load import load_robot
+
+ROBOT = "irb360-6-1600"
+
+
+def samples(name: str = ROBOT, n: int = 900, seed: int = 0) -> tuple[np.ndarray, ...]:
+    dynamics, rng = compiled(load_robot(name)), np.random.default_rng(seed)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, n, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    truth = surrogate_parameters(dynamics.robot, rng)
+    tau = dynamics.torque(z, qd, qdd, truth)
+    return z, qd, qdd, tau + rng.standard_normal(tau.shape)
+
+
+def dense(name: str, data: tuple[np.ndarray, ...]) -> np.ndarray:
+    dynamics = compiled(load_robot(name))
+    z, qd, qdd, _ = data
+    return dynamics.regressor(dynamics.kinematics.inverse(z), qd, qdd)
+
+
+def test_factor_is_the_factor_of_the_dense_regressor() -> None:
+    dynamics, data = compiled(load_robot(ROBOT)), samples()
+    information = gather_samples(dynamics, *data)
+    Y, weights = dense(ROBOT, data), np.array([0.5, 1.0, 2.0, 30.0])
+    A = np.concatenate([Y[:, :, information.columns], data[3][:, :, None]], axis=2)
+    A = (A * np.sqrt(weights)[None, :, None]).reshape(-1, A.shape[2])
+    F = information.weighted(weights)
+    assert np.allclose(F.T @ F, A.T @ A, rtol=1e-10, atol=1e-10 * np.abs(A.T @ A).max())
+
+
+def test_information_adds_up_over_parts() -> None:
+    dynamics, data = compiled(load_robot(ROBOT)), samples(n=903)
+    whole = gather_samples(dynamics, *data)
+    cuts = [0, 7, 400, 903]
+    pieces = [
+        gather_samples(dynamics, *(x[a:b] for x in data))
+        for a, b in pairwise(cuts)
+    ]
+    together = merge(pieces)
+    ones = np.ones(4)
+    a, b = whole.weighted(ones), together.weighted(ones)
+    assert together.samples == whole.samples
+    assert np.allclose(together.torque_max, whole.torque_max)
+    assert np.allclose(a.T @ a, b.T @ b, rtol=1e-10, atol=1e-10 * np.abs(a.T @ a).max())
+
+
+def test_rms_from_the_factor_is_the_rms_of_the_samples() -> None:
+    dynamics, data = compiled(load_robot(ROBOT)), samples()
+    information = gather_samples(dynamics, *data)
+    p = np.random.default_rng(3).standard_normal(len(dynamics.layout.names))
+    error = data[3] - dense(ROBOT, data) @ p
+    assert np.allclose(information.rms(p), np.sqrt(np.mean(error**2, axis=0)), rtol=1e-9)
+    assert np.allclose(information.torque_rms(), np.sqrt(np.mean(data[3] ** 2, axis=0)))
+
+
+def test_a_singular_sample_is_an_error_and_not_a_number() -> None:
+    dynamics, data = compiled(load_robot(ROBOT)), samples()
+    data[0][5] = np.nan
+    with pytest.raises(IdentificationError, match="not finite"):
+        gather_samples(dynamics, *data)
+
+
+@pytest.mark.parametrize(("name", "rank"), [("irb360-6-1600", 37), ("clavel-delta3", 18)])
+def test_base_parameters_explain_every_torque_of_another_motion(name: str, rank: int) -> None:
+    dynamics = compiled(load_robot(name))
+    base = random_motion_base(dynamics, seed=1)
+    assert base.rank == rank
+    data = samples(name, n=50, seed=9)
+    Y = dense(name, data)
+    heads = [group.representative for group in base.groups]
+    p = np.random.default_rng(0).standard_normal(Y.shape[2])
+    assert np.allclose(Y @ p, Y[:, :, heads] @ (base.combination() @ p), atol=1e-9)
+
+
+def test_groups_do_not_depend_on_the_motion() -> None:
+    dynamics = compiled(load_robot(ROBOT))
+    a, b = random_motion_base(dynamics, seed=1), random_motion_base(dynamics, seed=2)
+    assert a.formulas == b.formulas
+    assert np.allclose(a.combination(), b.combination(), atol=1e-7)
+
+
+def test_formulas_read_as_the_mechanism_says() -> None:
+    formulas = random_motion_base(compiled(load_robot(ROBOT))).formulas
+    assert "m_P + 5.08475·mcx_S + m_TL + m_EE" in formulas  # 6 struts, mass at 1/1.18 m
+    assert "Izz_EE + rotor.drive4" in formulas
+    assert "Ixx_TL + Ixx_TU" in formulas
+    assert symbol("S.mcx") == "mcx_S"
+
+
+def test_equal_coefficients_are_factored() -> None:
+    from deltaid.identification.base import BaseGroup
+
+    layout = compiled(load_robot(ROBOT)).layout
+    at = {name: i for i, name in enumerate(layout.names)}
+    group = BaseGroup(at["P.m"], {at["S.m"]: 6.0, at["S.mcx"]: -6.0, at["EE.m"]: -1.0})
+    assert group.formula(layout) == "m_P + 6·(m_S − mcx_S) − m_EE"
+
+
+def test_a_motion_of_one_drive_only_determines_less() -> None:
+    dynamics = compiled(load_robot("clavel-delta3"))
+    q = np.zeros((200, 3))
+    q[:, 0] = 0.3 * np.sin(np.linspace(0, 6, 200))
+    qd, qdd = np.gradient(q, axis=0), np.gradient(np.gradient(q, axis=0), axis=0)
+    z = dynamics.kinematics.forward(q)
+    information = gather_samples(dynamics, z, qd, qdd, np.ones_like(q))
+    assert base_parameters(information, dynamics.layout).rank < 18
+
+
+@pytest.mark.parametrize("method", ["ordinary", "weighted"])
+def test_least_squares_and_deviations_are_the_textbooks(method) -> None:
+    dynamics, data = compiled(load_robot(ROBOT)), samples()
+    information = gather_samples(dynamics, *data)
+    base = base_parameters(information, dynamics.layout)
+    estimate = estimate_base(base, information, method)
+    heads = [group.representative for group in base.groups]
+    w = np.ones(4) if method == "ordinary" else 1 / np.abs(data[3]).max(axis=0)
+    A = (dense(ROBOT, data)[:, :, heads] * w[None, :, None]).reshape(-1, base.rank)
+    b = (data[3] * w).ravel()
+    values, rss, *_ = np.linalg.lstsq(A, b, rcond=None)
+    scale = np.linalg.norm(A, axis=0)
+    covariance = np.linalg.inv((A / scale).T @ (A / scale)) / np.outer(scale, scale)
+    std = np.sqrt(rss[0] / (len(b) - base.rank) * np.diag(covariance))
+    assert np.allclose(estimate.values, values, rtol=1e-6, atol=1e-6 * std.min())
+    assert np.allclose(estimate.std, std, rtol=1e-6)
+
+
+def test_standard_deviations_are_those_of_repeated_noise() -> None:
+    dynamics, data = compiled(load_robot("clavel-delta3")), samples("clavel-delta3", n=300)
+    base = random_motion_base(dynamics)
+    rng, scores = np.random.default_rng(0), []
+    truth = base.combination() @ surrogate_parameters(dynamics.robot, np.random.default_rng(4))
+    full = np.zeros(len(dynamics.layout.names))
+    full[[group.representative for group in base.groups]] = truth
+    clean = dynamics.torque(*data[:3], full)
+    for _ in range(60):
+        noisy = gather_samples(dynamics, *data[:3], clean + rng.standard_normal(clean.shape))
+        estimate = estimate_base(base, noisy, "ordinary")
+        scores.append((estimate.values - truth) / estimate.std)
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.06)
+
+
+def test_gauss_markov_is_the_tighter_one_when_drives_differ(tmp_path) -> None:
+    robot = load_robot("clavel-delta3")
+    dynamics, rng = compiled(robot), np.random.default_rng(0)
+    truth = surrogate_parameters(robot, rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(dynamics, truth, motion, rng, noise=SensorNoise(torque=0.0))
+    noise = rng.standard_normal((recording.height, 3)) * [3.0, 0.1, 0.1]
+    noise[:, 1] += 0.5 * noise[:, 0]  # correlated between drives
+    for i in range(3):
+        recording = recording.with_columns(recording[f"tau{i + 1}"] + noise[:, i])
+    write_recording(recording, tmp_path / "log.csv")
+    true_base, errors, stds = None, {}, {}
+    for method in ("ordinary", "weighted", "gauss-markov"):
+        base, estimate = identify_base(dynamics, [tmp_path / "log.csv"], method)
+        true_base = base.combination() @ truth
+        errors[method] = np.abs(estimate.values - true_base) / np.abs(true_base).max()
+        stds[method] = estimate.std
+    assert np.median(stds["gauss-markov"] / stds["ordinary"]) < 0.5
+    assert np.sum(errors["gauss-markov"]) < np.sum(errors["ordinary"])
+
+
+def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) -> None:
+    robot = load_robot("clavel-delta3")
+    dynamics, rng = compiled(robot), np.random.default_rng(0)
+    truth = surrogate_parameters(robot, rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(dynamics, truth, motion, rng, noise=SensorNoise())
+    write_recording(recording, tmp_path / "log.csv")
+    log = open_log(tmp_path / "log.csv", dynamics.kinematics)
+    low_pass = choose_filter(log)
+    information = gather(dynamics, log, low_pass)
+    streamed = torque_error(dynamics, truth, log, low_pass)
+    # The information is thinned, the stream is not, so the two are estimates of the same number.
+    assert np.allclose(information.rms(truth), streamed.rms, rtol=0.1)
+    largest = np.abs(recording.select(["tau1", "tau2", "tau3"]).to_numpy()).max(axis=0)
+    assert np.allclose(streamed.rms_unfiltered, 0.02 * largest, rtol=0.25)
