@@ -197,7 +197,7 @@ def test_both_solvers_find_the_same_optimum(name: str, regularizer) -> None:
 
 
 def test_an_interior_optimum_needs_no_cone_and_the_cone_program_agrees() -> None:
-    objective, reduction = problem(gamma=1.0)
+    objective, reduction = problem(gamma=100.0)
     direct = conic.solve_conic(objective, reduction)
     assert direct.status == "interior optimum"
     program = conic._Program(objective, reduction, conic._stacked(objective, reduction))
