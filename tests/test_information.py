@@ -59,10 +59,7 @@ def test_information_adds_up_over_parts() -> None:
     dynamics, data = compiled(load_robot(ROBOT)), samples(n=903)
     whole = gather_samples(dynamics, *data)
     cuts = [0, 7, 400, 903]
-    pieces = [
-        gather_samples(dynamics, *(x[a:b] for x in data))
-        for a, b in pairwise(cuts)
-    ]
+    pieces = [gather_samples(dynamics, *(x[a:b] for x in data)) for a, b in pairwise(cuts)]
     together = merge(pieces)
     ones = np.ones(4)
     a, b = whole.weighted(ones), together.weighted(ones)

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.description import Limbs, Telescope
-from support import random_twin, slope
+from support import assert_close, random_twin, slope
 
 # Lengths like a 1.6 m robot's, unless a name says otherwise.
 PLAIN = {"base_radius": 0.21, "platform_radius": 0.05, "upper_arm": 0.49, "strut": 1.13}
@@ -29,11 +29,11 @@ GEOMETRIES = {
         "strut": 0.8,
         "azimuth_deg": (5, 120, 240),
     },
-    "crossed struts": {
+    "elbows turned over": {
         "base_radius": 0.1,
-        "platform_radius": 0.2,
-        "upper_arm": 0.3,
-        "strut": 0.8,
+        "platform_radius": 0.18,
+        "upper_arm": 0.5,
+        "strut": 0.705,
         "azimuth_deg": (5, 120, 240),
     },
     "random": {},
@@ -55,19 +55,27 @@ def kinematics(name: str) -> Kinematics:
     return Kinematics(robot)
 
 
-# Where poses are taken: distances from the z axis and below the base, as shares of arm + strut, and
-# arm angles. Below a wide platform's lowest pose with parallel struts, the struts cross.
-WHERE = {"crossed struts": (0.06, (0.9, 0.94), (1.25, 1.35))}
-ELSEWHERE = (0.25, (0.52, 0.72), (0.1, 0.7))
+# Where poses are taken: middle and half width of boxes for z, as shares of arm + strut, and for the
+# arm angles. Far off the axis of a wide platform, the elbows' triangle turns over.
+ELSEWHERE = {"z": ((0.03, -0.02, -0.62), (0.18, 0.18, 0.1)), "q": ((0.4, 0.4, 0.4), 0.3)}
+WHERE = {
+    "elbows turned over": {
+        "z": ((-0.253, -0.487, -0.695), 0.005),
+        "q": ((1.6, 1.6, 0.4), 0.01),
+    }
+}
+
+
+def box(name: str, variable: str, rng: np.random.Generator, n: int) -> np.ndarray:
+    middle, half = WHERE.get(name, ELSEWHERE)[variable]
+    return middle + half * rng.uniform(-1, 1, (n, 3))
 
 
 def poses_within_reach(k: Kinematics, n: int = 100) -> np.ndarray:
-    """Random task coordinates in a cylinder below the base, ψ over more than a revolution."""
+    """Random task coordinates in a box below the base, ψ over more than a revolution."""
     rng, size = np.random.default_rng(1), k.robot.limbs.upper_arm + k.robot.limbs.strut
-    radius, depth, _ = WHERE.get(k.robot.name, ELSEWHERE)
-    angle, radii = rng.uniform(-np.pi, np.pi, n), radius * size * np.sqrt(rng.uniform(0, 1, n))
-    z, psi = -rng.uniform(*depth, n) * size, rng.uniform(-9, 9, n)
-    return np.column_stack([radii * np.cos(angle), radii * np.sin(angle), z, psi])[:, : k.dof]
+    psi = rng.uniform(-9, 9, (n, k.dof - 3))
+    return np.hstack([size * box(k.robot.name, "z", rng, n), psi])
 
 
 def elbows(limbs: Limbs, q: np.ndarray) -> np.ndarray:
@@ -93,8 +101,7 @@ class TestInverses:
 
     def test_inverse_of_forward_is_the_angles(self, name: str) -> None:
         k, rng = kinematics(name), np.random.default_rng(2)
-        _, _, angles = WHERE.get(name, ELSEWHERE)
-        q = np.hstack([rng.uniform(*angles, (100, 3)), rng.uniform(-9, 9, (100, k.dof - 3))])
+        q = np.hstack([box(name, "q", rng, 100), rng.uniform(-9, 9, (100, k.dof - 3))])
         np.testing.assert_allclose(k.inverse(k.forward(q)), q, rtol=0, atol=1e-12)
 
     def test_inverse_puts_elbows_a_strut_away_and_outwards(self, name: str) -> None:
@@ -128,14 +135,13 @@ class TestDerivatives:
         k = kinematics(name)
         z = poses_within_reach(k, 20)
         differences = [slope(k.inverse, z, axis) for axis in np.eye(k.dof)]
-        np.testing.assert_allclose(k.jacobian(z), np.stack(differences, axis=2), atol=1e-8)
+        assert_close(k.jacobian(z), np.stack(differences, axis=2), 1e-9)
 
     def test_jacobian_rate(self, name: str) -> None:
         k = kinematics(name)
         z = poses_within_reach(k, 20)
         zd = np.random.default_rng(3).standard_normal(z.shape)
-        difference = slope(k.jacobian, z, zd)
-        np.testing.assert_allclose(k.jacobian_rate(z, zd), difference, atol=1e-7)
+        assert_close(k.jacobian_rate(z, zd), slope(k.jacobian, z, zd), 1e-9)
 
     def test_drive_motion_differentiates_inverse(self, name: str) -> None:
         k, rng = kinematics(name), np.random.default_rng(4)
@@ -151,8 +157,8 @@ class TestDerivatives:
         q, qd, qdd = k.drive_motion(z, zd, zdd)
         now, tick = np.zeros(1), np.ones(1)
         np.testing.assert_allclose(q, k.inverse(z), rtol=0, atol=0)
-        np.testing.assert_allclose(qd, slope(angles, now, tick), atol=1e-7)
-        np.testing.assert_allclose(qdd, slope(speeds, now, tick), atol=1e-6)
+        assert_close(qd, slope(angles, now, tick), 1e-9)
+        assert_close(qdd, slope(speeds, now, tick), 1e-9)
 
     def test_condition(self, name: str) -> None:
         k = kinematics(name)
@@ -321,26 +327,31 @@ def stretched_pose(name: str, limb: int, deficit: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["even", "uneven clockwise", "random"])
 @pytest.mark.parametrize("limb", [0, 1, 2])
-@pytest.mark.parametrize("deficit", [0.0, 1e-13, 1e-14, 1e-15, -1e-15, 1e-16, -1e-16])
+@pytest.mark.parametrize("deficit", [0.0, 3e-16, -3e-16, 1e-15, -1e-15, 1e-13, -1e-13])
 def test_stretched_limb_is_singular(name: str, limb: int, deficit: float) -> None:
     k, z = kinematics(name), stretched_pose(name, limb, deficit)[None]
     reach = reach_by_search(k.robot.limbs, z[0])
     assert np.delete(reach, limb).min() > 0.01
     assert reach[limb] == pytest.approx(0, abs=1e-6)
+    with pytest.raises(KinematicsError, match=f"singular: arm and struts of limb {limb + 1}"):
+        k.inverse(z)
     with pytest.raises(KinematicsError, match="singular"):
         k.drive_motion(z, 0 * z, 0 * z)
 
 
-@pytest.mark.parametrize("deficit", [0.0, 1e-10, 1e-13, 1e-14, 1e-15, -1e-15, 1e-16, -1e-16])
-def test_inverse_of_a_stretched_limb_is_right_or_raises(deficit: float) -> None:
-    k, z = kinematics("even"), stretched_pose("even", 2, deficit)[None]
-    try:
-        q = k.inverse(z)
-    except KinematicsError as error:
-        assert deficit < 1e-12
-        assert "limb 3" in str(error)
-    else:
-        assert q[0, 2] == pytest.approx(np.pi - np.deg2rad(LEAN), abs=1e-4)
+def test_inverse_is_never_silently_nan_at_the_edge() -> None:
+    """Where rounding decides whether the arm's angle exists."""
+    k, (x, _, z) = kinematics("even"), stretched_pose("even", 0, 0.0)
+    for step in np.arange(-20, 21) * 1e-16:
+        with pytest.raises(KinematicsError, match="singular"):
+            k.inverse(np.array([[x + step, 0.0, z]]))
+
+
+@pytest.mark.parametrize("limb", [0, 1, 2])
+def test_pose_a_little_off_the_singular_one_has_angles(limb: int) -> None:
+    k, z = kinematics("even"), stretched_pose("even", limb, 1e-10)[None]
+    assert k.inverse(z)[0, limb] == pytest.approx(np.pi - np.deg2rad(LEAN), abs=1e-4)
+    assert k.condition(z)[0] > 1e3
 
 
 def test_pose_near_a_singular_one_is_computed() -> None:
@@ -368,7 +379,8 @@ def straight_angles(limb: int) -> tuple[np.ndarray, np.ndarray]:
 def test_forward_of_a_stretched_limb_is_singular(limb: int, bend: float) -> None:
     k, (z, q) = kinematics("even"), straight_angles(limb)
     q[limb] += bend
-    np.testing.assert_allclose(k.forward_unchecked(q[None])[0][0], z, atol=1e-7)
+    if bend <= 0:
+        np.testing.assert_allclose(k.forward_unchecked(q[None])[0][0], z, atol=1e-7)
     with pytest.raises(KinematicsError, match="singular"):
         k.forward(q[None])
 
@@ -378,8 +390,57 @@ def test_forward_of_a_stretched_limb_is_singular(limb: int, bend: float) -> None
 def test_forward_refuses_an_elbow_that_points_inwards(name: str, limb: int) -> None:
     """The dynamics take the elbows outwards; the torques of this posture would be another's."""
     k = kinematics(name)
-    z = poses_within_reach(k, 1)
+    limbs, z = k.robot.limbs, poses_within_reach(k, 1)
     q = k.inverse(z)
-    line = platform_joints(k.robot.limbs, z[0])[limb] - elbows(k.robot.limbs, q[0])[limb]
-    q[0, limb] += 0.0
-    assert line is not None
+    phi = np.deg2rad(limbs.azimuth_deg[limb])
+    line = rotation("z", phi).T @ platform_joints(limbs, z[0])[limb] - [limbs.base_radius, 0, 0]
+    q[0, limb] = 2 * np.arctan2(-line[2], line[0]) - q[0, limb]  # mirrored about the line
+    struts = np.linalg.norm(platform_joints(limbs, z[0]) - elbows(limbs, q[0]), axis=1)
+    np.testing.assert_allclose(struts, limbs.strut, rtol=1e-12)
+    with pytest.raises(KinematicsError, match=f"elbow of limb {limb + 1} points inwards"):
+        k.forward(q)
+    assert np.isnan(k.forward_unchecked(q)[0]).all()
+
+
+@pytest.mark.parametrize("name", ["even", "uneven clockwise"])
+def test_forward_tells_the_strut_length_missing(name: str) -> None:
+    """The shortest strut that still closes the loops is the radius of the circle of the elbows."""
+    k = kinematics(name)
+    short = k.robot.limbs.model_copy(update={"strut": 0.45})
+    k = Kinematics(k.robot.model_copy(update={"limbs": short}))
+    q = np.array([[0.3, 0.5, 0.4], [0.2, -0.3, 0.1]])
+    corners = elbows(short, q[1]) - platform_joints(short, np.zeros(3))
+    a, b, c = (np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
+    half = (a + b + c) / 2
+    radius = a * b * c / (4 * np.sqrt(half * (half - a) * (half - b) * (half - c)))
+    assert radius > short.strut
+    with pytest.raises(KinematicsError, match=r"elbows are too far apart") as caught:
+        k.forward(q[1:])
+    missing = float(re.search(r"by ([-\d.e]+) m of strut", str(caught.value))[1])
+    assert missing == pytest.approx(radius - short.strut, rel=1e-3)
+    z, margin = k.forward_unchecked(q[1:])
+    assert np.isnan(z).all()
+    assert margin == pytest.approx(short.strut**2 - radius**2)
+
+
+def test_forward_names_the_first_bad_sample() -> None:
+    k = kinematics("even")
+    q = np.full((4, 3), 0.4)
+    q[2:] = [[-3.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]
+    with pytest.raises(KinematicsError) as caught:
+        k.forward(q)
+    assert caught.value.where == "sample 2"
+    with pytest.raises(KinematicsError):
+        k.forward(q[3:])
+
+
+@pytest.mark.parametrize("method", ["inverse", "forward", "jacobian", "condition", "poses"])
+@pytest.mark.parametrize("columns", [2, 4])
+def test_wrong_number_of_columns(method: str, columns: int) -> None:
+    with pytest.raises(KinematicsError, match=rf"\(samples, 3\), got \(5, {columns}\)"):
+        getattr(kinematics("even"), method)(np.zeros((5, columns)))
+
+
+def test_nan_pose_is_refused() -> None:
+    with pytest.raises(KinematicsError, match="sample 1"):
+        kinematics("even").inverse(np.array([[0, 0, -1.0], [0, np.nan, -1.0]]))

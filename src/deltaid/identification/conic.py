@@ -120,7 +120,7 @@ class _Program:
     def __init__(self, objective: Objective, reduction: Reduction, quadratic: _Quadratic) -> None:
         self._objective, self._reduction, self._quadratic = objective, reduction, quadratic
         n = reduction.size
-        self._scale = _variable_scale(reduction)
+        self._scale = reduction.scale
         self._size = 2 * n
         self._rows: list[sparse.csc_matrix] = []
         self._right: list[np.ndarray] = []
@@ -224,17 +224,6 @@ class _Program:
             rows[0, t[i]] = rows[2, Z[i, i]] = -1.0
             self._require(rows, np.array([0.0, 1.0, 0.0]), clarabel.ExponentialConeT())
             self._linear[t[i]] = -2.0
-
-
-def _variable_scale(reduction: Reduction) -> Vector:
-    """A typical size of every variable: its prior, or √(M_ii M_jj) for an off-diagonal entry."""
-    scale = np.abs(reduction.prior)
-    for block in reduction.blocks:
-        d = np.sqrt(np.diag(block.prior))
-        for (i, j), k in np.ndenumerate(block.index):
-            if k >= 0:
-                scale[k] = d[i] * d[j]
-    return np.where(scale > 0, scale, 1.0)
 
 
 def _svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:

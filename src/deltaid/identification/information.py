@@ -37,7 +37,9 @@ class Information:
     samples: int
     torque_max: Float[np.ndarray, " dof"]
 
-    def weighted(self, weights: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "augmented augmented"]:
+    def weighted(
+        self, weights: Float[np.ndarray, " dof"]
+    ) -> Float[np.ndarray, "augmented augmented"]:
         """Factor of W^½ [Ȳ, τ̄] with one weight a drive: rows of drive i times √weights_i."""
         scaled = self.factors * np.sqrt(weights)[:, None, None]
         return triangle(scaled.reshape(-1, scaled.shape[2]))

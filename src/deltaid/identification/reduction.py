@@ -60,6 +60,7 @@ class Reduction:
         A, p_0: p = A x + p_0.
         blocks: what must be positive definite.
         prior: x at the prior.
+        scale: a typical size of each variable: its prior, √(M̄_ii M̄_jj) for an off-diagonal entry.
         p_reg: p at the prior, reduced.
         completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
     """
@@ -70,6 +71,7 @@ class Reduction:
     p_0: Float[np.ndarray, " parameters"]
     blocks: tuple[Block, ...]
     prior: Float[np.ndarray, " n"]
+    scale: Float[np.ndarray, " n"]
     p_reg: Float[np.ndarray, " parameters"]
     completed: dict[str, tuple[int, ...]]
 
@@ -113,7 +115,7 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
         IdentificationError: the prior is not consistent after the reduction.
     """
     layout, p_reg = parameter_layout(robot), prior_parameters(robot)
-    names, columns, values, blocks = [], [], [], []
+    names, columns, values, scale, blocks = [], [], [], [], []
     p_0, completed = np.zeros(len(p_reg)), {}
     to_p = entry_map()
     is_visible = np.isin(np.arange(len(p_reg)), visible)
@@ -134,6 +136,7 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
                 index[i, j] = index[j, i] = len(names)
                 names.append(f"{body}.{entry}")
                 values.append(M[i, j])
+                scale.append(np.sqrt(M[i, i] * M[j, j]))
                 column = np.zeros(len(p_reg))
                 column[part] = to_p[:, k]
                 columns.append(column)
@@ -149,6 +152,7 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
         )
         names.append(layout.names[i])
         values.append(p_reg[i])
+        scale.append(p_reg[i])
         columns.append(np.eye(len(p_reg))[i])
     return Reduction(
         layout=layout,
@@ -157,6 +161,7 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
         p_0=p_0,
         blocks=tuple(blocks),
         prior=np.array(values),
+        scale=np.array(scale),
         p_reg=p_reg,
         completed=completed,
     )

@@ -78,13 +78,13 @@ def limb(r: ca.SX, azimuth_deg: float, limbs: Limbs) -> Limb:
 def _reach(rho_squared: ca.SX, lateral: ca.SX, L: float, l: float) -> ca.SX:
     """Distance [m] from the platform's joint to the nearest point that the limb cannot reach.
 
-    In the arm's plane the limb is two links, L and the strut's projection l_p = √(l² − lateral²),
-    so |L − l_p| ≤ ρ ≤ L + l_p; and the strut must be longer than the lateral offset.
+    The limb reaches all points that are a strut l away from some point of the elbow's circle: those
+    whose distances to the circle's nearest and farthest point have l between them. Out of reach it
+    is minus the distance to the nearest point that can be reached.
     """
-    projected = ca.sqrt(ca.fmax(l**2 - lateral**2, 0))
     rho = ca.sqrt(rho_squared)
-    in_plane = ca.fmin(L + projected - rho, rho - ca.fabs(L - projected))
-    return ca.fmin(in_plane, l - ca.fabs(lateral))
+    nearest, farthest = (ca.sqrt(lateral**2 + (rho + sign * L) ** 2) for sign in (-1, 1))
+    return ca.fmin(l - nearest, farthest - l)
 
 
 def telescope(r: ca.SX, psi: ca.SX, bar: Telescope) -> TelescopeBar:
@@ -107,18 +107,21 @@ def telescope(r: ca.SX, psi: ca.SX, bar: Telescope) -> TelescopeBar:
     )
 
 
-def forward_kinematics(q: ca.SX, limbs: Limbs) -> tuple[ca.SX, ca.SX]:
+def forward_kinematics(q: ca.SX, limbs: Limbs) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Platform point from three drive angles: intersection of three spheres, the lower one.
 
     The sphere of limb i has the strut's length as radius and its elbow, moved inwards by the
-    platform radius, as centre c_i. Returns the point and a margin [m²], negative when the spheres
-    do not meet.
+    platform radius, as centre c_i. Returns the point; a margin [m²], negative when the spheres do
+    not meet; and for each limb how far [m] the strut's end lies inwards of the line through the
+    upper arm, negative when the elbow points inwards.
     """
-    centres = []
-    for i, azimuth in enumerate(limbs.azimuth_deg):
-        outwards = limbs.base_radius - limbs.platform_radius + limbs.upper_arm * ca.cos(q[i])
-        height = -limbs.upper_arm * ca.sin(q[i])
-        centres.append(limb_frame(azimuth) @ ca.vertcat(outwards, 0, height))
+    frames = [limb_frame(azimuth) for azimuth in limbs.azimuth_deg]
+    offset = limbs.base_radius - limbs.platform_radius
+    arms = [ca.vertcat(ca.cos(q[i]), 0, -ca.sin(q[i])) for i in range(len(frames))]
+    centres = [
+        R_WL @ (ca.vertcat(offset, 0, 0) + limbs.upper_arm * x_U)
+        for R_WL, x_U in zip(frames, arms, strict=True)
+    ]
     a, b = centres[1] - centres[0], centres[2] - centres[0]
     n = ca.cross(a, b)
     n_squared = ca.sumsqr(n)
@@ -126,18 +129,16 @@ def forward_kinematics(q: ca.SX, limbs: Limbs) -> tuple[ca.SX, ca.SX]:
         2 * n_squared
     )
     margin = limbs.strut**2 - ca.sumsqr(to_circumcentre)
-    down = -1.0 if _counterclockwise(limbs.azimuth_deg) else 1.0
+    down = ca.if_else(n[2] > 0, -1.0, 1.0)
     point = centres[0] + to_circumcentre + down * ca.sqrt(margin / n_squared) * n
-    return point, margin
+    inwards = []
+    for R_WL, x_U in zip(frames, arms, strict=True):
+        d = R_WL.T @ point - ca.DM([offset, 0, 0])
+        inwards.append(d[0] * x_U[2] - d[2] * x_U[0])
+    return point, margin, ca.vertcat(*inwards)
 
 
 def limb_frame(azimuth_deg: float) -> Float[np.ndarray, "3 3"]:
     """Rotation R_WL from a limb's frame (x outwards, y along the motor axis, z up) to the world."""
     c, s = np.cos(np.deg2rad(azimuth_deg)), np.sin(np.deg2rad(azimuth_deg))
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _counterclockwise(azimuth_deg: tuple[float, ...]) -> bool:
-    """Whether the limbs are numbered counter-clockwise seen from above."""
-    turns = np.mod(np.diff(azimuth_deg), 360.0)
-    return bool(turns.sum() < 360.0)

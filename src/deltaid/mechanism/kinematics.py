@@ -19,6 +19,14 @@ Samples = Float[np.ndarray, "samples dof"]
 # metre-sized robot has cond(J) below 10; at 1e6 the last six digits of every torque are lost.
 SINGULAR_CONDITION = 1e6
 
+# Distance to the edge of a limb's reach, in m, within which the limb counts as stretched: rounding
+# alone moves a pose across the edge by 1e-15 m, and q(z) would be NaN.
+_EDGE = 1e-12
+
+# Distance, in m, by which an elbow must point inwards to be called so; nearer to the stretched limb
+# the pose is singular, whichever side rounding puts the elbow on.
+_INWARDS = 1e-9
+
 
 @dataclass(frozen=True)
 class BodyPoses:
@@ -49,6 +57,7 @@ class Kinematics:
 
         Raises:
             KinematicsError: a limb cannot reach; names the sample, the limb and the distance.
+                Or its arm and strut are in line.
         """
         z = _as_samples(z, self.dof)
         out = self._inverse_kernel(z.T)
@@ -60,10 +69,11 @@ class Kinematics:
         """Task coordinates z(q), platform below the elbows, in closed form.
 
         Raises:
-            KinematicsError: no platform position closes the loops, or its Jacobian is singular.
+            KinematicsError: no platform position closes the loops, its Jacobian is singular, or an
+                elbow points inwards.
         """
         q = _as_samples(q, self.dof)
-        z, margin = self.forward_unchecked(q)
+        z, margin, elbows = self._forward(q)
         bad = np.flatnonzero(~(margin > 0))
         if bad.size:
             i = bad[0]
@@ -76,12 +86,31 @@ class Kinematics:
                 "= down), and the lengths in the robot's description",
             )
         self.require_regular(z)
+        inwards = np.argwhere(elbows < -_INWARDS)
+        if inwards.size:
+            i, limb = inwards[0]
+            raise KinematicsError(
+                f"the elbow of limb {limb + 1} points inwards at q = {_numbers(q[i])}",
+                where=f"sample {i}",
+                cure="check the drive angles' unit, sign and zero (0 = arm horizontal, positive "
+                "= down); a Delta works with its elbows outwards",
+            )
         return z
 
     def forward_unchecked(self, q: Samples) -> tuple[Samples, Float[np.ndarray, " samples"]]:
-        """z(q) with NaN where the loops do not close, and the closing margin [m²]."""
-        out = self._forward_kernel(_as_samples(q, self.dof).T)
-        return out[: self.dof].T, out[self.dof]
+        """z(q) and the closing margin [m²], not positive where the loops do not close.
+
+        z is NaN where the loops do not close, z and margin where an elbow points inwards.
+        """
+        z, margin, elbows = self._forward(_as_samples(q, self.dof))
+        inwards = np.any(elbows < -_INWARDS, axis=1)
+        return np.where(inwards[:, None], np.nan, z), np.where(inwards, np.nan, margin)
+
+    def _forward(
+        self, q: Samples
+    ) -> tuple[Samples, Float[np.ndarray, " samples"], Float[np.ndarray, "samples limbs"]]:
+        out = self._forward_kernel(q.T)
+        return out[: self.dof].T, out[self.dof], out[self.dof + 1 :].T
 
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J = ∂q/∂z, so that q̇ = J ż."""
@@ -135,9 +164,16 @@ class Kinematics:
             )
 
     def _require_reach(self, z: Samples, reach: Float[np.ndarray, "samples limbs"]) -> None:
-        bad = np.argwhere(~(reach > 0))
+        bad = np.argwhere(~(reach > _EDGE))
         if bad.size:
             i, limb = bad[0]
+            if abs(reach[i, limb]) <= _EDGE:
+                raise KinematicsError(
+                    f"the pose z = {_numbers(z[i])} is singular: arm and struts of limb {limb + 1} "
+                    "lie in line",
+                    where=f"sample {i}",
+                    cure="keep the motion away from the edge of the workspace",
+                )
             raise KinematicsError(
                 f"limb {limb + 1} cannot reach the pose z = {_numbers(z[i])}: "
                 f"{-reach[i, limb]:.4g} m are missing",
@@ -153,7 +189,7 @@ class Kinematics:
     @cached_property
     def _forward_kernel(self) -> BatchKernel:
         m = self.mechanism
-        return BatchKernel(m.q_symbols, ca.vertcat(m.forward, m.forward_margin))
+        return BatchKernel(m.q_symbols, ca.vertcat(m.forward, m.forward_margin, m.forward_elbows))
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:

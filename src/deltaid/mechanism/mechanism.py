@@ -48,6 +48,8 @@ class Mechanism:
         q_symbols: δ symbols for the drive coordinates in `forward`.
         forward: z as a function of `q_symbols` (forward kinematics in closed form).
         forward_margin: squared length that is negative when no platform pose closes the loops at q.
+        forward_elbows: for each limb, a distance in metres that is negative when its elbow points
+            inwards at q; all else here has the elbows outwards.
     """
 
     z: ca.SX
@@ -58,6 +60,7 @@ class Mechanism:
     q_symbols: ca.SX
     forward: ca.SX
     forward_margin: ca.SX
+    forward_elbows: ca.SX
 
     @property
     def dof(self) -> int:
@@ -84,7 +87,7 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
     q = ca.vertcat(*[limb.q for limb in limbs])
     joints = {f"drive{i + 1}": limbs[i].q for i in range(n_limbs)}
     q_symbols = ca.SX.sym("q", dof)
-    forward, margin = delta.forward_kinematics(q_symbols[:n_limbs], robot.limbs)
+    forward, margin, elbows = delta.forward_kinematics(q_symbols[:n_limbs], robot.limbs)
     if robot.telescope is not None:
         psi = z[3]
         bar = delta.telescope(r, psi, robot.telescope)
@@ -97,4 +100,4 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         joints |= {"drive4": psi, "slide": bar.length}
         forward = ca.vertcat(forward, q_symbols[3])
     reach = ca.vertcat(*[limb.reach for limb in limbs])
-    return Mechanism(z, q, tuple(bodies), joints, reach, q_symbols, forward, margin)
+    return Mechanism(z, q, tuple(bodies), joints, reach, q_symbols, forward, margin, elbows)

@@ -1,0 +1,171 @@
+"""Time and memory of the whole `deltaid identify` command on logs of 10⁴, 10⁵ and 10⁶ samples.
+
+    pip install deltaid
+    python benchmarks/command.py [--largest 100000]
+
+The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,
+1 kHz, time, positions and torques only, so the command has to choose a filter, differentiate and
+thin. Counted is everything from the start of the process to its end: Python's start and imports,
+building and compiling the dynamics, the survey of the log, filtering, regressor and factor, the
+fit, and a second pass over the log for the torque errors; the model is saved, what is printed goes
+nowhere. Every measurement is a process of its own, started by a process that does nothing else;
+memory is its peak resident set as the operating system counts it. All cores are used, as by default.
+
+The stages of one `identify` call on the largest CSV log follow, without the start of Python.
+"""
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from _timing import machine
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.excitation.random_motion import random_motion
+from deltaid.excitation.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.identification.identify import identify
+from deltaid.robot.load import load_robot
+
+ROBOT = "irb360-6-1600"
+SIZES = (10**4, 10**5, 10**6)
+RATE = 1000.0
+KINDS = {"CSV": "csv", "Parquet": "parquet"}
+COMMAND = [sys.executable, "-c", "from deltaid.cli import main; main()"]
+# A process that is small itself, because a child's peak counts from its parent's size on.
+LAUNCHER = """
+import json, os, subprocess, sys, time
+start = time.perf_counter()
+child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, usage = os.wait4(child.pid, 0)
+seconds = time.perf_counter() - start
+print(json.dumps([seconds, usage.ru_maxrss, os.waitstatus_to_exitcode(status)]))
+"""
+_RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes; macOS counts bytes, Linux KiB
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Medians over the repeats of one command: time [s], peak resident set [bytes]."""
+
+    seconds: float
+    memory: float
+
+
+def main() -> int:
+    """Simulate, measure, print; 1 if a command failed."""
+    arguments = _arguments()
+    sizes = [size for size in SIZES if size <= arguments.largest]
+    print(f"{machine()}\npolars {pl.__version__}, {pl.thread_pool_size()} threads")
+    print(f"{ROBOT}, {RATE:g} Hz, positions and torques; median of {arguments.repeats}\n")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for size in sizes:
+            write_logs(folder, size, arguments.seed)
+        for kind, suffix in KINDS.items():
+            costs = {size: cost(folder, size, suffix, arguments.repeats) for size in sizes}
+            _print_table(kind, costs, folder, suffix)
+        _print_stages(folder / f"{sizes[-1]}.csv")
+    return 0
+
+
+def write_logs(folder: Path, samples: int, seed: int) -> None:
+    """The same recording as CSV and as Parquet, named by its number of samples."""
+    rng = np.random.default_rng(seed)
+    dynamics = Dynamics(load_robot(ROBOT))
+    p = surrogate_parameters(dynamics.robot, rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(
+        dynamics, p, motion, rng, duration=samples / RATE, rate=RATE, noise=SensorNoise()
+    )
+    write_recording(recording, folder / f"{samples}.csv")
+    recording.write_parquet(folder / f"{samples}.parquet")
+
+
+def cost(folder: Path, samples: int, suffix: str, repeats: int) -> Cost:
+    """What `deltaid identify` costs on one log.
+
+    Raises:
+        RuntimeError: the command failed.
+    """
+    log, model = folder / f"{samples}.{suffix}", folder / "model.yaml"
+    command = [*COMMAND, "identify", ROBOT, str(log), "--output", str(model)]
+    seconds, memory = [], []
+    for _ in range(repeats):
+        launch = [sys.executable, "-S", "-c", LAUNCHER, *command]
+        out = subprocess.run(launch, check=True, capture_output=True, text=True)
+        time_taken, peak, code = json.loads(out.stdout)
+        if code != 0:
+            raise RuntimeError(f"deltaid identify failed on {log.name}: {out.stderr}")
+        seconds.append(time_taken)
+        memory.append(peak * _RSS_UNIT)
+    return Cost(statistics.median(seconds), statistics.median(memory))
+
+
+def stages(log: Path) -> dict[str, float]:
+    """Seconds of each stage of one `identify` call, named by what it announces."""
+    marks: list[tuple[str, float]] = []
+    identify(
+        load_robot(ROBOT),
+        [log],
+        progress=lambda text: marks.append((text.split()[0], time.perf_counter())),
+    )
+    marks.append(("", time.perf_counter()))
+    return {name: end - start for (name, start), (_, end) in zip(marks, marks[1:], strict=False)}
+
+
+def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -> None:
+    """One line a size, and how memory grows from the second size on."""
+    print(f"{kind:10} {'file MB':>9} {'s':>8} {'samples/s':>12} {'peak MB':>9}")
+    for size, cost in costs.items():
+        bytes_on_disk = (folder / f"{size}.{suffix}").stat().st_size
+        print(
+            f"{size:10,} {bytes_on_disk / 1e6:9.1f} {cost.seconds:8.2f} "
+            f"{size / cost.seconds:12,.0f} {cost.memory / 1e6:9.0f}"
+        )
+    for (small, a), (large, b) in zip(costs.items(), list(costs.items())[1:], strict=False):
+        growth, more = b.memory - a.memory, large - small
+        print(
+            f"from {small:,} to {large:,} samples: {growth / 1e6:+.0f} MB of memory, "
+            f"{growth / more:.1f} bytes a sample; {1e6 * (b.seconds - a.seconds) / more:.2f} s "
+            "more for each further million"
+        )
+    print()
+
+
+def _print_stages(log: Path) -> None:
+    """Seconds and share of every stage."""
+    named = {
+        "checking": "survey: read, check, forward kinematics, spectrum, checksum",
+        "evaluating": "information: read, filter, forward kinematics, regressor, factor",
+        "fitting": "fit: base parameters, objective, conic program",
+        "comparing": "torque errors: read, filter, forward kinematics, torques",
+    }
+    print(f"stages of one identify call on {log.name}")
+    found = stages(log)
+    for name, seconds in found.items():
+        print(f"{seconds:8.2f} s {100 * seconds / sum(found.values()):4.0f} %  {named[name]}")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="time and memory of `deltaid identify`")
+    parser.add_argument("--largest", type=int, default=SIZES[-1], help="no longer logs than this")
+    parser.add_argument("--repeats", type=int, default=5, help="runs, of which the median counts")
+    parser.add_argument("--seed", type=int, default=0, help="of truth, motion and noise")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
