@@ -4,8 +4,8 @@ It shares with deltaid's own fit what the problem is about: the robot's descript
 factors, the bodies' pseudo-inertia matrices (12) as functions of their ten parameters, and the
 margin ε. How the free entries act on p, which matrices must be positive definite, the data term
 and the regularisers are written here once more, from the definitions and in a different form:
-whole bodies instead of their smallest blocks, sums over drives instead of a reduced triangle.
-So an agreement of both optima says that neither problem was put together wrongly.
+whole bodies instead of their smallest blocks, relative changes instead of parameters. So an
+agreement of both optima says that neither problem was put together wrongly.
 """
 
 from dataclasses import dataclass

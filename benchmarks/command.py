@@ -1,20 +1,23 @@
 """Time and memory of the whole `deltaid identify` command on logs of 10⁴, 10⁵ and 10⁶ samples.
 
     pip install deltaid
-    python benchmarks/command.py [--largest 100000]
+    python benchmarks/command.py [--largest 4000000]
 
 The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,
 1 kHz, time, positions and torques only, so the command has to choose a filter, differentiate and
 thin. Counted is everything from the start of the process to its end: Python's start and imports,
 building and compiling the dynamics, the survey of the log, filtering, regressor and factor, the
 fit, and a second pass over the log for the torque errors; the model is saved, what is printed goes
-nowhere. Every measurement is a process of its own, started by a process that does nothing else;
-memory is its peak resident set as the operating system counts it. All cores are used, as by default.
+nowhere. Every measurement is a process of its own, started by a process that does nothing else.
+Memory is its peak resident set as the operating system counts it. All cores are used, as by
+default.
 
-The stages of one `identify` call on the largest CSV log follow, without the start of Python.
+The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
+`progress` callback announces them: without the start of Python and with imports done.
 """
 
 import argparse
+import itertools
 import json
 import statistics
 import subprocess
@@ -40,9 +43,16 @@ from deltaid.identification.identify import identify
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"
-SIZES = (10**4, 10**5, 10**6)
+SIZES = (10**4, 10**5, 10**6, 4 * 10**6)
+USUAL = 10**6  # the longest log unless asked for
 RATE = 1000.0
 KINDS = {"CSV": "csv", "Parquet": "parquet"}
+STAGES = {
+    "checking": "survey: read, check, forward kinematics, spectrum, checksum",
+    "evaluating": "information: read, filter, forward kinematics, regressor, factor",
+    "fitting": "fit: base parameters, objective, conic program",
+    "comparing": "torque errors: read, filter, forward kinematics, torques",
+}
 COMMAND = [sys.executable, "-c", "from deltaid.cli import main; main()"]
 # A process that is small itself, because a child's peak counts from its parent's size on.
 LAUNCHER = """
@@ -77,7 +87,7 @@ def main() -> int:
         for kind, suffix in KINDS.items():
             costs = {size: cost(folder, size, suffix, arguments.repeats) for size in sizes}
             _print_table(kind, costs, folder, suffix)
-        _print_stages(folder / f"{sizes[-1]}.csv")
+        _print_stages(folder / f"{min(sizes[-1], USUAL)}.csv", arguments.repeats)
     return 0
 
 
@@ -123,7 +133,7 @@ def stages(log: Path) -> dict[str, float]:
         progress=lambda text: marks.append((text.split()[0], time.perf_counter())),
     )
     marks.append(("", time.perf_counter()))
-    return {name: end - start for (name, start), (_, end) in zip(marks, marks[1:], strict=False)}
+    return {name: end - start for (name, start), (_, end) in itertools.pairwise(marks)}
 
 
 def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -> None:
@@ -135,33 +145,29 @@ def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -
             f"{size:10,} {bytes_on_disk / 1e6:9.1f} {cost.seconds:8.2f} "
             f"{size / cost.seconds:12,.0f} {cost.memory / 1e6:9.0f}"
         )
-    for (small, a), (large, b) in zip(costs.items(), list(costs.items())[1:], strict=False):
+    for (small, a), (large, b) in itertools.pairwise(costs.items()):
         growth, more = b.memory - a.memory, large - small
         print(
-            f"from {small:,} to {large:,} samples: {growth / 1e6:+.0f} MB of memory, "
-            f"{growth / more:.1f} bytes a sample; {1e6 * (b.seconds - a.seconds) / more:.2f} s "
-            "more for each further million"
+            f"from {small:,} to {large:,} samples: {growth / 1e6:+.0f} MB, that is "
+            f"{growth / more:+.1f} bytes a further sample, and "
+            f"{1e6 * (b.seconds - a.seconds) / more:.1f} s a further million"
         )
     print()
 
 
-def _print_stages(log: Path) -> None:
-    """Seconds and share of every stage."""
-    named = {
-        "checking": "survey: read, check, forward kinematics, spectrum, checksum",
-        "evaluating": "information: read, filter, forward kinematics, regressor, factor",
-        "fitting": "fit: base parameters, objective, conic program",
-        "comparing": "torque errors: read, filter, forward kinematics, torques",
-    }
+def _print_stages(log: Path, repeats: int) -> None:
+    """Seconds and share of every stage, medians over the repeats."""
+    runs = [stages(log) for _ in range(repeats)]
+    found = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
     print(f"stages of one identify call on {log.name}")
-    found = stages(log)
     for name, seconds in found.items():
-        print(f"{seconds:8.2f} s {100 * seconds / sum(found.values()):4.0f} %  {named[name]}")
+        share = 100 * seconds / sum(found.values())
+        print(f"{seconds:8.2f} s {share:4.0f} %  {STAGES.get(name, name)}")
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="time and memory of `deltaid identify`")
-    parser.add_argument("--largest", type=int, default=SIZES[-1], help="no longer logs than this")
+    parser.add_argument("--largest", type=int, default=USUAL, help="no longer logs than this")
     parser.add_argument("--repeats", type=int, default=5, help="runs, of which the median counts")
     parser.add_argument("--seed", type=int, default=0, help="of truth, motion and noise")
     return parser.parse_args()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle, random_oracle
 
 LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
@@ -32,17 +33,18 @@ def twin(oracle: DeltaOracle) -> Twin:
     return Twin(describe(oracle), oracle, parameters(oracle))
 
 
-def random_twin(seed: int, *, telescope: bool, **changes: object) -> Twin:
-    """Generic geometry, bodies, friction, rotors and gravity; limbs not where tests expect them."""
+def random_twin(seed: int, *, telescope: bool, clockwise: bool = False) -> Twin:
+    """Generic geometry, bodies, friction, rotors and gravity; limbs at uneven azimuths."""
     rng = np.random.default_rng(seed)
     oracle = random_oracle(rng, telescope=telescope)
-    generic: dict[str, object] = {
-        "azimuths": oracle.azimuths + rng.uniform(-np.pi, np.pi),
+    turned = oracle.azimuths + rng.uniform(-np.pi, np.pi)
+    generic = {
+        "azimuths": -turned if clockwise else turned,
         "struts_per_limb": int(rng.integers(1, 3)),
         "gravity": np.array([0.0, 0.0, -9.81]) + rng.uniform(-5, 5, 3),
         "telescope_base": rng.uniform(-0.05, 0.05, 3) if telescope else np.zeros(3),
     }
-    return twin(replace(oracle, **(generic | changes)))
+    return twin(replace(oracle, **generic))
 
 
 def recorded_twin(name: str) -> Twin:
@@ -72,7 +74,7 @@ def describe(oracle: DeltaOracle) -> RobotDescription:
         "rotor_inertia": {
             j: i for j, i in zip(joints, oracle.rotor_inertia, strict=False) if i > 0
         },
-        "workspace": {"radius": 0.3, "z": (-1.1, -0.8)},
+        "workspace": load_robot("clavel-delta3").workspace,
     }
     if oracle.has_telescope:
         data["telescope"] = {"base_joint": tuple(oracle.telescope_base)}

@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from deltaid.cli import base, demo, identify, robots, schema, torque, validate
+from deltaid.cli import base, demo, excite, identify, robots, schema, torque, validate
 from deltaid.cli.output import print_error
 from deltaid.errors import DeltaidError
 
@@ -18,7 +18,7 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (demo, robots, schema, identify, validate, torque, base):
+for module in (demo, robots, schema, excite, identify, validate, torque, base):
     module.register(app)
 
 

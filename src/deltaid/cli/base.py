@@ -39,7 +39,7 @@ def base(
     cutoff: Annotated[
         float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""

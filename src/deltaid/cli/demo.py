@@ -17,9 +17,9 @@ def register(app: typer.Typer) -> None:
 
 def demo(
     robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file.")] = "irb360-6-1600",
-    seed: Annotated[int, typer.Option(help="Seed of truth, motions and noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of truth, motions and noise.", min=0)] = 0,
     noise: Annotated[
-        float, typer.Option(help="Torque noise as a share of the largest torque.", min=0.0)
+        float, typer.Option(help="Torque noise as a share of the largest torque.", min=0, max=1)
     ] = 0.02,
     keep: Annotated[
         Path | None, typer.Option(help="Folder to keep robot, logs and model in.")

@@ -63,14 +63,16 @@ def identify(
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
     from deltaid.cli.output import positive, print_json, print_warnings, progress
+    from deltaid.files import require_writable
     from deltaid.identification.identify import identify as run
-    from deltaid.identification.model import Settings
+    from deltaid.identification.model import GAMMA_LIMITS, SPREAD_LIMITS, Settings
     from deltaid.identification.validation import validate
     from deltaid.recording.columns import load_mapping
+    from deltaid.recording.source import opened
     from deltaid.robot.load import load_robot
 
-    positive("--gamma", gamma)
-    positive("--prior-spread", prior_spread)
+    positive("--gamma", gamma, GAMMA_LIMITS)
+    positive("--prior-spread", prior_spread, SPREAD_LIMITS)
     positive("--cutoff", cutoff)
     settings = Settings(
         method=method.value,
@@ -79,6 +81,12 @@ def identify(
         prior_spread=prior_spread,
         cutoff=cutoff,
     )
+    if output is not None:
+        inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
+        require_writable(output, inputs)
+    if verify is not None:
+        with opened(verify):
+            pass  # to miss it now, not after the fit
     description = load_robot(robot)
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:

@@ -56,10 +56,17 @@ def progress(silent: bool) -> Iterator[Callable[[str], None]]:
         yield lambda text: status.update(escape(text))
 
 
-def positive(option: str, value: float | None) -> None:
-    """Refuse an option's value that is not a positive, finite number."""
-    if value is not None and not 0 < value < math.inf:
+def positive(
+    option: str, value: float | None, limits: tuple[float, float] = (0.0, math.inf)
+) -> None:
+    """Refuse an option's value that is not a positive, finite number within limits."""
+    if value is None:
+        return
+    if not 0 < value < math.inf:
         raise DeltaidError(f"must be a positive number, not {value:g}", where=option)
+    low, high = limits
+    if not low <= value <= high:
+        raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -26,13 +26,14 @@ def torque(
     """
     from deltaid.cli.output import console, print_warnings, progress
     from deltaid.dynamics.dynamics import Dynamics
-    from deltaid.files import written_whole
+    from deltaid.files import require_writable, written_whole
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.identification.validation import model_filter
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
 
+    require_writable(output, [model, log, *([columns] if columns else [])])
     identified = IdentifiedModel.load(model)
     dynamics = Dynamics(identified.robot)
     mapping = load_mapping(columns) if columns else None
@@ -40,8 +41,8 @@ def torque(
     with progress(False) as say:
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
-        print_warnings([f"{log}: {text}" for text in surveyed.warnings])
         low_pass = model_filter(identified, surveyed)
+        print_warnings([f"{log}: {text}" for text in surveyed.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:
             for part in predict(dynamics, identified.p, surveyed, low_pass):

@@ -5,6 +5,7 @@ and T = J⁻¹, ż = T q̇ and z̈ = T (q̈ − J̇ ż), so forward kinematics i
 along z become drive torques by Tᵀ.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -60,6 +61,42 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
     return Equations(z, qd, qdd, p, J, zd, zdd, Y, M, C, g, f=Y[:, friction] @ p[friction])
 
 
+@dataclass(frozen=True)
+class TaskMotion:
+    """The regressor along a motion that is given in task coordinates.
+
+    Attributes:
+        z, zd, zdd: inputs, δ each.
+        q, qd, qdd: drive motion as functions of the inputs.
+        Y: the full regressor, τ = Y p.
+        condition: ‖J‖_F ‖J⁻¹‖_F / δ.
+    """
+
+    z: ca.SX
+    zd: ca.SX
+    zdd: ca.SX
+    q: ca.SX
+    qd: ca.SX
+    qdd: ca.SX
+    Y: ca.SX
+    condition: ca.SX
+
+
+def build_task_motion(
+    robot: RobotDescription, mechanism: Mechanism, sign: Callable[[ca.SX], ca.SX] = ca.sign
+) -> TaskMotion:
+    """The regressor as a function of z, ż, z̈; `sign` may be a smooth stand-in for optimisation."""
+    z, dof = mechanism.z, mechanism.dof
+    zd, zdd = ca.SX.sym("zd", dof), ca.SX.sym("zdd", dof)
+    J = ca.jacobian(mechanism.q, z)
+    T = inverse(J)
+    qd = J @ zd
+    qdd = J @ zdd + _directional(J, z, zd) @ zd
+    Y = _regressor(robot, mechanism, T, (z, zd, zdd), (qd, qdd), sign)
+    condition = ca.sqrt(ca.sumsqr(J) * ca.sumsqr(T)) / dof
+    return TaskMotion(z, zd, zdd, mechanism.q, qd, qdd, Y, condition)
+
+
 def _parameter_count(robot: RobotDescription) -> int:
     friction, rotors = len(robot.friction_joints), len(robot.rotor_drives)
     return 10 * len(robot.body_names) + 2 * friction + rotors
@@ -71,6 +108,7 @@ def _regressor(
     T: ca.SX,
     task: tuple[ca.SX, ca.SX, ca.SX],
     drive: tuple[ca.SX, ca.SX],
+    sign: Callable[[ca.SX], ca.SX] = ca.sign,
 ) -> ca.SX:
     """Y of (2)–(7): ten columns a body (identical limbs summed), friction, rotor inertias."""
     z, zd, zdd = task
@@ -84,7 +122,7 @@ def _regressor(
     inertial = ca.substitute([ca.horzcat(*columns.values())], [v, a], [zd, zdd])[0]
     joints = [_joint_motion(mechanism, joint, T, qd) for joint in robot.friction_joints]
     viscous = [velocity * partial for velocity, partial in joints]
-    coulomb = [ca.sign(velocity) * partial for velocity, partial in joints]
+    coulomb = [sign(velocity) * partial for velocity, partial in joints]
     rotors = [_unit_column(robot, drive_name) * qdd for drive_name in robot.rotor_drives]
     return ca.horzcat(T.T @ inertial, *viscous, *coulomb, *rotors)
 

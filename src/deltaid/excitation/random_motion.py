@@ -28,7 +28,6 @@ def random_motion(
         KinematicsError: no such motion was found; the description's limits leave no room.
     """
     robot = kinematics.robot
-    low, high = robot.workspace.z
     for _ in range(_ATTEMPTS):
         motion = _scaled(robot, kinematics.dof, rng, period, harmonics)
         time = np.linspace(0.0, period, _GRID)
@@ -40,8 +39,7 @@ def random_motion(
         if within_angles(robot, q):
             return motion
     raise KinematicsError(
-        f"no random motion between z = {low:g} and {high:g} m within {robot.workspace.radius:g} m "
-        "of the axis keeps the drives' angle limits",
+        "no random motion in the described workspace keeps the drives' angle limits",
         where=robot.name,
         cure="check workspace and drive_limits in the description",
     )
@@ -68,8 +66,7 @@ def _scaled(
     cosine = rng.standard_normal((dof, harmonics)) * decay
     motion = FourierMotion(w0, np.zeros(dof), sine, cosine)
     z, zd, zdd = (np.abs(x).max(axis=0) for x in motion.evaluate(np.linspace(0, period, _GRID)))
-    low, high = robot.workspace.z
-    reach = np.array([robot.workspace.radius / np.sqrt(2)] * 2 + [0.5 * (high - low)])
+    middle, reach = robot.workspace.inner_box
     share = np.minimum.reduce([reach / z[:3], robot.platform_speed / zd[:3],
                                robot.platform_acceleration / zdd[:3]])  # fmt: skip
     scale = np.ones(dof)
@@ -77,7 +74,7 @@ def _scaled(
     if dof == 4:
         scale[3] = 0.95 * _psi_share(robot, zd[3], zdd[3])
     centre = np.zeros(dof)
-    centre[2] = 0.5 * (low + high)
+    centre[:3] = middle
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])
 
 

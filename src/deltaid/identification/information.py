@@ -19,6 +19,11 @@ from deltaid.recording.filter import LowPass, apply
 from deltaid.recording.log import Log
 from deltaid.recording.windows import WINDOW, Window, windows
 
+# Entries of a matrix that is factored at once. Above 8192 OpenBLAS divides each column's step among
+# threads, which for matrices this narrow takes longer, and very much longer where other work shares
+# the cores.
+_PANEL = 7000
+
 
 @dataclass(frozen=True)
 class Information:
@@ -119,8 +124,8 @@ def whitened(
         full = np.zeros((dynamics.dof, len(columns) + 1, values.shape[1]))
         full[rows, where] = values
         full[:, -1] = tau
-        mixed = np.einsum("ij,jks->isk", whitening, full).reshape(-1, len(columns) + 1)
-        factor = triangle(np.vstack([factor, mixed]))
+        mixed = np.einsum("ij,jks->kis", whitening, full).reshape(len(columns) + 1, -1)
+        factor = _chunk_triangle(np.hstack([factor.T, mixed]))
     return factor
 
 
@@ -173,6 +178,12 @@ def triangle(A: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rank n"]:
 
 
 def _chunk_triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, "rows n"]:
-    """The same for chunkᵀ, in place: destroys the chunk, which is read without a copy."""
-    qr, _, _, _ = lapack.dgeqrf(chunk.T, overwrite_a=1)
-    return np.triu(qr[: chunk.shape[0]])
+    """The same for chunkᵀ, piece by piece, each with the triangle of those before on top."""
+    n, samples = chunk.shape
+    step = max(_PANEL // n - n, n)
+    R = np.zeros((0, n))
+    for start in range(0, samples, step):
+        piece = np.hstack([R.T, chunk[:, start : start + step]])
+        qr, _, _, _ = lapack.dgeqrf(piece.T, overwrite_a=1)  # in place: no copy in either order
+        R = np.triu(qr[:n])
+    return R

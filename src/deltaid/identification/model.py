@@ -13,13 +13,16 @@ from deltaid.identification.regularizer import RegularizerName
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_yaml, save_yaml
+from deltaid.robot.quantities import Coordinate
 
 Method = Literal["conic", "log-cholesky"]
 FORMAT = 1
+# Beyond these the fit only sees the data's rounding, or only the prior.
+GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Settings(_Part):
@@ -35,8 +38,8 @@ class Settings(_Part):
 
     method: Method = "conic"
     regularizer: RegularizerName = "euclidean"
-    gamma: Annotated[float, Field(gt=0)] | None = None
-    prior_spread: Annotated[float, Field(gt=0)] = 0.5
+    gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
+    prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
     cutoff: Annotated[float, Field(gt=0)] | None = None
 
 
@@ -49,10 +52,10 @@ class Parameter(_Part):
     """
 
     name: str
-    value: float
+    value: Coordinate
     std: Annotated[float, Field(ge=0)]
     unit: str
-    prior: float
+    prior: Coordinate
     determined_by: Literal["data", "prior", "structure", "consistency"]
 
 
@@ -150,6 +153,10 @@ class IdentifiedModel(_Part):
         names = tuple(parameter.name for parameter in self.parameters)
         if names != self.layout.names:
             raise ValueError("parameters are not those of the robot, in its order")
+        drives = len(self.robot.drives)
+        for name in ("rms", "nrmse", "rms_unfiltered"):
+            if len(getattr(self.fit, name)) != drives:
+                raise ValueError(f"fit.{name} must have one number a drive, that is {drives}")
         worst, margin = least_margin(self.layout, self.p)
         if margin <= 0:
             raise ValueError(f"{worst} is not physically consistent")

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.identification.reduction import Block, Reduction
 
 RegularizerName = Literal["euclidean", "entropic", "riemannian"]
@@ -98,10 +99,17 @@ def build_regularizer(name: RegularizerName, reduction: Reduction) -> Regularize
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
     """|p_reg|, and for entries that are zero there m·ℓ or m·ℓ² of their body."""
-    scale = np.abs(reduction.p_reg)
-    for body in reduction.layout.bodies:
-        part = reduction.layout.body(body)
-        m, second_moments = scale[part][0], 0.5 * reduction.p_reg[part][4:7].sum()
+    return parameter_scale(reduction.layout, reduction.p_reg)
+
+
+def parameter_scale(
+    layout: ParameterLayout, p_reg: Float[np.ndarray, " parameters"]
+) -> Float[np.ndarray, " parameters"]:
+    """The same for any prior."""
+    scale = np.abs(p_reg)
+    for body in layout.bodies:
+        part = layout.body(body)
+        m, second_moments = scale[part][0], 0.5 * p_reg[part][4:7].sum()
         length = np.sqrt(second_moments / m)
         own = np.array([m, *[m * length] * 3, *[m * length**2] * 6])
         scale[part] = np.where(scale[part] > 0, scale[part], own)

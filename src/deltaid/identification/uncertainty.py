@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
+from deltaid.errors import IdentificationError
 from deltaid.identification.conic import Solution
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.objective import NOISE_FLOOR, Objective, noise_level
@@ -18,12 +19,21 @@ def standard_deviations(
     Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²), so the covariance
     of x is (s / (2 σ̂²) ∇²J)⁻¹ at the minimum, and that of the prior the same without the data.
     Where a body touches the edge of consistency this Gaussian reaches beyond it.
+
+    Raises:
+        IdentificationError: the prior's sizes are too far apart for the arithmetic.
     """
     sigma = max(noise_level(information), NOISE_FLOOR)
     unit = sigma * np.sqrt(2.0 / (information.samples * objective.gamma))
     _, _, hessian = objective.regularizer.evaluate(reduction.prior)
     scale = np.sqrt(np.diag(hessian))
-    root = np.linalg.cholesky(hessian / np.outer(scale, scale)).T
+    try:
+        root = np.linalg.cholesky(hessian / np.outer(scale, scale)).T
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "the prior's sizes differ too much to be weighed against each other",
+            cure="check masses and lengths of the prior in the description",
+        ) from None
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
     A = reduction.A / scale
 

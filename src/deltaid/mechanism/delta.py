@@ -115,7 +115,7 @@ def forward_kinematics(q: ca.SX, limbs: Limbs) -> tuple[ca.SX, ca.SX, ca.SX]:
     not meet; and for each limb how far [m] the strut's end lies inwards of the line through the
     upper arm, negative when the elbow points inwards.
     """
-    frames = [limb_frame(azimuth) for azimuth in limbs.azimuth_deg]
+    frames = [ca.SX(limb_frame(azimuth)) for azimuth in limbs.azimuth_deg]
     offset = limbs.base_radius - limbs.platform_radius
     arms = [ca.vertcat(ca.cos(q[i]), 0, -ca.sin(q[i])) for i in range(len(frames))]
     centres = [

@@ -1,19 +1,19 @@
 """Which column of a log is what, and in which unit. Units are declared, never guessed."""
 
+import math
+from collections import Counter
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
 from deltaid.errors import RecordingError
+from deltaid.recording.units import si_factor
 from deltaid.robot.load import load_yaml
-from deltaid.robot.shapes import Positive
+from deltaid.robot.quantities import Positive
 
-if TYPE_CHECKING:
-    import pint
-
+Name = Annotated[str, Field(min_length=1, description="as in the log's header")]
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
@@ -21,21 +21,26 @@ _UNIT = {
     "position": "rad",
     "velocity": "rad/s",
     "acceleration": "rad/s^2",
-    "torque": "N*m",
+    "torque": "N m",
 }
 
 
-class DriveColumn(BaseModel):
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DriveColumn(_Part):
     """One column of one drive, and how its numbers become SI at the robot's joint.
 
     joint value = sign · unit · (number − zero) / gear for motion, and
     joint torque = sign · unit · torque_constant · (number − zero) · gear for torque.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    column: str
-    unit: str = Field(description="such as deg, rpm, mN*m, or A with a torque_constant")
+    column: Name
+    unit: str = Field(
+        description="such as deg, rpm, mN*m, or A with a torque_constant; a number may stand "
+        "before it, such as 0.0235 N*m for per mille of 23.5 N m"
+    )
     gear: Positive = Field(default=1.0, description="motor revolutions per joint revolution")
     sign: Literal[1, -1] = Field(default=1, description="-1 if the column counts the other way")
     zero: float = Field(default=0.0, description="the column's number where the joint value is 0")
@@ -44,25 +49,40 @@ class DriveColumn(BaseModel):
     )
 
 
-class TimeColumn(BaseModel):
+class TimeColumn(_Part):
     """The time column."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    column: str = "t"
+    column: Name = "t"
     unit: str = "s"
 
 
-class ColumnMapping(BaseModel):
+class ColumnMapping(_Part):
     """The user's mapping file: columns of a log by name, one entry a drive in order of q."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     time: TimeColumn = TimeColumn()
     position: tuple[DriveColumn, ...] | None = None
     velocity: tuple[DriveColumn, ...] | None = None
     acceleration: tuple[DriveColumn, ...] | None = None
     torque: tuple[DriveColumn, ...] | None = None
+    header_row: Annotated[int, Field(ge=1)] = Field(
+        default=1, description="line of a CSV file that holds the column names"
+    )
+    data_row: int | None = Field(
+        default=None,
+        description="line of a CSV file that holds the first numbers; after header_row by default",
+    )
+    _source: str = PrivateAttr("column mapping")
+
+    @property
+    def source(self) -> str:
+        """The file it comes from, for messages."""
+        return self._source
+
+    @model_validator(mode="after")
+    def _check(self) -> "ColumnMapping":
+        if self.data_row is not None and self.data_row <= self.header_row:
+            raise ValueError("data_row must come after header_row")
+        return self
 
 
 @dataclass(frozen=True)
@@ -97,7 +117,9 @@ def load_mapping(path: Path) -> ColumnMapping:
     Raises:
         DescriptionError: the file does not fit.
     """
-    return load_yaml(path, ColumnMapping)
+    mapping = load_yaml(path, ColumnMapping)
+    mapping._source = str(path)
+    return mapping
 
 
 def resolve_columns(
@@ -108,26 +130,41 @@ def resolve_columns(
     The default names are in s, rad, rad/s, rad/s² and N m at the joint.
 
     Raises:
-        RecordingError: a column is missing, a unit does not fit, or a list has the wrong length.
+        RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
+            a list has the wrong length.
     """
     mapping = mapping or ColumnMapping()
-    time_scale = _factor(mapping.time.unit, "s", None, where="time.unit")
+    place = f"{mapping.source}, time.unit"
+    time = Channel(mapping.time.column, si_factor(mapping.time.unit, "s", where=place), 0.0)
     channels = {
-        quantity: _channels(quantity, header, dof, getattr(mapping, quantity))
+        quantity: _channels(quantity, header, dof, getattr(mapping, quantity), mapping.source)
         for quantity in QUANTITIES
     }
-    columns = Columns(Channel(mapping.time.column, time_scale, 0.0), **channels)
-    missing = [c.column for c in columns.all if c.column not in header]
+    columns = Columns(time, **channels)
+    names = [channel.column for channel in columns.all]
     if not columns.position:
-        missing += [f"q{i + 1}" for i in range(dof)]
-    if missing:
-        raise RecordingError(
-            f"has no column {', '.join(missing)}; its columns are {', '.join(header)}",
-            where=where,
-            cure="rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which "
-            "is which with --columns MAPPING.yaml",
-        )
+        names += _default_names("position", dof)
+    _require_once(names, header, where, mapping.source)
+    _require_present(names, header, where)
     return columns
+
+
+def extra_drives(header: tuple[str, ...], columns: Columns, dof: int) -> list[str]:
+    """Columns with default names of a drive that the robot does not have."""
+    used = {channel.column for channel in columns.all}
+    names = [f"{_SHORT[quantity]}{dof + 1}" for quantity in QUANTITIES]
+    return [name for name in names if name in header and name not in used]
+
+
+def listing(names: tuple[str, ...]) -> str:
+    """Column names for a message, shortened where they are many or long."""
+    shown = [name if len(name) <= 40 else f"{name[:37]}…" for name in names[:20]]
+    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
+    return ", ".join(shown) + more
+
+
+def _default_names(quantity: Quantity, dof: int) -> list[str]:
+    return [f"{_SHORT[quantity]}{i + 1}" for i in range(dof)]
 
 
 def _channels(
@@ -135,57 +172,63 @@ def _channels(
     header: tuple[str, ...],
     dof: int,
     given: tuple[DriveColumn, ...] | None,
+    source: str,
 ) -> tuple[Channel, ...]:
     if given is None:
-        names = [f"{_SHORT[quantity]}{i + 1}" for i in range(dof)]
+        names = _default_names(quantity, dof)
         present = [name for name in names if name in header]
         # Some but not all: keep them all, so that the missing ones are named.
         return tuple(Channel(name, 1.0, 0.0) for name in names) if present else ()
     if len(given) != dof:
         raise RecordingError(
-            f"{quantity} lists {len(given)} columns, but the robot has {dof} drives",
-            where="column mapping",
+            f"lists {len(given)} columns, but the robot has {dof} drives",
+            where=f"{source}, {quantity}",
         )
-    return tuple(_channel(quantity, c, f"{quantity}[{i}]") for i, c in enumerate(given))
+    return tuple(_channel(quantity, c, f"{source}, {quantity}[{i}]") for i, c in enumerate(given))
 
 
 def _channel(quantity: Quantity, column: DriveColumn, where: str) -> Channel:
-    if quantity == "torque":
-        factor = _factor(column.unit, _UNIT[quantity], column.torque_constant, where=where)
-        return Channel(column.column, column.sign * factor * column.gear, column.zero)
-    if column.torque_constant is not None:
-        raise RecordingError("torque_constant belongs to torque columns", where=where)
-    factor = _factor(column.unit, _UNIT[quantity], None, where=where)
-    return Channel(column.column, column.sign * factor / column.gear, column.zero)
-
-
-def _factor(unit: str, target: str, torque_constant: float | None, *, where: str) -> float:
-    """The number by which values in `unit` become values in `target`."""
-    if unit == target:
-        return 1.0
-    import pint
-
-    registry = _registry()
-    try:
-        one = registry.Quantity(1.0, unit)
-        if torque_constant is not None:
-            one = one * registry.Quantity(torque_constant, "N*m/A")
-        return float(one.m_as(target))
-    except pint.DimensionalityError:
-        hint = "; a current needs a torque_constant in N m/A" if target == "N*m" else ""
+    if quantity != "torque" and column.torque_constant is not None:
         raise RecordingError(
-            f"unit '{unit}' is not a unit of {target}{hint}", where=f"column mapping, {where}"
-        ) from None
-    except (pint.PintError, AttributeError, ValueError, TypeError, AssertionError):
+            "belongs to torque columns only",
+            where=f"{where}.torque_constant",
+            cure="leave it out",
+        )
+    factor = si_factor(
+        column.unit, _UNIT[quantity], where=where, torque_constant=column.torque_constant
+    )
+    factor *= column.gear if quantity == "torque" else 1.0 / column.gear
+    if not 0 < factor < math.inf:
         raise RecordingError(
-            f"unit '{unit}' is not known",
-            where=f"column mapping, {where}",
-            cure="write it as in deg, rad, rpm, deg/s, rad/s^2, N*m, mN*m, A, ms",
-        ) from None
+            f"unit and gear together make a factor of {factor:g}, which is no number to go on with",
+            where=where,
+        )
+    return Channel(column.column, column.sign * factor, column.zero)
 
 
-@cache
-def _registry() -> "pint.UnitRegistry":
-    import pint
+def _require_present(names: list[str], header: tuple[str, ...], where: str) -> None:
+    missing = [name for name in names if name not in header]
+    if not missing:
+        return
+    cure = (
+        "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is which "
+        "with --columns MAPPING.yaml, and in which row (header_row) the names are"
+    )
+    if len(header) == 1:
+        cure = "separate the columns by comma, semicolon or tab"
+    raise RecordingError(
+        f"has no column {', '.join(missing)}; its columns are {listing(header)}",
+        where=where,
+        cure=cure,
+    )
 
-    return pint.UnitRegistry()
+
+def _require_once(names: list[str], header: tuple[str, ...], where: str, source: str) -> None:
+    for name in names:
+        if header.count(name) > 1:
+            raise RecordingError(
+                f"has {header.count(name)} columns called {name}", where=where, cure="rename one"
+            )
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise RecordingError(f"column {name} is declared {count} times", where=source)

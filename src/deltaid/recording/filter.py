@@ -20,8 +20,9 @@ _ATTENUATION, _TRANSITION = 60.0, 0.8
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 # Above a tenth of the sampling rate the differences are no longer exact to 1e-4.
-_HIGHEST = 0.1
-_SEGMENT, _SHORTEST = 4096, 256
+_LOWEST, _HIGHEST = 1e-6, 0.1
+_LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
+_SEGMENT = 4096
 
 
 @dataclass(frozen=True)
@@ -48,19 +49,35 @@ class LowPass:
         return len(self.first) // 2
 
 
+def lowest_rate() -> float:
+    """The sampling rate [Hz] below which positions cannot be differentiated."""
+    return _LOWEST_CUTOFF / _HIGHEST
+
+
+def samples_needed(cutoff: float, rate: float) -> int:
+    """How many samples of a recording a low-pass is worth being applied to: eight times its margin.
+
+    Raises:
+        RecordingError: the cut-off is above a tenth of the sampling rate, or next to nothing.
+    """
+    if not _LOWEST * rate <= cutoff <= _HIGHEST * rate:
+        raise RecordingError(
+            f"a cut-off of {cutoff:g} Hz does not go with a sampling rate of {rate:g} Hz",
+            cure=f"choose one between {_LOWEST * rate:g} and {_HIGHEST * rate:g} Hz",
+        )
+    taps, _ = _kaiser(cutoff, rate)
+    return 8 * ((taps + len(_FIRST) - 1) // 2)
+
+
 def design_low_pass(cutoff: float, rate: float) -> LowPass:
     """A low-pass of `cutoff` Hz for data of `rate` Hz.
 
     Raises:
         RecordingError: the cut-off is not below a tenth of the sampling rate.
     """
-    if not 0 < cutoff <= _HIGHEST * rate:
-        raise RecordingError(
-            f"a cut-off of {cutoff:g} Hz does not go with a sampling rate of {rate:g} Hz",
-            cure=f"choose one between 0 and {_HIGHEST * rate:g} Hz, or record faster",
-        )
-    taps, beta = signal.kaiserord(_ATTENUATION, _TRANSITION * cutoff / (0.5 * rate))
-    smooth = signal.firwin(taps | 1, cutoff, window=("kaiser", beta), fs=rate)
+    samples_needed(cutoff, rate)
+    taps, beta = _kaiser(cutoff, rate)
+    smooth = signal.firwin(taps, cutoff, window=("kaiser", beta), fs=rate)
     highest = (1 + 0.5 * _TRANSITION) * cutoff
     return LowPass(
         cutoff=cutoff,
@@ -70,6 +87,12 @@ def design_low_pass(cutoff: float, rate: float) -> LowPass:
         second=np.convolve(smooth, _SECOND) * rate**2,
         decimation=max(1, int(rate / (2 * highest))),
     )
+
+
+def _kaiser(cutoff: float, rate: float) -> tuple[int, float]:
+    """Odd number of taps and shape of the Kaiser window."""
+    taps, beta = signal.kaiserord(_ATTENUATION, _TRANSITION * cutoff / (0.5 * rate))
+    return int(taps) | 1, float(beta)
 
 
 def apply(
@@ -90,6 +113,8 @@ def apply(
 class SpectrumEstimate:
     """Power spectra of positions, averaged over segments, from which the cut-off is chosen."""
 
+    SHORTEST = 256
+
     def __init__(self, dof: int) -> None:
         self._power = np.zeros((dof, _SEGMENT // 2 + 1))
         self._segments = 0
@@ -99,7 +124,7 @@ class SpectrumEstimate:
         is all there is."""
         for start in range(0, len(q) - _SEGMENT + 1, _SEGMENT):
             self._add_segment(q[start : start + _SEGMENT])
-        if not self._segments and len(q) >= _SHORTEST:
+        if not self._segments and len(q) >= self.SHORTEST:
             self._add_segment(q)
 
     def _add_segment(self, q: Float[np.ndarray, "samples dof"]) -> None:
@@ -121,4 +146,4 @@ class SpectrumEstimate:
         floor = np.median(self._power[:, len(frequency) // 2 :], axis=1, keepdims=True)
         above = np.flatnonzero((self._power > 100 * floor).any(axis=0))
         top = frequency[above[-1]] if above.size else frequency[1]
-        return float(np.clip(2 * top, 2.0, _HIGHEST * rate))
+        return float(np.clip(2 * top, _LOWEST_CUTOFF, _HIGHEST * rate))

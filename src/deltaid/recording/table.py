@@ -1,40 +1,30 @@
-"""Reading a log in batches of constant memory, with the row and column of whatever is not a number.
-
-CSV comes in blocks of bytes cut at line ends, Parquet in slices; polars parses both. Rows are
-counted as a user sees them: the line of a CSV file (its header is line 1), the data row of a
-Parquet file from 1.
-"""
+"""Reading a log in batches of constant memory, whatever kind of file it is."""
 
 import hashlib
-import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Columns
+from deltaid.recording.csv_text import open_csv, read_csv
+from deltaid.recording.parquet import SIGNATURE, open_parquet, read_parquet
+from deltaid.recording.source import Table, opened
 
-_BLOCK_BYTES = 4 << 20
-_BLOCK_ROWS = 1 << 16
-_SEPARATORS = (",", ";", "\t")
-
-
-@dataclass(frozen=True)
-class Table:
-    """A log file: where it is, its header, and how it is written."""
-
-    path: Path
-    header: tuple[str, ...]
-    separator: str  # empty for Parquet
-
-    @property
-    def first_row(self) -> int:
-        """Number of the first data row as a user counts it."""
-        return 2 if self.separator else 1
+# Rows of a batch, however the file is read, so that nothing depends on how it is.
+_BATCH_ROWS = 1 << 16
+_FOREIGN = {
+    b"PK\x03\x04": "an Excel workbook or a ZIP archive",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook",
+    b"\x1f\x8b": "compressed by gzip",
+    b"MATLAB": "a MATLAB file",
+    b"\x89HDF": "an HDF5 file (or a MATLAB file of version 7.3)",
+    b"\xff\xfe": "text in UTF-16",
+    b"\xfe\xff": "text in UTF-16",
+}
 
 
 @dataclass(frozen=True)
@@ -45,31 +35,28 @@ class Batch:
     values: Float[np.ndarray, "rows channels"]
 
 
-def open_table(path: Path) -> Table:
+def open_table(path: Path, header_row: int = 1, data_row: int | None = None) -> Table:
     """Find out what kind of file a log is and read its header.
 
+    Args:
+        path: the log.
+        header_row, data_row: in CSV, the lines of the column names and of the first data.
+
     Raises:
-        RecordingError: the file is missing, empty, or neither CSV nor Parquet.
+        RecordingError: the file is missing, empty, cannot be read, or is neither CSV nor Parquet.
     """
-    if not path.is_file():
-        raise RecordingError("no such file", where=str(path))
-    if path.suffix.lower() in (".parquet", ".pq"):
-        try:
-            return Table(path, tuple(pl.read_parquet_schema(path)), "")
-        except (pl.exceptions.PolarsError, OSError) as error:
-            raise RecordingError(f"is not a Parquet file: {error}", where=str(path)) from None
-    with path.open("rb") as file:
-        line = file.readline(1 << 20)
-    try:
-        text = line.decode("utf-8-sig").strip()
-    except UnicodeDecodeError:
-        raise RecordingError("is neither CSV in UTF-8 nor Parquet", where=str(path)) from None
-    if not text:
-        raise RecordingError("is empty, or starts with an empty line", where=str(path))
-    separator = max(_SEPARATORS, key=text.count)
-    names = tuple(name.strip().strip('"') for name in text.split(separator))
-    _check_header(path, names)
-    return Table(path, names, separator)
+    with opened(path) as file:
+        start = file.read(8)
+    if not start:
+        raise RecordingError("is empty", where=str(path))
+    if start.startswith(SIGNATURE) or path.suffix.lower() in (".parquet", ".pq"):
+        return open_parquet(path)
+    for signature, kind in _FOREIGN.items():
+        if start.startswith(signature):
+            raise RecordingError(
+                f"is {kind}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
+            )
+    return open_csv(path, header_row, data_row)
 
 
 def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:
@@ -79,119 +66,36 @@ def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:
         RecordingError: a value is missing, not a number or not finite; names row and column.
     """
     row = table.first_row
-    for frame in _csv_frames(table) if table.separator else _parquet_frames(table):
-        yield Batch(row, _to_si(frame, table, columns, row))
-        row += frame.height
+    read = read_csv if table.separator else read_parquet
+    for values in recut(read(table, columns.all), _BATCH_ROWS):
+        yield Batch(row, values)
+        row += len(values)
+
+
+def recut(
+    arrays: Iterable[Float[np.ndarray, "_ channels"]], size: int, overlap: int = 0
+) -> Iterator[Float[np.ndarray, "_ channels"]]:
+    """Join arrays and cut them into blocks that advance by `size` and share `overlap` rows.
+
+    The last block is shorter; there is none if it would hold nothing but the overlap.
+    """
+    parts: list[np.ndarray] = []
+    held = 0
+    for array in arrays:
+        parts.append(array)
+        held += len(array)
+        if held < size + overlap:
+            continue
+        rows, start = np.concatenate(parts), 0
+        while start + size + overlap <= len(rows):
+            yield rows[start : start + size + overlap]
+            start += size
+        parts, held = [rows[start:]], len(rows) - start
+    if held > overlap:
+        yield np.concatenate(parts)
 
 
 def checksum(path: Path) -> str:
     """SHA-256 of a file."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _check_header(path: Path, names: tuple[str, ...]) -> None:
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise RecordingError(f"has two columns called '{repeated[0]}'", where=f"{path}, row 1")
-
-    def is_number(name: str) -> bool:
-        try:
-            float(name)
-        except ValueError:
-            return False
-        return True
-
-    if all(is_number(name) for name in names):
-        raise RecordingError(
-            "has no header: its first row holds numbers",
-            where=f"{path}, row 1",
-            cure="put a row of column names first, such as t,q1,q2,q3,tau1,tau2,tau3",
-        )
-
-
-def _parquet_frames(table: Table) -> Iterator[pl.DataFrame]:
-    scan, offset = pl.scan_parquet(table.path), 0
-    while True:
-        try:
-            frame = scan.slice(offset, _BLOCK_ROWS).collect()
-        except pl.exceptions.PolarsError as error:
-            raise RecordingError(f"cannot be read: {error}", where=str(table.path)) from None
-        if not frame.height:
-            return
-        yield frame
-        offset += frame.height
-
-
-def _csv_frames(table: Table) -> Iterator[pl.DataFrame]:
-    """Blocks of lines as frames of strings: only then is the place of a bad value known."""
-    with table.path.open("rb") as file:
-        file.readline()
-        row, rest = table.first_row, b""
-        while block := file.read(_BLOCK_BYTES):
-            block = rest + block
-            cut = block.rfind(b"\n") + 1
-            rest = block[cut:]
-            if cut:
-                frame = _parse_csv(block[:cut], table, row)
-                yield frame
-                row += frame.height
-        if rest.strip():
-            yield _parse_csv(rest, table, row)
-
-
-def _parse_csv(block: bytes, table: Table, row: int) -> pl.DataFrame:
-    try:
-        frame = pl.read_csv(
-            io.BytesIO(block),
-            has_header=False,
-            new_columns=list(table.header),
-            separator=table.separator,
-            infer_schema=False,
-            raise_if_empty=False,
-        )
-    except pl.exceptions.PolarsError:
-        raise _ragged(block, table, row) from None
-    if frame.width != len(table.header) or frame.height != block.count(b"\n") + (
-        not block.endswith(b"\n")
-    ):
-        raise _ragged(block, table, row)
-    return frame
-
-
-def _ragged(block: bytes, table: Table, row: int) -> RecordingError:
-    """The error for the first line of a block that has another number of fields than the header."""
-    for i, line in enumerate(block.splitlines()):
-        fields = line.count(table.separator.encode()) + 1
-        if not line.strip():
-            what = "is an empty line"
-        elif fields != len(table.header):
-            what = f"has {fields} fields, but the header has {len(table.header)}"
-        else:
-            continue
-        cure = "is the file cut off there, or is a decimal comma used?"
-        return RecordingError(what, where=f"{table.path}, row {row + i}", cure=cure)
-    return RecordingError("is not valid CSV", where=f"{table.path}, row {row} and following")
-
-
-def _to_si(
-    frame: pl.DataFrame, table: Table, columns: Columns, row: int
-) -> Float[np.ndarray, "rows channels"]:
-    values = np.empty((frame.height, len(columns.all)), order="F")
-    for k, channel in enumerate(columns.all):
-        series = frame[channel.column]
-        if series.dtype == pl.String:
-            series = series.str.strip_chars()
-        numbers = series.cast(pl.Float64, strict=False).to_numpy()
-        bad = np.flatnonzero(~np.isfinite(numbers))
-        if bad.size:
-            text = series[int(bad[0])]
-            what = "is empty" if text in (None, "") else f"is '{text}', not a finite number"
-            raise RecordingError(
-                f"column {channel.column} {what}"
-                + (f" ({bad.size} such values in this stretch)" if bad.size > 1 else ""),
-                where=f"{table.path}, row {row + int(bad[0])}",
-                cure="remove or repair these rows; deltaid does not fill gaps",
-            )
-        values[:, k] = channel.scale * (numbers - channel.zero)
-    return values

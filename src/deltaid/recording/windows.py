@@ -10,8 +10,15 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import LowPass, apply, design_low_pass
+from deltaid.recording.filter import (
+    LowPass,
+    SpectrumEstimate,
+    apply,
+    design_low_pass,
+    samples_needed,
+)
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.table import recut
 
 # Samples a window yields: long against the filter's length, short against memory, and no power of
 # two, because rows of an array that lie a power of two apart fight for the same lines of the cache.
@@ -71,15 +78,17 @@ def choose_filter(log: Log, cutoff: float | None = None) -> LowPass | None:
     if cutoff is None and log.has_derivatives:
         return None
     cutoff = cutoff or log.suggested_cutoff
-    low_pass = design_low_pass(cutoff, log.rate) if cutoff else None
-    needed = 8 * low_pass.margin if low_pass else 256
-    if low_pass is None or log.samples < needed:
+    # Before the design, because a tiny cut-off asks for an endless filter.
+    needed = samples_needed(cutoff, log.rate) if cutoff else SpectrumEstimate.SHORTEST
+    if not cutoff or log.samples < needed:
+        at = f" at {cutoff:.4g} Hz" if cutoff else ""
         raise RecordingError(
-            f"has {log.samples} samples, too few to differentiate (at least {needed})",
+            f"has {log.samples} samples, too few to filter and differentiate{at} (at least "
+            f"{needed:g})",
             where=str(log.path),
             cure="record longer, or record velocities and accelerations as well",
         )
-    return low_pass
+    return design_low_pass(cutoff, log.rate)
 
 
 def windows(log: Log, kinematics: Kinematics, low_pass: LowPass | None) -> Iterator[Window]:
@@ -88,33 +97,15 @@ def windows(log: Log, kinematics: Kinematics, low_pass: LowPass | None) -> Itera
     Velocities and accelerations that the log does not have come from differentiating the highest
     derivative it has, through the filter. Without a filter both must be recorded.
     """
+    rows = (batch.values for batch in log.batches())
     if low_pass is None:
-        for block in _overlapping(log, WINDOW, 0):
+        for block in recut(rows, WINDOW):
             yield _as_recorded(block, log, kinematics)
         return
     size = -(-WINDOW // low_pass.decimation) * low_pass.decimation
     overlap = 2 * (low_pass.margin + len(low_pass.smooth) // 2)
-    for block in _overlapping(log, size, overlap):
+    for block in recut(rows, size, overlap):
         yield _differentiated(block, log, kinematics, low_pass)
-
-
-def _overlapping(log: Log, size: int, overlap: int) -> Iterator[Float[np.ndarray, "rows channels"]]:
-    """Re-cut a log's batches into blocks that advance by `size` and share `overlap` rows."""
-    parts: list[np.ndarray] = []
-    held = 0
-    for batch in log.batches():
-        parts.append(batch.values)
-        held += len(batch.values)
-        if held < size + overlap:
-            continue
-        rows, start = np.concatenate(parts), 0
-        while start + size + overlap <= len(rows):
-            yield rows[start : start + size + overlap]
-            start += size
-        parts, held = [rows[start:]], len(rows) - start
-    rest = np.concatenate(parts)
-    if len(rest) > overlap:
-        yield rest
 
 
 def _split(block: np.ndarray, log: Log) -> tuple[np.ndarray, ...]:

@@ -17,7 +17,18 @@ from deltaid.robot.inertia import (
     why_inconsistent,
     with_thickness,
 )
-from deltaid.robot.shapes import Positive, Shape, Vector
+from deltaid.robot.quantities import (
+    Coordinate,
+    Length,
+    Mass,
+    NotNegative,
+    Point,
+    Positive,
+    Radius,
+    Vector,
+)
+from deltaid.robot.shapes import Shape
+from deltaid.robot.workspace import Workspace
 
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 LIMB_BODIES = ("U", "S", "P")
@@ -31,19 +42,17 @@ class _Part(BaseModel):
 class Limbs(_Part):
     """Limbs of a rotary Delta: an upper arm on each motor, then a parallelogram of struts."""
 
-    azimuth_deg: tuple[float, ...] = Field(
+    azimuth_deg: tuple[Coordinate, ...] = Field(
         min_length=3,
         max_length=3,
         description="direction of each limb about world z, counted from world x, degrees",
     )
-    base_radius: Annotated[float, Field(ge=0)] = Field(
-        description="distance of the motor axes from the base centre, m"
-    )
-    platform_radius: Annotated[float, Field(ge=0)] = Field(
+    base_radius: Radius = Field(description="distance of the motor axes from the base centre, m")
+    platform_radius: Radius = Field(
         description="distance of the strut joints from the platform point, m"
     )
-    upper_arm: Positive = Field(description="length from motor axis to elbow, m")
-    strut: Positive = Field(description="length of the struts between their joints, m")
+    upper_arm: Length = Field(description="length from motor axis to elbow, m")
+    strut: Length = Field(description="length of the struts between their joints, m")
     struts_per_limb: Literal[1, 2] = Field(default=2, description="2 for a parallelogram")
 
     @model_validator(mode="after")
@@ -66,30 +75,39 @@ class Limbs(_Part):
 class Telescope(_Part):
     """Telescope bar (Cardan axle) from base to platform; adds the rotation ψ as fourth axis."""
 
-    base_joint: Vector = Field(
+    base_joint: Point = Field(
         default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"
     )
-    platform_joint: Vector = Field(
+    platform_joint: Point = Field(
         default=(0.0, 0.0, 0.0),
         description="centre of the lower universal joint from the platform point, m",
     )
+    stroke: tuple[float, float] | None = Field(
+        default=None, description="shortest and longest distance of the two universal joints, m"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Telescope":
+        if self.stroke is not None and not 0 < self.stroke[0] < self.stroke[1]:
+            raise ValueError("stroke must be given as [shortest, longest], both positive")
+        return self
 
 
 class InertiaTensor(_Part):
     """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
 
-    xx: Annotated[float, Field(ge=0)]
-    yy: Annotated[float, Field(ge=0)]
-    zz: Annotated[float, Field(ge=0)]
-    xy: float = 0.0
-    yz: float = 0.0
-    xz: float = 0.0
+    xx: NotNegative
+    yy: NotNegative
+    zz: NotNegative
+    xy: Coordinate = 0.0
+    yz: Coordinate = 0.0
+    xz: Coordinate = 0.0
 
 
 class ExplicitInertia(_Part):
     """A body given by its numbers: mass, first moment and inertia tensor about the link frame."""
 
-    mass: Positive = Field(description="kg")
+    mass: Mass = Field(description="kg")
     first_moment: Vector = Field(description="mass times centre of mass in the link frame, kg m")
     inertia: InertiaTensor
 
@@ -157,22 +175,15 @@ class Friction(_Part):
 class DriveLimits(_Part):
     """What one drive can do; degrees, seconds and newton metres."""
 
-    angle_deg: tuple[float, float] | None = None
+    angle_deg: tuple[Coordinate, Coordinate] | None = None
     speed_deg_s: Positive | None = None
     acceleration_deg_s2: Positive | None = None
     torque: Positive | None = None
 
-
-class Workspace(_Part):
-    """A cylinder about world z whose lower end may be a spherical cap, for the platform point."""
-
-    radius: Positive = Field(description="m")
-    z: tuple[float, float] = Field(description="lowest and highest platform point, m")
-
     @model_validator(mode="after")
-    def _check(self) -> "Workspace":
-        if self.z[0] >= self.z[1]:
-            raise ValueError("z must be given as [lowest, highest]")
+    def _check(self) -> "DriveLimits":
+        if self.angle_deg is not None and self.angle_deg[0] >= self.angle_deg[1]:
+            raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 
 
@@ -200,6 +211,15 @@ class RobotDescription(_Part):
     platform_speed: Positive = Field(default=5.0, description="largest speed along an axis, m/s")
     platform_acceleration: Positive = Field(
         default=50.0, description="largest acceleration along an axis, m/s²"
+    )
+    strut_swing_deg: Annotated[float, Field(gt=0, lt=90)] | None = Field(
+        default=None,
+        description="largest angle between a strut and the plane across its motor axis, which the "
+        "cones of its ball joints allow",
+    )
+    largest_condition: Annotated[float, Field(gt=1)] = Field(
+        default=10.0,
+        description="distance from singularities: largest ‖J‖_F‖J⁻¹‖_F/δ of a motion, J = ∂q/∂z",
     )
     sources: dict[str, str] = Field(
         default_factory=dict,

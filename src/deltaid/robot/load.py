@@ -2,20 +2,29 @@
 
 import difflib
 import json
+import os
+import re
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
+from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.plain import plain
 
 _Model = TypeVar("_Model", bound=BaseModel)
+
+# Bytes. A model file has some 15 kB; what is much larger is a log, and YAML takes minutes over it.
+_LARGEST = 1 << 20
+_DEEP = re.compile(r"(?:[\[{]\s*){50}")
+_KINDS = {"ColumnMapping": "columns", "IdentifiedModel": "model"}
 
 
 def catalogue() -> tuple[str, ...]:
@@ -44,10 +53,9 @@ def load_robot(robot: str | Path) -> RobotDescription:
     """
     if str(robot) in catalogue():
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
-    path = Path(robot)
-    if not path.is_file():
+    if not os.path.exists(robot):  # unlike Path.exists it never raises
         raise _unknown(str(robot))
-    return load_yaml(path, RobotDescription)
+    return load_yaml(Path(robot), RobotDescription)
 
 
 def load_yaml(path: Path, model: type[_Model]) -> _Model:
@@ -56,11 +64,7 @@ def load_yaml(path: Path, model: type[_Model]) -> _Model:
     Raises:
         DescriptionError: the file cannot be read, is not YAML, or does not fit the model.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DescriptionError(f"cannot be read as text: {error}", where=str(path)) from None
-    return parse(text, model, where=str(path))
+    return parse(_text(path), model, where=str(path))
 
 
 def save_yaml(value: BaseModel, path: Path) -> None:
@@ -79,70 +83,80 @@ def save_yaml(value: BaseModel, path: Path) -> None:
 def parse(text: str, model: type[_Model], *, where: str) -> _Model:
     """Validate YAML text against a model; `where` names the text in messages.
 
+    Numbers must be written as numbers: '0.5' in quotes, 0,5 or true are none.
+
     Raises:
         DescriptionError: with the line, the key and the reason of every complaint.
     """
+    tree = _tree(text, where)
     try:
+        return model.model_validate_json(json.dumps(plain(tree, where)), strict=True)
+    except ValidationError as error:
+        kind = _KINDS.get(model.__name__, "robot")
+        raise DescriptionError(
+            complaints(tree, error),
+            where=where,
+            cure=f"`deltaid schema {kind}` prints the JSON Schema that editors complete and check "
+            "with",
+        ) from None
+
+
+def _text(path: Path) -> str:
+    data = b""
+    try:
+        if path.is_dir():
+            raise DescriptionError("is a folder, not a file", where=str(path))
+        with path.open("rb") as file:
+            data = file.read(_LARGEST + 1)
+        if len(data) > _LARGEST:
+            raise DescriptionError(
+                "is too large for a description, mapping or model",
+                where=str(path),
+                cure="is it a log? the order of arguments is in --help",
+            )
+        return data.decode("utf-8-sig")
+    except FileNotFoundError:
+        raise DescriptionError("no such file", where=str(path)) from None
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise DescriptionError("is not text in UTF-8", where=f"{path}, line {line}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DescriptionError(f"cannot be read: {reason}", where=str(path)) from None
+
+
+def _tree(text: str, where: str) -> CommentedMap:
+    """The YAML tree with line numbers. Tags are never turned into objects."""
+    try:
+        if _DEEP.search(text):
+            raise RecursionError
         tree = YAML(typ="rt", pure=True).load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
         raise DescriptionError(
-            f"is not valid YAML: {error.problem or error.context}", where=f"{where}{line}"
+            f"is not valid YAML: {error.problem or error.context}",
+            where=f"{where}{line}",
+            cure="look there for indentation, tabs, colons and quotes",
         ) from None
     except (YAMLError, ValueError) as error:
-        raise DescriptionError(f"is not valid YAML: {error}", where=where) from None
+        reason = str(error).strip().split("\n", 1)[0][:200]
+        raise DescriptionError(f"is not valid YAML: {reason}", where=where) from None
+    except RecursionError:
+        raise DescriptionError("is nested too deeply", where=where) from None
     if not isinstance(tree, CommentedMap):
-        raise DescriptionError("must be a mapping of keys to values", where=where)
-    try:
-        return model.model_validate(_plain(tree))
-    except ValidationError as error:
-        complaints = [_complaint(tree, dict(item)) for item in error.errors()]
         raise DescriptionError(
-            "; ".join(complaints),
+            "does not hold keys with values, such as `name: my-robot`",
             where=where,
-            cure="`deltaid schema` prints the JSON Schema that editors complete and check with",
-        ) from None
+            cure="is it a log? the order of arguments is in --help",
+        )
+    return tree
 
 
 def _unknown(name: str) -> DescriptionError:
     near = difflib.get_close_matches(name, catalogue(), n=1, cutoff=0.4)
     hint = f"did you mean {near[0]}? " if near else ""
     return DescriptionError(
-        f"no robot file and no catalogue robot called '{name}'",
+        f"no robot file and no catalogue robot called '{name[:200]}'",
         cure=f"{hint}the catalogue has: {', '.join(catalogue())}",
     )
-
-
-def _plain(node: Any) -> Any:
-    """Round-trip YAML nodes as plain Python values."""
-    if isinstance(node, CommentedMap):
-        return {str(key): _plain(value) for key, value in node.items()}
-    if isinstance(node, CommentedSeq):
-        return [_plain(value) for value in node]
-    for kind in (bool, int, float, str):
-        if isinstance(node, kind):
-            return kind(node)
-    return node
-
-
-def _complaint(tree: CommentedMap, item: dict[str, Any]) -> str:
-    """One validation error as 'line 12, limbs.strut: Field required'."""
-    path, line, node = [], 1, tree
-    for key in item["loc"]:
-        if isinstance(node, CommentedMap) and key in node:
-            line = node.lc.key(key)[0] + 1
-        elif isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node):
-            line = node.lc.item(key)[0] + 1
-        else:
-            if item["type"] == "missing":
-                path.append(str(key))
-            continue  # the name of a union's branch is not a key of the file
-        node = node[key]
-        path.append(str(key))
-    reason = str(item["msg"]).removeprefix("Value error, ")
-    if item["type"] == "extra_forbidden":
-        reason = "unknown key"
-    elif isinstance(item.get("input"), int | float | str) and item["type"] != "value_error":
-        reason += f" (got {json.dumps(item['input'])})"
-    return f"line {line}, {'.'.join(path) or 'top level'}: {reason}"

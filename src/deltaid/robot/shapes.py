@@ -7,9 +7,8 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.robot.inertia import inertia_parameters
+from deltaid.robot.quantities import Length, Mass, Point, Positive, Radius
 
-Vector = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0)]
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -20,15 +19,15 @@ class HollowCylinder(BaseModel):
     the axis is ½ m (R_o² + R_i²) and across it m (L² + 3 (R_o² + R_i²)) / 12.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     shape: Literal["hollow_cylinder"]
     axis: Literal["x", "y", "z"] = Field(description="axis of the link frame along the cylinder")
-    length: Positive = Field(description="m")
-    outer_radius: Positive = Field(description="m")
-    inner_radius: Annotated[float, Field(ge=0)] = Field(default=0.0, description="m")
-    centre: Vector = Field(description="centre of the cylinder in the link frame, m")
-    mass: Positive | None = Field(default=None, description="kg; or give a density")
+    length: Length = Field(description="m")
+    outer_radius: Length = Field(description="m")
+    inner_radius: Radius = Field(default=0.0, description="m")
+    centre: Point = Field(description="centre of the cylinder in the link frame, m")
+    mass: Mass | None = Field(default=None, description="kg; or give a density")
     density: Positive | None = Field(default=None, description="kg/m³; or give a mass")
 
     @model_validator(mode="after")
@@ -55,11 +54,11 @@ class HollowCylinder(BaseModel):
 class PointMass(BaseModel):
     """A mass concentrated at one point."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     shape: Literal["point_mass"]
-    mass: Positive = Field(description="kg")
-    centre: Vector = Field(description="position in the link frame, m")
+    mass: Mass = Field(description="kg")
+    centre: Point = Field(description="position in the link frame, m")
 
     def parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten inertia parameters about the link frame."""

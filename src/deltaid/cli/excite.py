@@ -1,0 +1,212 @@
+"""`deltaid excite`: a motion that makes the parameters visible and keeps the machine's limits."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from threading import Event
+
+    from deltaid.excitation.excite import Excitation, Exciter
+
+
+class Criterion(StrEnum):
+    """What the motion is optimised for."""
+
+    LOGDET = "logdet"
+    COND = "cond"
+    A_OPTIMAL = "a-optimal"
+    E_OPTIMAL = "e-optimal"
+
+
+# Start values of the verification motion: as many seeds further on as anybody will ask starts for.
+_VERIFICATION_OFFSET = 100_000
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("excite")(excite)
+
+
+def excite(
+    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="CSV file for the motion.")
+    ] = None,
+    verify_out: Annotated[
+        Path | None, typer.Option(help="CSV file for a second motion, to verify the model on.")
+    ] = None,
+    criterion: Annotated[
+        Criterion, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
+    ] = Criterion.LOGDET,
+    weigh_prior: Annotated[
+        bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
+    ] = False,
+    duration: Annotated[
+        float, typer.Option(help="About how long to move, without the ramps [s].")
+    ] = 10.0,
+    harmonics: Annotated[int, typer.Option(help="Harmonics of the series.", min=1, max=20)] = 5,
+    repeats: Annotated[int, typer.Option(help="Run it so often, for averaging.", min=1)] = 1,
+    velocity_weight: Annotated[
+        float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0.0)
+    ] = 0.1,
+    torque_noise: Annotated[
+        float, typer.Option(help="Torque noise for the prediction, share of the largest torque.")
+    ] = 0.02,
+    rate: Annotated[float, typer.Option(help="Samples per second of the file [Hz].")] = 1000.0,
+    starts: Annotated[int, typer.Option(help="Number of starts.", min=1)] = 8,
+    seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
+    plot: Annotated[Path | None, typer.Option(help="PNG or SVG picture of the motion.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Optimise a motion for identification: at rest at both ends, within all limits.
+
+    Ctrl-C ends the search and keeps the best feasible motion so far.
+    """
+    from deltaid.cli.output import positive, print_json, progress
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.errors import DeltaidError
+    from deltaid.excitation.excite import ExcitationSettings, Exciter
+    from deltaid.excitation.motion_file import write_run
+    from deltaid.robot.load import load_robot
+
+    for name, value in (("duration", duration), ("torque-noise", torque_noise), ("rate", rate)):
+        positive(f"--{name}", value)
+    picture = plot.suffix.lower().lstrip(".") if plot else ""
+    if plot and picture not in ("png", "svg"):
+        raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
+    settings = ExcitationSettings(
+        criterion=criterion.value,
+        harmonics=harmonics,
+        duration=duration,
+        repeats=repeats,
+        velocity_weight=velocity_weight,
+        weigh_prior=weigh_prior,
+        torque_noise=torque_noise,
+        rate=rate,
+        starts=starts,
+        seed=seed,
+    )
+    description = load_robot(robot)
+    with progress(as_json) as say, _stop_on_interrupt() as stop:
+        say("preparing the robot")
+        exciter = Exciter(compiled(description), settings)
+        say(f"optimising from {starts} starts, Ctrl-C keeps the best so far")
+        result = exciter.optimise(stop)
+        second = None
+        if verify_out is not None:
+            say("optimising the verification motion")
+            second = exciter.optimise(stop, offset=_VERIFICATION_OFFSET)
+    if output is not None:
+        write_run(exciter.dynamics.kinematics, result.run, rate, output)
+    if verify_out is not None and second is not None:
+        write_run(exciter.dynamics.kinematics, second.run, rate, verify_out)
+    if plot is not None:
+        from deltaid.excitation.plot import plot_run
+        from deltaid.files import write_bytes
+
+        write_bytes(plot, plot_run(exciter, result.run, picture))
+    if as_json:
+        print_json(_as_dictionary(exciter, result))
+    else:
+        _print(exciter, result, [path for path in (output, verify_out, plot) if path])
+
+
+@contextmanager
+def _stop_on_interrupt() -> "Iterator[Event]":
+    """An event that Ctrl-C sets; a second Ctrl-C interrupts as usual."""
+    import signal
+    from threading import Event
+
+    stop = Event()
+    before = signal.getsignal(signal.SIGINT)
+
+    def on_interrupt(number: int, frame: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    signal.signal(signal.SIGINT, on_interrupt)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict:
+    run, motion = result.run, result.run.motion
+    return {
+        "robot": exciter.dynamics.robot.name,
+        "criterion": exciter.settings.criterion,
+        "criterion_before": result.criterion_before,
+        "criterion_after": result.criterion_after,
+        "duration": run.duration,
+        "period": motion.period,
+        "ramp": run.ramp,
+        "periods": run.repeats,
+        "base_frequency": motion.base_frequency,
+        "centre": motion.centre.tolist(),
+        "sine": motion.sine.tolist(),
+        "cosine": motion.cosine.tolist(),
+        "limits": {limit.name: limit.share for limit in result.limits},
+        "torque_max": result.torque_max.tolist(),
+        "predictions": [
+            {"parameter": p.formula, "prior": p.value, "std": p.std, "unit": p.unit}
+            for p in result.predictions
+        ],
+        "starts": [
+            {
+                "seed": a.seed,
+                "before": a.before,
+                "after": a.after,
+                "feasible": a.feasible,
+                "evaluations": a.evaluations,
+                "seconds": a.seconds,
+                "message": a.message,
+            }
+            for a in result.optimum.accounts
+        ],
+    }
+
+
+def _print(exciter: "Exciter", result: "Excitation", files: list[Path]) -> None:
+    from deltaid.cli.output import console, number, table
+
+    robot, run = exciter.dynamics.robot, result.run
+    rows = [[limit.name, f"{100 * limit.share:.1f} %"] for limit in result.limits]
+    console.print(table(robot.title or robot.name, ["limit", "in use"], rows))
+    console.print()
+    rows = [
+        [p.formula, number(p.value), f"{p.std:.2g}", p.unit, _share(p.value, p.std)]
+        for p in result.predictions
+    ]
+    columns = ["base parameter", "prior", "predicted ±", "unit", "relative"]
+    console.print(table("what this motion will tell", columns, rows))
+    console.print()
+    rows = [
+        [str(a.seed), number(a.before), number(a.after), str(a.evaluations), f"{a.seconds:.1f}",
+         "yes" if a.feasible else "no"]
+        for a in result.optimum.accounts
+    ]  # fmt: skip
+    columns = ["start", "before", "after", "evaluations", "seconds", "feasible"]
+    console.print(table("", columns, rows))
+    console.print()
+    console.print(
+        f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
+        f"{number(result.criterion_after)} after; {run.repeats} periods of "
+        f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, {run.duration:.4g} s in all"
+    )
+    torques = ", ".join(f"{value:.3g}" for value in result.torque_max)
+    console.print(f"largest torques at the prior: {torques} N m")
+    for path in files:
+        console.print(f"wrote {path}")
+
+
+def _share(value: float, std: float) -> str:
+    from deltaid.cli.output import percent
+
+    return percent(std / abs(value)) if abs(value) > std else ""

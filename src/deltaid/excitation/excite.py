@@ -1,0 +1,229 @@
+"""From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
+
+from dataclasses import dataclass
+from threading import Event
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.excitation.criterion import Criterion, CriterionName
+from deltaid.excitation.graph import ExcitationGraph
+from deltaid.excitation.limits import torque_limits
+from deltaid.excitation.optimize import Optimum, Progress, optimise, random_start
+from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
+from deltaid.excitation.run import Run, plan_run, run_use
+from deltaid.excitation.series import Series
+from deltaid.identification.base import BaseParameters
+from deltaid.identification.least_squares import random_motion_base
+from deltaid.identification.regularizer import parameter_scale
+
+# Grid points for each harmonic of the series; random motions that columns are scaled with; range of
+# the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
+_POINTS, _REFERENCES, _TURN, _SHORTER = 20, 20, np.pi, 4.0
+
+
+@dataclass(frozen=True)
+class ExcitationSettings:
+    """What to optimise.
+
+    Attributes:
+        criterion: of the information matrix.
+        harmonics: n_F of (8).
+        duration: longest period [s]; the optimiser may shorten the period to a quarter, and then
+            so many whole periods are run that they last about as long.
+        repeats: how often all of that is run, for averaging.
+        velocity_weight: w of (9), which asks for speed so that friction shows.
+        weigh_prior: excite what is uncertain by the prior, in units of the torque noise.
+        prior_spread: relative standard deviation of the prior, for that.
+        torque_noise: standard deviation of the torque noise, as a share of each drive's largest
+            torque on random motions.
+        rate: sampling rate of the recording [Hz].
+        starts, seed: how many starts, and the first one's seed.
+    """
+
+    criterion: CriterionName = "logdet"
+    harmonics: int = 5
+    duration: float = 10.0
+    repeats: int = 1
+    velocity_weight: float = 0.1
+    weigh_prior: bool = False
+    prior_spread: float = 0.5
+    torque_noise: float = 0.02
+    rate: float = 1000.0
+    starts: int = 8
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """How much of one limit a run uses, as a share."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the run will tell about one base parameter, before moving.
+
+    Attributes:
+        formula: the base parameter.
+        value: at the prior.
+        std: standard deviation that least squares will have with the given torque noise.
+        unit: of both.
+    """
+
+    formula: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An optimised motion, ready to run.
+
+    Attributes:
+        run: the motion from rest to rest.
+        optimum: how it was found.
+        criterion_before, criterion_after: the criterion, with true signs of friction, of the best
+            start's random motion and of the result.
+        limits: use of every limit over the whole run.
+        predictions: for each base parameter.
+        torque_max: largest torque of each drive over the run, at the prior [N m].
+    """
+
+    run: Run
+    optimum: Optimum
+    criterion_before: float
+    criterion_after: float
+    limits: tuple[LimitUse, ...]
+    predictions: tuple[Prediction, ...]
+    torque_max: Float[np.ndarray, " dof"]
+
+
+class Exciter:
+    """A robot prepared for excitation: kernels, base parameters, reference motions, scaling."""
+
+    def __init__(self, dynamics: Dynamics, settings: ExcitationSettings) -> None:
+        self.dynamics, self.settings = dynamics, settings
+        self.base: BaseParameters = random_motion_base(dynamics)
+        heads = np.array([group.representative for group in self.base.groups])
+        self._graph = ExcitationGraph(dynamics, heads)
+        self._p = prior_parameters(dynamics.robot)
+        self._values = self.base.combination() @ self._p
+        self._series = _series(dynamics, settings)
+        self._torques = Torques(self._values, torque_limits(dynamics.robot))
+        dof, n = dynamics.dof, len(heads)
+        blank = Weighting(np.ones(dof), np.ones(n), np.eye(n))
+        self._shape = self._problem(blank, np.ones(dof))
+        self.torque_reference, self._speed, self._column_rms = self._references()
+        self.problem = self._problem(self._weighting(), self._speed)
+
+    def optimise(
+        self, stop: Event | None = None, progress: Progress = lambda _: None, *, offset: int = 0
+    ) -> Excitation:
+        """The best motion from all starts; another `offset` gives other start values.
+
+        Raises:
+            DeltaidError: the limits leave no room.
+        """
+        first = self.settings.seed + offset
+        seeds = range(first, first + self.settings.starts)
+        optimum = optimise(self.problem, seeds, stop=stop, progress=progress)
+        periods = max(1, round(self.settings.duration / optimum.motion.period))
+        run = plan_run(self.problem, optimum.motion, periods * self.settings.repeats)
+        best = min((a for a in optimum.accounts if a.feasible), key=lambda a: a.after)
+        names, use = self.problem.limit_names, run_use(self.problem, run, 4000)
+        return Excitation(
+            run=run,
+            optimum=optimum,
+            criterion_before=self._criterion(random_start(self.problem, best.seed)),
+            criterion_after=self._criterion(optimum.x),
+            limits=tuple(LimitUse(n, float(u)) for n, u in zip(names, use, strict=True)),
+            predictions=self.predict(run),
+            torque_max=np.abs(self.preview(run)).max(axis=0),
+        )
+
+    def preview(self, run: Run, samples: int = 2000) -> Float[np.ndarray, "samples dof"]:
+        """Torques of a run at the prior."""
+        z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
+        _, qd, qdd = self.dynamics.kinematics.drive_motion(z, zd, zdd)
+        return self.dynamics.torque(z, qd, qdd, self._p)
+
+    def predict(self, run: Run) -> tuple[Prediction, ...]:
+        """Standard deviations of the base parameters for white torque noise on a run.
+
+        Cov = (Σ_t Y_BᵀΣ⁻¹Y_B)⁻¹ over the samples of the recording.
+        """
+        samples = 2000
+        z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
+        Y = self._graph.dense(self._graph.exact_regressor(np.hstack([z, zd, zdd]).T))
+        Y = Y / (self.settings.torque_noise * self.torque_reference)[None, :, None]
+        count = run.duration * self.settings.rate
+        A = Y.reshape(-1, Y.shape[2]) * np.sqrt(count / samples)
+        norms = np.linalg.norm(A, axis=0)
+        R = np.linalg.qr(A / norms, mode="r")
+        std = np.linalg.norm(np.linalg.solve(R, np.eye(len(norms))), axis=1) / norms
+        units = [self.dynamics.layout.units[group.representative] for group in self.base.groups]
+        rows = zip(self.base.formulas, self._values, std, units, strict=True)
+        return tuple(Prediction(f, float(v), float(s), u) for f, v, s, u in rows)
+
+    def _criterion(self, x: np.ndarray) -> float:
+        G = self.problem.information(x, 10 * self.problem.samples)
+        return self.problem.criterion.evaluate(G)[0]
+
+    def _problem(self, weighting: Weighting, speed: np.ndarray) -> ExcitationProblem:
+        return ExcitationProblem(
+            graph=self._graph,
+            series=self._series,
+            criterion=Criterion(self.settings.criterion),
+            weighting=weighting,
+            torques=self._torques,
+            velocity=Velocity(self.settings.velocity_weight, speed),
+            samples=_POINTS * self.settings.harmonics,
+        )
+
+    def _references(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Largest torques and speeds, and column sizes, over random motions within the limits."""
+        states = []
+        for seed in range(_REFERENCES):
+            x = random_start(self._shape, seed)
+            states.append(self._series.state(x, self._shape.grid()))
+        s = np.hstack(states)
+        Y = self._graph.dense(self._graph.exact_regressor(s))
+        torque = np.abs(Y @ self._values).max(axis=0)
+        speed = np.abs(self._graph.regressor(s)[-self.dynamics.dof :]).max(axis=1)
+        rms = np.sqrt(np.mean(np.sum((Y / torque[None, :, None]) ** 2, axis=1), axis=0))
+        robot = self.dynamics.robot
+        for i, drive in enumerate(robot.drives):
+            limits = robot.drive_limits.get(drive)
+            if limits is not None and limits.speed_deg_s is not None:
+                speed[i] = np.deg2rad(limits.speed_deg_s)
+        return torque, speed, rms
+
+    def _weighting(self) -> Weighting:
+        """Scaled columns and normalised torques; or prior and noise as units of both."""
+        n = len(self._values)
+        if not self.settings.weigh_prior:
+            return Weighting(self.torque_reference**-2.0, 1 / self._column_rms, np.zeros((n, n)))
+        spread = self.settings.prior_spread * parameter_scale(self.base.layout, self._p)
+        sizes = np.linalg.norm(self.base.combination() * spread, axis=1)
+        noise = self.settings.torque_noise * self.torque_reference
+        count = self.settings.duration * self.settings.rate
+        return Weighting(noise**-2.0, sizes, np.eye(n) / count)
+
+
+def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:
+    centre, half = dynamics.robot.workspace.inner_box
+    turn = dynamics.dof - 3
+    slowest = 2 * np.pi / settings.duration
+    return Series(
+        harmonics=settings.harmonics,
+        slowest=slowest,
+        fastest=_SHORTER * slowest,
+        centre=np.append(centre, np.zeros(turn)),
+        size=np.append(half, np.full(turn, _TURN)),
+    )

@@ -1,0 +1,115 @@
+"""What an excitation needs of a robot at one instant, as kernels with exact derivatives.
+
+For the motion s = (z, ż, z̈) of one instant: the nonzero entries of the base regressor, drive
+speeds, and every kinematic limit as a number u that must stay within [−1, 1] (or below 1).
+Gradients come from the same graph: a reverse sweep for the regressor (which serves the torques as
+well), a sparse Jacobian for the limits.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.equations import TaskMotion, build_task_motion
+from deltaid.excitation.limits import Limit, kinematic_limits
+from deltaid.kernel.batch import BatchKernel
+
+# Speed over which the optimiser sees Coulomb friction change its sign [rad/s, m/s]. Its columns are
+# judged with the true sign afterwards.
+_SIGN_WIDTH = 0.05
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Where the entries of a sparse matrix stand."""
+
+    rows: Int[np.ndarray, " entries"]
+    columns: Int[np.ndarray, " entries"]
+
+
+class ExcitationGraph:
+    """Kernels of one robot for one choice of base columns.
+
+    Args:
+        dynamics: the robot.
+        columns: the parameters whose regressor columns are to be excited.
+    """
+
+    def __init__(self, dynamics: Dynamics, columns: Int[np.ndarray, " base"]) -> None:
+        self.dynamics = dynamics
+        mechanism = dynamics.kinematics.mechanism
+        self._smooth = build_task_motion(dynamics.robot, mechanism, _smooth_sign)
+        self._exact = build_task_motion(dynamics.robot, mechanism)
+        self._at = [int(c) for c in columns]
+        self.n_columns = len(self._at)
+        self.limits: tuple[Limit, ...] = kinematic_limits(dynamics.robot, mechanism, self._smooth)
+        self._u = ca.vertcat(*[limit.u for limit in self.limits])
+
+    @property
+    def _s(self) -> ca.SX:
+        m = self._smooth
+        return ca.vertcat(m.z, m.zd, m.zdd)
+
+    @cached_property
+    def regressor_pattern(self) -> Pattern:
+        """Drive and base column of each regressor entry, drive by drive."""
+        columns, rows = self._base(self._smooth).T.sparsity().get_triplet()
+        return Pattern(np.array(rows), np.array(columns))
+
+    @cached_property
+    def limit_pattern(self) -> Pattern:
+        """Limit and entry of s of each nonzero of ∂u/∂s."""
+        rows, columns = ca.jacobian(self._u, self._s).sparsity().get_triplet()
+        return Pattern(np.array(rows), np.array(columns))
+
+    @cached_property
+    def regressor(self) -> BatchKernel:
+        """s → regressor entries with smooth signs, then the drive speeds."""
+        return BatchKernel(self._s, ca.vertcat(self._entries(self._smooth), self._smooth.qd))
+
+    @cached_property
+    def exact_regressor(self) -> BatchKernel:
+        """s → regressor entries as they are."""
+        m = self._exact
+        s = ca.vertcat(m.z, m.zd, m.zdd)
+        return BatchKernel(s, self._entries(m))
+
+    @cached_property
+    def pullback(self) -> BatchKernel:
+        """(s, λ) → Σ λ_i ∂o_i/∂s for the outputs o of `regressor`."""
+        output = ca.vertcat(self._entries(self._smooth), self._smooth.qd)
+        weights = ca.SX.sym("w", output.numel())
+        gradient = ca.gradient(ca.dot(weights, output), self._s)
+        return BatchKernel(ca.vertcat(self._s, weights), gradient)
+
+    @cached_property
+    def limit_values(self) -> BatchKernel:
+        """s → u."""
+        return BatchKernel(self._s, self._u)
+
+    @cached_property
+    def limit_slopes(self) -> BatchKernel:
+        """s → nonzeros of ∂u/∂s."""
+        return BatchKernel(self._s, ca.jacobian(self._u, self._s).nz[:])
+
+    def _base(self, motion: TaskMotion) -> ca.SX:
+        return motion.Y[:, self._at]
+
+    def _entries(self, motion: TaskMotion) -> ca.SX:
+        return self._base(motion).T.nz[:]
+
+    def dense(
+        self, entries: Float[np.ndarray, "entries samples"]
+    ) -> Float[np.ndarray, "samples dof base"]:
+        """Regressor entries as matrices."""
+        Y = np.zeros((entries.shape[1], self.dynamics.dof, self.n_columns))
+        Y[:, self.regressor_pattern.rows, self.regressor_pattern.columns] = entries.T
+        return Y
+
+
+def _smooth_sign(velocity: ca.SX) -> ca.SX:
+    return ca.tanh(velocity / _SIGN_WIDTH)

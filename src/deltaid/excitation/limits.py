@@ -1,0 +1,110 @@
+"""A robot's limits along a motion, as numbers that stay within [−1, 1]."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.dynamics.equations import TaskMotion
+from deltaid.mechanism.mechanism import Mechanism
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.workspace import Box, Cylinder, Hemisphere
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit: u(z, ż, z̈) ≤ 1 and, if two-sided, u ≥ −1; |u| is the share of it in use."""
+
+    name: str
+    u: ca.SX
+    two_sided: bool
+
+
+def kinematic_limits(
+    robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion
+) -> tuple[Limit, ...]:
+    """All limits that the description states, but for torques."""
+    return (
+        *_workspace(robot, motion.z),
+        *_platform(robot, motion),
+        *_drives(robot, motion),
+        *_joints(robot, mechanism),
+        Limit("distance from singularity", motion.condition / robot.largest_condition, False),
+    )
+
+
+def _workspace(robot: RobotDescription, z: ca.SX) -> list[Limit]:
+    space = robot.workspace
+    x, y, height = z[0], z[1], z[2]
+    match space:
+        case Cylinder():
+            radial = (x**2 + y**2) / space.radius**2
+            return [
+                Limit("workspace radius", radial, False),
+                _between("workspace height", height, space.z),
+            ]
+        case Hemisphere():
+            squared = x**2 + y**2 + (height - space.top) ** 2
+            return [
+                Limit("workspace sphere", squared / space.radius**2, False),
+                Limit("workspace top", 1 + (height - space.top) / space.radius, False),
+            ]
+        case Box():
+            return [
+                _between("workspace x", x, space.x),
+                _between("workspace y", y, space.y),
+                _between("workspace height", height, space.z),
+            ]
+
+
+def _platform(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
+    limits = []
+    for i, axis in enumerate("xyz"):
+        limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
+        share = motion.zdd[i] / robot.platform_acceleration
+        limits.append(Limit(f"platform acceleration {axis}", share, True))
+    return limits
+
+
+def torque_limits(robot: RobotDescription) -> dict[int, float]:
+    """Largest torque of each drive that has one, by its place in q [N m]."""
+    given = {i: robot.drive_limits.get(drive) for i, drive in enumerate(robot.drives)}
+    return {i: d.torque for i, d in given.items() if d is not None and d.torque is not None}
+
+
+def _drives(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
+    limits = []
+    for i, drive in enumerate(robot.drives):
+        given = robot.drive_limits.get(drive)
+        if given is None:
+            continue
+        if given.angle_deg is not None:
+            low, high = np.deg2rad(given.angle_deg)
+            limits.append(_between(f"{drive} angle", motion.q[i], (low, high)))
+        if given.speed_deg_s is not None:
+            share = motion.qd[i] / np.deg2rad(given.speed_deg_s)
+            limits.append(Limit(f"{drive} speed", share, True))
+        if given.acceleration_deg_s2 is not None:
+            share = motion.qdd[i] / np.deg2rad(given.acceleration_deg_s2)
+            limits.append(Limit(f"{drive} acceleration", share, True))
+    return limits
+
+
+def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
+    """Sideways swing of the struts in their ball joints, and the telescope's stroke."""
+    limits = []
+    if robot.strut_swing_deg is not None:
+        largest = np.sin(np.deg2rad(robot.strut_swing_deg))
+        struts = [body for body in mechanism.bodies if body.name == "S"]
+        for i, strut in enumerate(struts):
+            # y of the limb's frame is the motor axis, x of the strut its direction.
+            limits.append(Limit(f"strut {i + 1} swing", strut.R_LB[1, 0] / largest, True))
+    if robot.telescope is not None and robot.telescope.stroke is not None:
+        length = mechanism.joints["slide"]
+        limits.append(_between("telescope length", length, robot.telescope.stroke))
+    return limits
+
+
+def _between(name: str, value: ca.SX, bounds: tuple[float, float]) -> Limit:
+    low, high = bounds
+    return Limit(name, (value - 0.5 * (low + high)) / (0.5 * (high - low)), True)

@@ -1,0 +1,77 @@
+"""A picture of an excitation run: path, drives and torques over time with their limits."""
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deltaid.excitation.excite import Exciter
+from deltaid.excitation.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SAMPLES = 2000
+
+
+def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
+    """The picture as PNG or SVG.
+
+    Path of the platform from above and from the side, and for each drive angle, speed and predicted
+    torque; dashed lines are the limits.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subfigures(1, 2, width_ratios=(1, 2))
+    time = np.linspace(0, run.duration, _SAMPLES)
+    z, zd, zdd = run.evaluate(time)
+    q, qd, _ = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
+    _draw_path(left.subplots(2, 1), z)
+    rows = (np.rad2deg(q), np.rad2deg(qd), exciter.preview(run, _SAMPLES))
+    axes = right.subplots(3, 1, sharex=True)
+    for axis, values, label in zip(
+        axes, rows, ("angle [deg]", "speed [deg/s]", "torque, predicted [N m]"), strict=True
+    ):
+        _draw_drives(axis, time, values, exciter.dynamics.robot.drives)
+        axis.set_ylabel(label)
+    axes[0].legend(loc="upper right", ncols=len(exciter.dynamics.robot.drives), fontsize="small")
+    axes[-1].set_xlabel("time [s]")
+    for axis in axes:
+        for edge in (run.ramp, run.duration - run.ramp):
+            axis.axvline(edge, color="0.6", linewidth=0.8, linestyle=":")
+    figure.suptitle(exciter.dynamics.robot.title or exciter.dynamics.robot.name)
+    buffer = BytesIO()
+    figure.savefig(buffer, format=file_format, dpi=150)
+    return buffer.getvalue()
+
+
+def _draw_path(axes: Any, z: np.ndarray) -> None:
+    for axis, (i, j), labels in zip(axes, ((0, 1), (0, 2)), (("x", "y"), ("x", "z")), strict=True):
+        axis.plot(z[:, i], z[:, j], linewidth=0.8)
+        axis.plot(z[0, i], z[0, j], "o", markersize=4, label="start")
+        axis.set_xlabel(f"{labels[0]} [m]")
+        axis.set_ylabel(f"{labels[1]} [m]")
+        axis.set_aspect("equal")
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize="small")
+
+
+def _draw_drives(
+    axis: "Axes", time: np.ndarray, values: np.ndarray, drives: tuple[str, ...]
+) -> None:
+    """All drives in one plot; one that is ten times the others gets an axis of its own."""
+    sizes = np.abs(values).max(axis=0)
+    for i, drive in enumerate(drives):
+        large = sizes[i] > 5 * np.median(sizes)
+        small = sizes[i] < 0.2 * np.median(sizes)
+        if large or small:
+            twin = axis.twinx()
+            twin.plot(time, values[:, i], color=f"C{i}", linewidth=0.9)
+            twin.tick_params(axis="y", colors=f"C{i}")
+            axis.plot([], [], color=f"C{i}", label=f"{drive} (right)")
+        else:
+            axis.plot(time, values[:, i], color=f"C{i}", linewidth=0.9, label=drive)
+    axis.grid(alpha=0.3)

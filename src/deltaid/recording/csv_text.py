@@ -1,0 +1,278 @@
+"""Reading CSV in blocks of lines: separators, decimal commas, quotes, and the line of each fault.
+
+A block ends where a line ends, so fields are counted before polars parses it and every row keeps
+its line number. Fields are read as text, because only then the place of a bad number is known.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float, Int
+
+from deltaid.errors import RecordingError
+from deltaid.recording.columns import Channel
+from deltaid.recording.numbers import to_si
+from deltaid.recording.source import Table, opened
+
+_BLOCK_BYTES = 4 << 20
+_LONGEST_LINE = 1 << 20
+_SEPARATORS = (",", ";", "\t")
+
+
+def open_csv(path: Path, header_row: int = 1, data_row: int | None = None) -> Table:
+    """The header of a CSV file.
+
+    Raises:
+        RecordingError: it is not text, or its header is missing.
+    """
+    first_row = data_row or header_row + 1
+    with opened(path) as file:
+        lines = [_line(file, path, row + 1) for row in range(header_row)]
+        for row in range(header_row, first_row - 1):
+            _line(file, path, row + 1)
+        data_start = file.tell()
+        ends_open = file.seek(0, io.SEEK_END) > 0 and _last_byte(file) != b"\n"
+    place = f"{path}, row {header_row}"
+    text = _decoded(lines[-1], place)
+    unquoted = re.sub(r'"[^"]*"', "", text)
+    separator = max(_SEPARATORS, key=unquoted.count)
+    names = _names(text, separator, place)
+    return Table(path, names, separator, header_row, first_row, data_start, ends_open)
+
+
+def read_csv(
+    table: Table, channels: tuple[Channel, ...]
+) -> Iterator[Float[np.ndarray, "rows channels"]]:
+    """Rows in SI units.
+
+    Raises:
+        RecordingError: a line has not the header's fields, or a field is not a finite number.
+    """
+    at = [table.header.index(channel.column) for channel in channels]
+    decimals = _Decimals(table.separator)
+    for row, block in _blocks(table):
+        fields = _fields(table, block, row)
+        texts = [fields.to_series(i).str.strip_chars() for i in at]
+        yield to_si(table, channels, decimals.numbers(texts), texts, row)
+
+
+def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
+    line = file.readline(_LONGEST_LINE)
+    if len(line) == _LONGEST_LINE:
+        raise RecordingError("is too long for a line of CSV", where=f"{path}, row {row}")
+    return line
+
+
+def _last_byte(file: io.BufferedReader) -> bytes:
+    file.seek(-1, io.SEEK_END)
+    return file.read(1)
+
+
+def _decoded(line: bytes, place: str) -> str:
+    """The header as text. Names that are not UTF-8 come from Windows, where ° is one byte."""
+    try:
+        text = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = line.decode("cp1252", errors="replace")
+    text = text.rstrip("\r\n")
+    if "\r" in text:
+        raise RecordingError(
+            "has carriage returns alone as line breaks", where=place, cure="convert them to LF"
+        )
+    if any(ord(c) < 32 and c != "\t" for c in text):
+        raise RecordingError(
+            "is not text", where=place, cure="export the log as CSV in UTF-8 or as Parquet"
+        )
+    if not text.strip():
+        raise RecordingError(
+            "is an empty line where the column names are expected",
+            where=place,
+            cure="delete it, or give --columns a mapping with header_row",
+        )
+    return text
+
+
+def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
+    try:
+        fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+    except csv.Error as error:
+        raise RecordingError(f"is not a row of column names: {error}", where=place) from None
+    names = tuple(name.strip() for name in fields)
+    if all(_is_number(name) for name in names):
+        raise RecordingError(
+            "has no header: its first row holds numbers",
+            where=place,
+            cure="put a row of column names first, such as t,q1,q2,q3,tau1,tau2,tau3",
+        )
+    return names
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", ".", 1) or 0)
+    except ValueError:
+        return False
+    return True
+
+
+def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
+    """Whole lines with the row of the first, without the empty lines at the end of the file."""
+    row, empty_row = table.first_row, 0
+    for block in _whole_lines(table):
+        lines = block.count(b"\n") + (not block.endswith(b"\n"))
+        filled = _without_empty_end(block, table.separator)
+        if filled and empty_row:
+            raise _empty_line(table, empty_row)
+        if filled:
+            yield row, filled
+        if len(filled) < len(block) and not empty_row:
+            empty_row = row + filled.count(b"\n")
+        row += lines
+
+
+def _whole_lines(table: Table) -> Iterator[bytes]:
+    with opened(table.path) as file:
+        file.seek(table.data_start)
+        rest = b""
+        while block := file.read(_BLOCK_BYTES):
+            cut = block.rfind(b"\n") + 1
+            if cut:
+                yield rest + block[:cut]
+                rest = block[cut:]
+            else:
+                rest += block
+            if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
+                raise RecordingError("has lines that are too long for CSV", where=str(table.path))
+        if rest:
+            yield rest
+
+
+def _without_empty_end(block: bytes, separator: str) -> bytes:
+    """A block up to its last line that holds something."""
+    blank = b" \t\r\n\x0b\x0c" + separator.encode()
+    stop = len(block)
+    while stop:
+        start = block.rfind(b"\n", 0, stop - 1) + 1
+        if block[start:stop].strip(blank):
+            break
+        stop = start
+    return block[:stop]
+
+
+def _fields(table: Table, block: bytes, row: int) -> pl.DataFrame:
+    """The fields of a block as text, one row a line."""
+    lines = _require_fields(table, block, row)
+    try:
+        frame = pl.read_csv(
+            io.BytesIO(block),
+            has_header=False,
+            separator=table.separator,
+            infer_schema=False,
+            encoding="utf8-lossy",  # only columns that are not used may hold other encodings
+        )
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
+        frame = None
+    if frame is None or frame.shape != (lines, len(table.header)):
+        last = row + lines - 1
+        raise RecordingError(
+            "are not valid CSV",
+            where=f"{table.path}, rows {row} to {last}",
+            cure="look there for stray quotation marks",
+        )
+    return frame
+
+
+def _require_fields(table: Table, block: bytes, row: int) -> int:
+    """The number of lines of a block, each with as many fields as the header has."""
+    data = np.frombuffer(block, np.uint8)
+    ends = np.flatnonzero(data == ord("\n"))
+    if not block.endswith(b"\n"):
+        ends = np.append(ends, len(data))
+    marks = np.flatnonzero(data == ord(table.separator))
+    unclosed = np.zeros(0, dtype=int)
+    if b'"' in block:
+        quotes = np.flatnonzero(data == ord('"'))
+        unclosed = np.flatnonzero(_per_line(quotes, ends) % 2)
+        marks = marks[np.searchsorted(quotes, marks) % 2 == 0]
+    fields = _per_line(marks, ends) + 1
+    ragged = np.flatnonzero(fields != len(table.header))
+    if unclosed.size and not (ragged.size and ragged[0] < unclosed[0]):
+        raise RecordingError(
+            "has a quotation mark that is not closed", where=table.row_place(row + int(unclosed[0]))
+        )
+    if ragged.size:
+        i = int(ragged[0])
+        start = int(ends[i - 1]) + 1 if i else 0
+        at_end = i == len(ends) - 1 and not block.endswith(b"\n")
+        raise _ragged(table, row + i, block[start : int(ends[i])], int(fields[i]), at_end)
+    return len(ends)
+
+
+def _per_line(
+    positions: Int[np.ndarray, " marks"], ends: Int[np.ndarray, " lines"]
+) -> Int[np.ndarray, " lines"]:
+    """How many of some sorted positions lie in each line."""
+    return np.diff(np.searchsorted(positions, ends), prepend=0)
+
+
+def _ragged(table: Table, row: int, line: bytes, fields: int, at_end: bool) -> RecordingError:
+    if not line.strip():
+        return _empty_line(table, row)
+    wanted = len(table.header)
+    if at_end and fields < wanted:
+        cure = "the file is cut off there; delete the line or export the log again"
+    elif fields > wanted and table.separator == ",":
+        cure = "repair the line; decimal commas need semicolons or tabs between the columns"
+    else:
+        cure = "repair the line or remove it"
+    return RecordingError(
+        f"has {fields} fields, but the header has {wanted}", where=table.row_place(row), cure=cure
+    )
+
+
+def _empty_line(table: Table, row: int) -> RecordingError:
+    return RecordingError(
+        "is an empty line, but more data follows",
+        where=table.row_place(row),
+        cure="remove it; if samples are missing there, split the log",
+    )
+
+
+class _Decimals:
+    """Whether a file has decimal commas, which the first number that is not whole decides.
+
+    With commas between the columns there is no question. Numbers written the other way are none.
+    """
+
+    def __init__(self, separator: str) -> None:
+        self._mark = "." if separator == "," else ""
+
+    def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
+        """Text as numbers, null where it is none."""
+        self._mark = self._mark or _first_mark(texts)
+        if self._mark == ",":
+            texts = [_with_points(text) for text in texts]
+        return [text.cast(pl.Float64, strict=False) for text in texts]
+
+
+def _with_points(text: pl.Series) -> pl.Series:
+    pointed = text.str.contains(".", literal=True)
+    return text.str.replace(",", ".", literal=True).set(pointed, None)
+
+
+def _first_mark(texts: list[pl.Series]) -> str:
+    """The decimal mark in the first row that has one; none if all numbers are whole."""
+
+    def first_row(mark: str) -> float:
+        found = [text.str.contains(mark, literal=True).arg_true() for text in texts]
+        return min((rows[0] for rows in found if len(rows)), default=np.inf)
+
+    point, comma = first_row("."), first_row(",")
+    if comma <= point:
+        return "," if comma < np.inf else ""
+    return "."

@@ -1,0 +1,62 @@
+"""Reading Parquet in slices."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from deltaid.errors import RecordingError
+from deltaid.recording.columns import Channel
+from deltaid.recording.numbers import to_si
+from deltaid.recording.source import Table, readable
+
+SIGNATURE = b"PAR1"
+_SLICE_ROWS = 1 << 16
+
+
+def open_parquet(path: Path) -> Table:
+    """The header of a Parquet file.
+
+    Raises:
+        RecordingError: it is none, or is damaged.
+    """
+    with readable(path):
+        return Table(path, tuple(_scan(path).collect_schema()))
+
+
+def read_parquet(
+    table: Table, channels: tuple[Channel, ...]
+) -> Iterator[Float[np.ndarray, "rows channels"]]:
+    """Rows in SI units.
+
+    Raises:
+        RecordingError: a column does not hold numbers, or one of them is not finite.
+    """
+    with readable(table.path):
+        frame = _scan(table.path).select([channel.column for channel in channels])
+        _require_numbers(table, frame)
+    row = table.first_row
+    while True:
+        with readable(table.path):
+            part = frame.slice(row - table.first_row, _SLICE_ROWS).collect()
+            numbers = [series.cast(pl.Float64, strict=False) for series in part]
+        if not part.height:
+            return
+        yield to_si(table, channels, numbers, numbers, row)
+        row += part.height
+
+
+def _scan(path: Path) -> pl.LazyFrame:
+    return pl.scan_parquet(path, glob=False, hive_partitioning=False)
+
+
+def _require_numbers(table: Table, frame: pl.LazyFrame) -> None:
+    for name, kind in frame.collect_schema().items():
+        if not (kind.is_numeric() or kind == pl.Null):
+            raise RecordingError(
+                f"column {name} holds {kind}, not numbers",
+                where=str(table.path),
+                cure="store it as numbers; times as seconds since the start",
+            )

@@ -1,0 +1,85 @@
+"""A log file as it lies on the disk: what it is called, how it is laid out, how it is opened."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
+
+import polars as pl
+
+from deltaid.errors import RecordingError
+
+
+@dataclass(frozen=True)
+class Table:
+    """A log file: where it is, its header, and how it is written.
+
+    Attributes:
+        separator: between the fields of a CSV file; empty for Parquet.
+        header_row, first_row: of the names and of the first data, as a user counts them: lines of a
+            CSV file, data rows of a Parquet file, both from 1.
+        data_start: where in a CSV file the first data row starts [bytes].
+        ends_open: whether a CSV file ends without a line break.
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    separator: str = ""
+    header_row: int = 0
+    first_row: int = 1
+    data_start: int = 0
+    ends_open: bool = False
+
+    @property
+    def header_place(self) -> str:
+        """Where the names stand, for messages."""
+        return self.row_place(self.header_row) if self.separator else str(self.path)
+
+    def row_place(self, row: int) -> str:
+        """One row, for messages."""
+        return f"{self.path}, row {row}"
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BufferedReader]:
+    """A file open for reading bytes.
+
+    Raises:
+        RecordingError: it is missing, is no file, or cannot be read.
+    """
+    with readable(path):
+        if path.is_dir():
+            raise RecordingError("is a folder, not a log", where=str(path))
+        if path.exists() and not path.is_file():
+            raise RecordingError(
+                "is no regular file", where=str(path), cure="a log is read twice, so store it first"
+            )
+        with path.open("rb") as file:
+            yield file
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Turn what the system or polars say about a file that cannot be read into one message.
+
+    Raises:
+        RecordingError: with the file's name.
+    """
+    try:
+        yield
+    except FileNotFoundError:
+        raise RecordingError("no such file", where=str(path)) from None
+    except OSError as error:
+        reason = error.strerror or _first_line(error)
+        raise RecordingError(f"cannot be read: {reason}", where=str(path)) from None
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise RecordingError(
+            f"is no Parquet file, or a damaged one: {_first_line(error)}",
+            where=str(path),
+            cure="copy or export it again",
+        ) from None
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().split("\n", 1)[0][:200]

@@ -1,0 +1,233 @@
+"""The first pass over a log: every row is checked before anything is computed from it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import RecordingError
+from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics
+from deltaid.recording.columns import Columns
+from deltaid.recording.derivatives import DerivativeCheck
+from deltaid.recording.filter import SpectrumEstimate, lowest_rate
+from deltaid.recording.source import Table
+from deltaid.recording.table import Batch
+
+# A time step this much longer than the usual one is a gap; one this far off it is jitter.
+_GAP, _JITTER = 1.5, 0.05
+# No rotary arm of a Delta turns half a revolution; numbers beyond this are degrees.
+_LARGEST_ARM_ANGLE = np.pi
+# No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
+_HIGHEST_RATE = 1e6
+
+
+@dataclass
+class Survey:
+    """Running state of the first pass. Add all batches in order, then `finish`."""
+
+    table: Table
+    columns: Columns
+    kinematics: Kinematics
+    samples: int = 0
+    step: float = 0.0
+    first_time: float = np.nan
+    last_time: float = np.nan
+    low: np.ndarray = field(default_factory=lambda: np.array(np.inf))
+    high: np.ndarray = field(default_factory=lambda: np.array(-np.inf))
+    outside: int = 0
+    jitter: int = 0
+    first_outside: str = ""
+    first_jitter: str = ""
+    warnings: list[str] = field(default_factory=list)
+    spectrum: SpectrumEstimate = field(init=False)
+    derivatives: DerivativeCheck = field(init=False)
+
+    def __post_init__(self) -> None:
+        c = self.columns
+        self.spectrum = SpectrumEstimate(self.kinematics.dof)
+        pairs = [(a.column, b.column) for a, b in zip(c.position, c.velocity, strict=False)]
+        pairs += [(a.column, b.column) for a, b in zip(c.velocity, c.acceleration, strict=False)]
+        self.derivatives = DerivativeCheck(pairs)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate over the whole log [Hz]."""
+        return (self.samples - 1) / (self.last_time - self.first_time)
+
+    @property
+    def torque_max(self) -> Float[np.ndarray, " drives"]:
+        """Largest |τ| of each drive [N m]."""
+        n = len(self.columns.torque)
+        return np.maximum(np.abs(self.low), np.abs(self.high))[len(self.low) - n :]
+
+    def add(self, batch: Batch) -> None:
+        """Check consecutive rows.
+
+        Raises:
+            RecordingError: with the first row that cannot be.
+        """
+        values = batch.values
+        self._check_time(batch)
+        self.low = np.minimum(self.low, values.min(axis=0))
+        self.high = np.maximum(self.high, values.max(axis=0))
+        q = values[:, 1 : 1 + self.kinematics.dof]
+        self._check_angles(q, batch.row)
+        self._check_reach(q, batch.row)
+        self.spectrum.add(q)
+        self._compare_derivatives(values)
+        self.samples += len(values)
+
+    def finish(self) -> None:
+        """Check what only the whole log shows.
+
+        Raises:
+            RecordingError: too few rows; an impossible rate; a torque or velocity is missing.
+        """
+        where = str(self.table.path)
+        if self.samples < 2:
+            raise RecordingError("has fewer than two rows of data", where=where)
+        self._check_rate()
+        self._check_constant()
+        self.warnings += self.derivatives.warnings(where)
+        if self.outside:
+            self.warnings.append(
+                f"{self.outside} of {self.samples} samples lie outside the workspace of the "
+                f"description, the first in {self.first_outside}"
+            )
+        if self.jitter:
+            self.warnings.append(
+                f"{self.jitter} time steps differ by more than {100 * _JITTER:.0f} % from the "
+                f"usual {self.step:g} s, the first in {self.first_jitter}; taken as evenly spaced"
+            )
+        if self.table.ends_open:
+            self.warnings.append(
+                "the last line has no line break; if the file was cut off there, its last number "
+                "may be wrong"
+            )
+
+    def _check_time(self, batch: Batch) -> None:
+        time, name = batch.values[:, 0], self.columns.time.column
+        steps = np.diff(time, prepend=self.last_time)
+        known = steps[~np.isnan(steps)]
+        if not self.step and known.size:
+            self.step = float(np.median(known))
+        if not self.samples:
+            self.first_time = float(time[0])
+        self.last_time = float(time[-1])
+        back = np.flatnonzero(steps <= 0)
+        if back.size:
+            i = int(back[0])
+            before = time[i] - steps[i]
+            raise RecordingError(
+                f"time does not increase: {name} is {time[i]:.10g} s after {before:.10g} s",
+                where=self._row(batch.row + i),
+                cure="sort the rows, drop repeated ones, record time with more digits, or split "
+                "the log where it restarts",
+            )
+        gaps = np.flatnonzero(steps > _GAP * self.step)
+        if gaps.size:
+            i = int(gaps[0])
+            raise RecordingError(
+                f"there is a gap of {steps[i]:.6g} s in {name} where {self.step:.6g} s is usual",
+                where=self._row(batch.row + i),
+                cure="split the log at the gap and give both parts as separate logs",
+            )
+        uneven = np.flatnonzero(np.abs(steps - self.step) > _JITTER * self.step)
+        if uneven.size and not self.jitter:
+            self.first_jitter = f"row {batch.row + int(uneven[0])}"
+        self.jitter += uneven.size
+
+    def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
+        limbs = len(self.kinematics.robot.limbs.azimuth_deg)
+        large = np.argwhere(np.abs(q[:, :limbs]) > _LARGEST_ARM_ANGLE)
+        if large.size:
+            i, drive = (int(index) for index in large[0])
+            name = self.columns.position[drive].column
+            raise RecordingError(
+                f"column {name} is {q[i, drive]:.4g} rad, more than half a revolution; it looks "
+                "like degrees, or like the motor side of a gear",
+                where=self._row(row + i),
+                cure="declare its unit and gear with --columns MAPPING.yaml "
+                f"(position: - {{column: {name}, unit: deg, gear: 1}})",
+            )
+
+    def _check_reach(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
+        z, margin = self.kinematics.forward_unchecked(q)
+        bad = np.flatnonzero(~(margin > 0))
+        if bad.size:
+            raise self._out_of_reach(q[bad[0]], row + int(bad[0]))
+        condition = self.kinematics.condition(z)
+        singular = np.flatnonzero(~(condition < SINGULAR_CONDITION))
+        if singular.size:
+            raise RecordingError(
+                f"the robot is in a singular pose at {self._angles(q[singular[0]])}",
+                where=self._row(row + int(singular[0])),
+                cure="an arm and its struts are in line there, or the struts in one plane; check "
+                "zero and sign of the drives, and the robot's lengths",
+            )
+        outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(z[:, :3]))
+        if outside.size and not self.outside:
+            i = int(outside[0])
+            self.first_outside = f"row {row + i} at [{z[i, 0]:.3f}, {z[i, 1]:.3f}, {z[i, 2]:.3f}] m"
+        self.outside += outside.size
+
+    def _out_of_reach(self, q: Float[np.ndarray, " dof"], row: int) -> RecordingError:
+        return RecordingError(
+            f"no platform position closes the loops at {self._angles(q)}",
+            where=self._row(row),
+            cure="check sign, zero, unit and order of the drives (angle 0 = arm horizontal and "
+            "outwards, positive = down) and the robot's lengths",
+        )
+
+    def _angles(self, q: Float[np.ndarray, " dof"]) -> str:
+        names = ", ".join(channel.column for channel in self.columns.position)
+        return f"({names}) = ({', '.join(f'{value:.4g}' for value in q)}) rad"
+
+    def _compare_derivatives(self, values: Float[np.ndarray, "rows channels"]) -> None:
+        c, dof = self.columns, self.kinematics.dof
+        known = 1 + dof * (1 + bool(c.velocity) + bool(c.velocity and c.acceleration))
+        self.derivatives.add(values[:, 0], values[:, 1 : known - dof], values[:, 1 + dof : known])
+
+    def _check_rate(self) -> None:
+        differentiated = not (self.columns.velocity and self.columns.acceleration)
+        slow = differentiated and self.rate < lowest_rate()
+        if slow or self.rate > _HIGHEST_RATE:
+            limit = f"at least {lowest_rate():g}" if slow else f"at most {_HIGHEST_RATE:g}"
+            raise RecordingError(
+                f"column {self.columns.time.column} makes a sampling rate of {self.rate:.4g} Hz; "
+                f"{limit} Hz can be",
+                where=str(self.table.path),
+                cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
+                f"{self.columns.time.column}, unit: ms}}), or record faster",
+            )
+
+    def _check_constant(self) -> None:
+        c = self.columns
+        resting = dict(
+            zip((x.column for x in c.all), (self.low == self.high).tolist(), strict=True)
+        )
+        for channel in c.torque:
+            if resting[channel.column]:
+                raise self._nothing_recorded(channel.column, "no torque was recorded")
+        for i, channel in enumerate(c.position):
+            if resting[channel.column]:
+                self.warnings.append(
+                    f"column {channel.column} is constant: that drive does not move, so what only "
+                    "it shows stays undetermined"
+                )
+                continue
+            for rates in (c.velocity, c.acceleration):
+                if rates and resting[rates[i].column]:
+                    raise self._nothing_recorded(
+                        rates[i].column, f"but {channel.column} is not, so it was not recorded"
+                    )
+
+    def _nothing_recorded(self, column: str, why: str) -> RecordingError:
+        return RecordingError(
+            f"column {column} is constant; {why}",
+            where=str(self.table.path),
+            cure="check the logger's signal, or map the right column with --columns",
+        )
+
+    def _row(self, row: int) -> str:
+        return self.table.row_place(row)

@@ -1,0 +1,115 @@
+"""Units that columns of a log may have, and the factor by which their numbers become SI.
+
+The registry knows these units and no others, and angle is a dimension of its own, so that counts,
+per cent or 1/min are refused where an angle is wanted. What pint gets to see has passed a narrow
+grammar: an optional number, then names with small powers, so nothing in a file is ever computed
+beyond a product.
+"""
+
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+from deltaid.errors import RecordingError
+
+if TYPE_CHECKING:
+    import pint
+
+_DEFINITIONS = """
+nano- = 1e-9 = n-
+micro- = 1e-6 = µ- = μ- = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+kilo- = 1e3 = k-
+radian = [angle] = rad
+degree = 0.017453292519943295 * radian = deg = °
+arcminute = degree / 60 = arcmin
+arcsecond = arcminute / 60 = arcsec
+turn = 6.283185307179586 * radian = rev = revolution
+second = [time] = s
+minute = 60 * second = min
+rpm = turn / minute
+meter = [length] = m = metre
+inch = 0.0254 * meter = in
+foot = 12 * inch = ft
+newton = [force] = N
+kilogram_force = 9.80665 * newton = kgf
+pound_force = 4.4482216152605 * newton = lbf
+ounce_force = pound_force / 16 = ozf
+newton_meter = newton * meter = Nm
+newton_centimeter = 0.01 * newton_meter = Ncm
+newton_millimeter = 0.001 * newton_meter = Nmm
+ampere = [current] = A
+"""
+_NUMBER = r"\d+(?:\.\d*)?(?:[eE][+-]?\d{1,2})?"
+_POWER = r"(?:(?:\^|\*\*)-?[1-3]|[²³])?"
+_NAME = rf"[A-Za-zµμ°_]{{1,24}}{_POWER}"
+_GRAMMAR = re.compile(
+    rf"(?:(?P<number>{_NUMBER})(?:/(?P<divisor>{_NUMBER}))?[ ]?[*·]?[ ]?)?"
+    rf"(?P<unit>{_NAME}(?:[ ]?[*·./ ][ ]?{_NAME}){{0,4}})"
+)
+
+
+def si_factor(unit: str, target: str, *, where: str, torque_constant: float | None = None) -> float:
+    """The number by which values in `unit` become values in `target`.
+
+    Args:
+        unit: such as 'deg', 'rpm', 'mN*m', '0.0235 N*m' or '360/65536 deg'.
+        target: the SI unit wanted.
+        torque_constant: N m per A, for a current where a torque is wanted.
+        where: file and key for messages.
+
+    Raises:
+        RecordingError: the unit is not known, or is a unit of something else.
+    """
+    if unit == target and torque_constant is None:
+        return 1.0
+    import pint
+
+    match = _GRAMMAR.fullmatch(unit.strip())
+    if match is None:
+        raise _unknown(unit, where)
+    try:
+        quantity = _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
+        if torque_constant is not None:
+            return _number(match) * float(quantity.m_as("A")) * torque_constant
+        return _number(match) * float(quantity.m_as(target.replace(" ", "*")))
+    except pint.UndefinedUnitError:
+        raise _unknown(unit, where) from None
+    except pint.DimensionalityError:
+        raise _other_kind(unit, target, where, torque_constant) from None
+
+
+def _number(match: re.Match[str]) -> float:
+    divisor = float(match["divisor"] or 1)
+    return float(match["number"] or 1) / divisor if divisor else float("inf")
+
+
+def _unknown(unit: str, where: str) -> RecordingError:
+    return RecordingError(
+        f"unit '{unit[:40]}' is not known",
+        where=where,
+        cure="write it as in s, ms, rad, deg, rev, rad/s, rpm, rad/s^2, N*m, mN*m, A; a number may "
+        "stand before it, such as 0.0235 N*m for per mille of 23.5 N m",
+    )
+
+
+def _other_kind(
+    unit: str, target: str, where: str, torque_constant: float | None
+) -> RecordingError:
+    what, cure = f"is not a unit of {target}", "revolutions are rev, and rev/min is rpm"
+    if torque_constant is not None:
+        what, cure = "is not a current", "leave torque_constant out, or give the unit as A or mA"
+    elif target == "N m":
+        cure = "a current also needs its torque_constant in N m/A"
+    return RecordingError(f"unit '{unit}' {what}", where=where, cure=cure)
+
+
+@cache
+def _registry() -> "pint.UnitRegistry":
+    import pint
+
+    registry = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]
+    for line in _DEFINITIONS.strip().splitlines():
+        registry.define(line)
+    return registry

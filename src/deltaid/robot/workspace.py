@@ -1,0 +1,93 @@
+"""Where the platform point may go: a cylinder, a hemisphere (the paper's Fig. 2) or a box."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.quantities import Length, Position
+
+Range = tuple[Position, Position]
+
+
+class _Space(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Cylinder(_Space):
+    """A cylinder about world z."""
+
+    shape: Literal["cylinder"]
+    radius: Length = Field(description="m")
+    z: Range = Field(description="lowest and highest platform point, m")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Cylinder":
+        _require_increasing("z", self.z)
+        return self
+
+    @property
+    def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Centre and half extents of a box inside."""
+        side = self.radius / np.sqrt(2)
+        centre, half = 0.5 * (self.z[0] + self.z[1]), 0.5 * (self.z[1] - self.z[0])
+        return np.array([0.0, 0.0, centre]), np.array([side, side, half])
+
+    def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
+        """Which platform points lie inside."""
+        inside = np.hypot(points[:, 0], points[:, 1]) <= self.radius
+        return inside & (points[:, 2] >= self.z[0]) & (points[:, 2] <= self.z[1])
+
+
+class Hemisphere(_Space):
+    """The lower half of a ball whose centre lies on world z at height `top`."""
+
+    shape: Literal["hemisphere"]
+    radius: Length = Field(description="m")
+    top: Position = Field(description="height of the flat side, m")
+
+    @property
+    def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Centre and half extents of a box inside."""
+        half = self.radius / np.sqrt(3)
+        return np.array([0.0, 0.0, self.top - 0.5 * half]), np.array([half, half, 0.5 * half])
+
+    def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
+        """Which platform points lie inside."""
+        centred = points - np.array([0.0, 0.0, self.top])
+        return (np.linalg.norm(centred, axis=1) <= self.radius) & (centred[:, 2] <= 0)
+
+
+class Box(_Space):
+    """A box along the world's axes."""
+
+    shape: Literal["box"]
+    x: Range = Field(description="m")
+    y: Range = Field(description="m")
+    z: Range = Field(description="m")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Box":
+        for name in ("x", "y", "z"):
+            _require_increasing(name, getattr(self, name))
+        return self
+
+    @property
+    def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Centre and half extents: the box itself."""
+        bounds = np.array([self.x, self.y, self.z])
+        return bounds.mean(axis=1), 0.5 * (bounds[:, 1] - bounds[:, 0])
+
+    def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
+        """Which platform points lie inside."""
+        bounds = np.array([self.x, self.y, self.z])
+        return np.all((points >= bounds[:, 0]) & (points <= bounds[:, 1]), axis=1)
+
+
+Workspace = Annotated[Cylinder | Hemisphere | Box, Field(discriminator="shape")]
+
+
+def _require_increasing(name: str, bounds: Range) -> None:
+    if bounds[0] >= bounds[1]:
+        raise ValueError(f"{name} must be given as [lowest, highest]")

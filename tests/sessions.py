@@ -1,0 +1,182 @@
+"""Console sessions and Python blocks of the documentation: run, and compared with what is quoted.
+
+    python tests/sessions.py docs/tutorial.md docs/theory.md
+
+says what no longer agrees; with --renew it rewrites the quoted outputs and says what is left to
+mend by hand. In a page, a block marked `console` holds lines `$ command` and below each what it
+prints; a line `…` stands for lines left out. A quoted line must occur in what the command prints,
+in the order of quoting; numbers and spaces do not count, because they may differ between machines.
+A page that runs a command with --json must name all keys of its result. Blocks marked `python` are
+executed, one namespace a page. All pages run in one folder, with deltaid inside this process.
+"""
+
+import contextlib
+import io
+import json
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from unittest.mock import patch
+
+from deltaid.cli import output
+from deltaid.cli.app import main
+
+ROOT = Path(__file__).resolve().parents[1]
+SKIPPED = "…"
+_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+for console in (output.console, output.error_console):
+    console.width = 100  # whatever the terminal
+
+
+@dataclass
+class Command:
+    """One command of a console session with its quoted output."""
+
+    line: int
+    text: str
+    quoted: list[str] = field(default_factory=list)
+
+    @property
+    def expected_code(self) -> int:
+        """2 where an error is quoted, else 0."""
+        return 2 if any(line.startswith("error:") for line in self.quoted) else 0
+
+
+@dataclass(frozen=True)
+class Code:
+    """A Python block."""
+
+    line: int
+    text: str
+
+
+def blocks(page: str, language: str) -> Iterator[tuple[int, str]]:
+    """Line number and text of all fenced blocks in a language."""
+    for match in _FENCE.finditer(page):
+        if match[1] == language:
+            yield page.count("\n", 0, match.start()) + 2, match[2]
+
+
+def steps(page: str) -> list[Command | Code]:
+    """Everything in a page that runs, in its order."""
+    found: list[Command | Code] = [Code(*block) for block in blocks(page, "python")]
+    for first, text in blocks(page, "console"):
+        command = None
+        for i, line in enumerate(text.splitlines()):
+            if line.startswith("$ "):
+                command = Command(first + i, line[2:])
+                found.append(command)
+            else:
+                assert command, f"line {first + i}: output without a command"
+                command.quoted.append(line)
+    return sorted(found, key=lambda step: step.line)
+
+
+def run(command: str, folder: Path) -> tuple[int, list[str]]:
+    """Exit code and printed lines of a command in a folder; deltaid and examples in-process."""
+    text, _, target = command.partition(" > ")
+    argv = shlex.split(text)
+    if argv[0] not in ("deltaid", "python"):
+        done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True)
+        return done.returncode, (done.stdout + done.stderr).splitlines()
+    printed = io.StringIO()
+    with (
+        contextlib.ExitStack() as stack,
+        contextlib.chdir(folder),
+        contextlib.redirect_stderr(printed),
+    ):
+        out = stack.enter_context(open(target, "w", encoding="utf-8")) if target else printed
+        stack.enter_context(contextlib.redirect_stdout(out))
+        code = _call(argv)
+    return code, printed.getvalue().splitlines()
+
+
+def _call(argv: list[str]) -> int:
+    arguments = argv[1:] if argv[0] == "python" else argv
+    with patch.object(sys, "argv", arguments):
+        try:
+            if argv[0] == "python":
+                runpy.run_path(str(ROOT / arguments[0]), run_name="__main__")
+            else:
+                main()
+        except SystemExit as stop:
+            return int(stop.code or 0)
+    return 0
+
+
+def execute(code: Code, namespace: dict, folder: Path) -> None:
+    """Run a Python block in a folder."""
+    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()):
+        exec(compile("\n" * (code.line - 1) + code.text, "page", "exec"), namespace)
+
+
+def matched(quoted: list[str], printed: list[str]) -> list[str | None]:
+    """For each quoted line the printed one that it stands for; None where there is none."""
+    found, start = [], 0
+    for line in quoted:
+        if line in (SKIPPED, ""):
+            found.append(line)
+            continue
+        same = (i for i in range(start, len(printed)) if _words(printed[i]) == _words(line))
+        i = next(same, None)
+        found.append(None if i is None else printed[i].rstrip())
+        start = start if i is None else i + 1
+    return found
+
+
+def _words(line: str) -> list[str]:
+    return _NUMBER.sub("#", line).split()
+
+
+def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
+    """Run a page; complaints about what it quotes. Rewrites outputs if asked to.
+
+    An output that is quoted whole is replaced whole, of one with `…` the lines that still match.
+    """
+    page, namespace, complaints = path.read_text(encoding="utf-8"), {}, []
+    fresh: list[tuple[Command, list[str]]] = []
+    for step in steps(page):
+        if isinstance(step, Code):
+            execute(step, namespace, folder)
+            continue
+        where = f"{path.name}:{step.line}: {step.text}"
+        code, printed = run(step.text, folder)
+        if code != step.expected_code:
+            complaints.append("\n  ".join([f"{where}\n  exit code {code}", *printed[-5:]]))
+        if "--json" in step.text and code == 0:
+            missing = [key for key in json.loads("\n".join(printed)) if f"`{key}`" not in page]
+            complaints += [f"{where}\n  the page does not name its key {key}" for key in missing]
+        found = matched(step.quoted, printed)
+        if renew and None in found and SKIPPED not in step.quoted:
+            found = [line.rstrip() for line in printed]
+        for old, new in zip(step.quoted, found, strict=False):
+            if new is None:
+                complaints.append(f"{where}\n  no longer prints: {old}")
+        kept = [new if new is not None else step.quoted[i] for i, new in enumerate(found)]
+        fresh.append((step, kept))
+    if renew:
+        lines = page.split("\n")
+        for step, quoted in reversed(fresh):
+            lines[step.line : step.line + len(step.quoted)] = quoted
+        path.write_text("\n".join(lines), encoding="utf-8")
+    return complaints
+
+
+if __name__ == "__main__":
+    pages = [Path(name) for name in sys.argv[1:] if name != "--renew"]
+    with tempfile.TemporaryDirectory() as temporary:
+        run("deltaid demo --keep demo", Path(temporary))  # what all pages may use
+        found = [
+            complaint
+            for page in pages
+            for complaint in compare(page, Path(temporary), renew="--renew" in sys.argv)
+        ]
+    print(*found, sep="\n")
+    sys.exit(bool(found))

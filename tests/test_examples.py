@@ -1,0 +1,34 @@
+"""The examples run, write only where they are told to, and find what they simulate."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deltaid import IdentifiedModel
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_example_runs_in_a_folder(script: Path, tmp_path: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in EXAMPLES.iterdir()}
+    here, target = tmp_path / "here", tmp_path / "target"
+    here.mkdir()
+    done = subprocess.run(
+        [sys.executable, script, target],
+        cwd=here,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONIOENCODING": "utf-8"},
+        encoding="utf-8",
+    )
+    assert done.returncode == 0, done.stderr
+    assert not list(here.iterdir())
+    assert {path: path.stat().st_mtime_ns for path in EXAMPLES.iterdir()} == before
+    model = IdentifiedModel.load(target / "model.yaml")
+    assert model.consistent
+    assert max(model.fit.nrmse) < 0.02

@@ -1,0 +1,240 @@
+"""Excitation: exact gradients, limits that hold everywhere, rest at both ends, predictions."""
+
+from threading import Event
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import DeltaidError
+from deltaid.excitation.criterion import Criterion
+from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.excitation.motion_file import sample_run
+from deltaid.excitation.optimize import largest_use, optimise, random_start
+from deltaid.excitation.run import plan_run
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+from deltaid.robot.workspace import Box, Cylinder, Hemisphere
+
+CRITERIA = ("cond", "logdet", "a-optimal", "e-optimal")
+
+
+@pytest.fixture(scope="module")
+def exciters() -> dict[str, Exciter]:
+    return {
+        name: Exciter(compiled(load_robot(name)), ExcitationSettings(starts=2))
+        for name in ("irb360-6-1600", "clavel-delta3")
+    }
+
+
+def changed(robot: RobotDescription, **values: object) -> RobotDescription:
+    return RobotDescription.model_validate(robot.model_dump(mode="json") | values)
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_criterion_is_what_its_name_says(name) -> None:
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((30, 6))
+    G = A.T @ A
+    inverse, n = np.linalg.inv(G), 6
+    expected = {
+        "cond": np.log(np.linalg.cond(G)),
+        "logdet": -np.linalg.slogdet(G)[1] / n,
+        "a-optimal": np.log(np.trace(inverse) / n),
+        "e-optimal": np.log(np.linalg.norm(inverse, 2)),
+    }
+    value, slope = Criterion(name).evaluate(G)
+    assert value == pytest.approx(expected[name], rel=1e-9)
+    E = rng.standard_normal((6, 6))
+    E, h = E + E.T, 1e-5
+    up, down = (Criterion(name).evaluate(G + s * h * E)[0] for s in (1, -1))
+    assert np.sum(slope * E) == pytest.approx((up - down) / (2 * h), rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3"])
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_gradients_are_exact(name: str, criterion) -> None:
+    setting = ExcitationSettings(criterion=criterion, velocity_weight=0.3)
+    problem = Exciter(compiled(load_robot(name)), setting).problem
+    x = random_start(problem, 3)
+    here = problem.evaluate(x)
+    for k in np.random.default_rng(0).choice(len(x), 10, replace=False):
+        e = 1e-6 * np.eye(len(x))[k]
+        up, down = problem.evaluate(x + e), problem.evaluate(x - e)
+        slope = (up.value - down.value) / 2e-6
+        assert here.gradient[k] == pytest.approx(slope, rel=1e-4, abs=1e-4)
+        assert np.allclose(here.slopes[:, k], (up.use - down.use) / 2e-6, rtol=1e-4, atol=1e-5)
+
+
+def test_series_and_motion_are_the_same_thing(exciters) -> None:
+    series = exciters["irb360-6-1600"].problem.series
+    x = np.random.default_rng(0).standard_normal(series.length)
+    motion = series.motion(x)
+    assert np.allclose(series.unknowns(motion), x)
+    phase = np.linspace(0, 5, 7)
+    state = series.state(x, series.basis(phase))
+    expected = np.hstack(motion.evaluate(phase / motion.base_frequency)).T
+    assert np.allclose(state, expected, rtol=1e-10)
+
+
+def test_smooth_use_lies_above_the_true_one(exciters) -> None:
+    problem = exciters["irb360-6-1600"].problem
+    x = random_start(problem, 1)
+    smooth, true = problem.evaluate(x, 300.0).use, largest_use(problem, x)
+    assert np.all(smooth >= true)
+    assert np.all(smooth <= true + np.log(2 * problem.samples) / 300)
+
+
+def test_torque_limits_are_those_of_the_dynamics(exciters) -> None:
+    exciter = exciters["irb360-6-1600"]
+    problem, dynamics = exciter.problem, exciter.dynamics
+    run = plan_run(problem, problem.series.motion(random_start(problem, 2)), 1)
+    z, zd, zdd = run.evaluate(np.linspace(0, run.duration, 50))
+    at = [i for i, name in enumerate(problem.limit_names) if name.endswith("torque")]
+    u = problem.limits_of(np.hstack([z, zd, zdd]).T)[at].T
+    largest = [dynamics.robot.drive_limits[d].torque for d in dynamics.robot.drives]
+    moving = np.abs(dynamics.kinematics.drive_motion(z, zd, zdd)[1]).min(axis=1) > 0.5
+    assert moving.sum() > 10
+    expected = exciter.preview(run, 50) / largest
+    assert np.allclose(u[moving], expected[moving], atol=0.02)  # the sign of friction is smooth
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_limits_hold_on_a_grid_ten_times_finer(exciters, seed: int) -> None:
+    exciter = exciters["clavel-delta3" if seed % 2 else "irb360-6-1600"]
+    problem = exciter.problem
+    optimum = optimise(problem, range(seed, seed + 1))
+    assert largest_use(problem, optimum.x, 10 * problem.samples).max() <= 1.0
+    account = optimum.accounts[0]
+    assert account.feasible
+    assert account.after < account.before
+
+
+@pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3"])
+def test_a_run_starts_and_ends_at_rest_and_keeps_its_limits(exciters, name: str) -> None:
+    exciter = exciters[name]
+    result = exciter.optimise()
+    assert all(limit.share <= 1.0 for limit in result.limits)
+    assert result.criterion_after < result.criterion_before
+    file = sample_run(exciter.dynamics.kinematics, result.run, 1000.0)
+    dof = exciter.dynamics.dof
+    rates = file.select([f"{n}{i + 1}" for n in ("qd", "qdd") for i in range(dof)]).to_numpy()
+    assert np.all(rates[0] == 0)
+    assert np.allclose(rates[-1], 0, atol=1e-12)
+    time = file["t"].to_numpy()
+    for i in range(dof):
+        q, qd, qdd = (file[f"{n}{i + 1}"].to_numpy() for n in ("q", "qd", "qdd"))
+        assert np.allclose(np.gradient(q, time)[1:-1], qd[1:-1], atol=2e-3 * np.abs(qd).max())
+        assert np.allclose(np.gradient(qd, time)[1:-1], qdd[1:-1], atol=2e-2 * np.abs(qdd).max())
+
+
+def test_a_run_repeats_its_periods(exciters) -> None:
+    problem = exciters["clavel-delta3"].problem
+    run = plan_run(problem, problem.series.motion(random_start(problem, 4)), 3)
+    inside = run.ramp + np.linspace(0, run.motion.period, 20)
+    for a, b in zip(run.evaluate(inside), run.evaluate(inside + run.motion.period), strict=True):
+        assert np.allclose(a, b, atol=1e-9)
+    assert run.duration == pytest.approx(2 * run.ramp + 3 * run.motion.period)
+
+
+def test_same_seed_same_motion_and_other_seeds_another(exciters) -> None:
+    exciter = exciters["clavel-delta3"]
+    a, b, c = exciter.optimise(), exciter.optimise(), exciter.optimise(offset=1000)
+    assert np.array_equal(a.optimum.x, b.optimum.x)
+    assert not np.allclose(a.optimum.x, c.optimum.x, atol=1e-3)
+
+
+def test_a_stopped_search_still_gives_a_feasible_motion(exciters) -> None:
+    exciter = exciters["clavel-delta3"]
+    stop = Event()
+    stop.set()
+    result = exciter.optimise(stop)
+    assert all(limit.share <= 1.0 for limit in result.limits)
+
+
+def test_limits_that_fight_are_named() -> None:
+    robot = changed(
+        load_robot("clavel-delta3"),
+        workspace={"shape": "cylinder", "radius": 0.3, "z": [-1.1, -0.8]},
+        drive_limits={f"drive{i}": {"angle_deg": [-44, -30]} for i in (1, 2, 3)},
+    )
+    with pytest.raises(DeltaidError, match="angle") as caught:
+        Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
+    assert "workspace" in str(caught.value)
+
+
+@given(
+    radius=st.floats(0.1, 0.5),
+    speed=st.floats(0.5, 5),
+    acceleration=st.floats(5, 60),
+    swing=st.floats(15, 60),
+    torque=st.floats(40, 200),
+)
+@settings(max_examples=6, deadline=None)
+def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torque) -> None:
+    robot = changed(
+        load_robot("clavel-delta3"),
+        workspace={"shape": "cylinder", "radius": radius, "z": [-1.1, -0.85]},
+        platform_speed=speed,
+        platform_acceleration=acceleration,
+        strut_swing_deg=swing,
+        drive_limits={f"drive{i}": {"torque": torque} for i in (1, 2, 3)},
+    )
+    exciter = Exciter(compiled(robot), ExcitationSettings(starts=1))
+    result = exciter.optimise()
+    assert all(limit.share <= 1.0 for limit in result.limits)
+    z, zd, zdd = result.run.evaluate(np.linspace(0, result.run.duration, 3000))
+    assert np.all(robot.workspace.contains(z[:, :3] * [1 - 1e-9, 1 - 1e-9, 1]))
+    assert np.abs(zd).max() <= speed
+    assert np.abs(zdd).max() <= acceleration
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        Cylinder(shape="cylinder", radius=0.4, z=(-1.1, -0.8)),
+        Hemisphere(shape="hemisphere", radius=0.4, top=-0.8),
+        Box(shape="box", x=(-0.3, 0.2), y=(-0.1, 0.4), z=(-1.1, -0.8)),
+    ],
+)
+def test_motions_stay_in_each_kind_of_workspace(space) -> None:
+    robot = load_robot("clavel-delta3").model_copy(update={"workspace": space})
+    result = Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
+    z, _, _ = result.run.evaluate(np.linspace(0, result.run.duration, 3000))
+    assert np.all(space.contains(z[:, :3]))
+    centre, half = space.inner_box
+    corners = centre + half * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * (1 - 1e-9)
+    assert np.all(space.contains(corners))
+
+
+def test_predicted_deviations_are_those_of_repeated_identification(exciters) -> None:
+    from deltaid.identification.information import gather_samples
+    from deltaid.identification.least_squares import estimate_base
+
+    exciter = exciters["clavel-delta3"]
+    run = exciter.optimise().run
+    samples = 1000
+    z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
+    _, qd, qdd = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau, rng = exciter.preview(run, samples), np.random.default_rng(0)
+    noise = exciter.settings.torque_noise * exciter.torque_reference
+    values = []
+    for _ in range(80):
+        noisy = tau + noise * rng.standard_normal(tau.shape)
+        information = gather_samples(exciter.dynamics, z, qd, qdd, noisy)
+        values.append(estimate_base(exciter.base, information, "weighted").values)
+    spread = np.std(values, axis=0)
+    thinner = np.sqrt(run.duration * exciter.settings.rate / samples)
+    predicted = thinner * np.array([p.std for p in exciter.predict(run)])
+    assert np.median(spread / predicted) == pytest.approx(1.0, abs=0.1)
+
+
+def test_weighing_the_prior_attends_to_what_it_knows_least() -> None:
+    dynamics = compiled(load_robot("irb360-6-1600"))
+    plain = Exciter(dynamics, ExcitationSettings(starts=2)).optimise()
+    weighed = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True)).optimise()
+    assert not np.allclose(plain.optimum.x, weighed.optimum.x, atol=1e-3)
+    known = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True)).problem
+    assert np.all(np.linalg.eigvalsh(known.weighting.prior) > 0)
