@@ -32,14 +32,14 @@ import polars as pl
 from _timing import machine
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.excitation.random_motion import random_motion
-from deltaid.excitation.surrogate import (
+from deltaid.identification.identify import identify
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,
     surrogate_parameters,
     write_recording,
 )
-from deltaid.identification.identify import identify
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"

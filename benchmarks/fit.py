@@ -45,14 +45,6 @@ from _cvxpy_fit import CvxpyFit, CvxpySolution, Metric
 from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.excitation.fourier import FourierMotion
-from deltaid.excitation.random_motion import random_motion
-from deltaid.excitation.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    surrogate_parameters,
-    write_recording,
-)
 from deltaid.identification.conic import Solution, solve_conic
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.identify import build_objective
@@ -61,6 +53,14 @@ from deltaid.identification.log_cholesky import solve_log_cholesky
 from deltaid.identification.model import Settings
 from deltaid.identification.objective import default_gamma
 from deltaid.identification.reduction import build_reduction
+from deltaid.motion.fourier import FourierMotion
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
 from deltaid.recording.log import open_log
 from deltaid.recording.windows import choose_filter
 from deltaid.robot.description import RobotDescription

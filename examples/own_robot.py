@@ -16,9 +16,9 @@ import numpy as np
 import polars as pl
 
 import deltaid
-from deltaid.excitation.random_motion import random_motion
-from deltaid.excitation.surrogate import simulate_recording, surrogate_parameters
 from deltaid.identification.least_squares import random_motion_base
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 
 HERE = Path(__file__).parent
 GEAR, TORQUE_CONSTANT = 10, 0.12  # as in columns.yaml

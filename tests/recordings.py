@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.excitation.random_motion import random_motion
+from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle
@@ -78,7 +78,7 @@ def typical_oracle(rng: np.random.Generator, *, telescope: bool) -> DeltaOracle:
 
     Sizes and masses are random; bodies are scaled from the catalogue's priors.
     """
-    from deltaid.excitation.surrogate import surrogate_parameters
+    from deltaid.motion.surrogate import surrogate_parameters
 
     robot = load_robot(CATALOGUE["delta4" if telescope else "delta3"])
     dynamics = Dynamics(robot)

@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError
-from deltaid.excitation.random_motion import random_motion
-from deltaid.excitation.surrogate import surrogate_parameters
 from deltaid.identification import conic
 from deltaid.identification.information import Information, active_columns, gather_samples
 from deltaid.identification.log_cholesky import LogCholesky, solve_log_cholesky
@@ -22,6 +20,8 @@ from deltaid.identification.objective import (
 )
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.identification.regularizer import build_regularizer
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
     consistency,

@@ -7,13 +7,6 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import IdentificationError
-from deltaid.excitation.random_motion import random_motion
-from deltaid.excitation.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    surrogate_parameters,
-    write_recording,
-)
 from deltaid.identification.base import base_parameters, symbol
 from deltaid.identification.information import gather, gather_samples, merge
 from deltaid.identification.least_squares import (
@@ -22,6 +15,13 @@ from deltaid.identification.least_squares import (
     random_motion_base,
 )
 from deltaid.identification.torque_error import torque_error
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
 from deltaid.recording.log import open_log
 from deltaid.recording.windows import choose_filter
 from deltaid.robot.load import load_robot

@@ -1,1 +1,1 @@
-"""Motions that make the parameters visible."""
+"""Optimised motions that make the parameters visible and keep the machine within its limits."""

@@ -13,8 +13,8 @@ from scipy import optimize
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError
-from deltaid.excitation.fourier import FourierMotion
 from deltaid.excitation.problem import Evaluation, ExcitationProblem, Vector
+from deltaid.motion.fourier import FourierMotion
 
 # Sharpness of the limits' smooth maxima: blunt first, so that the solver sees whole stretches of
 # the motion, then so sharp that at most about 1 % of a limit is given away.

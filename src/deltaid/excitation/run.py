@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
-from deltaid.excitation.fourier import FourierMotion
 from deltaid.excitation.problem import ExcitationProblem
+from deltaid.motion.fourier import FourierMotion
 
 # Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
 _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400

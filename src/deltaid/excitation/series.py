@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.excitation.fourier import FourierMotion
+from deltaid.motion.fourier import FourierMotion
 
 Vector = Float[np.ndarray, " unknowns"]
 Basis = Float[np.ndarray, "3 samples terms"]

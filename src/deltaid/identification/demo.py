@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.excitation.random_motion import random_motion
-from deltaid.excitation.surrogate import (
+from deltaid.identification.identify import Identification, identify
+from deltaid.identification.torque_error import TorqueError
+from deltaid.identification.validation import validate
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,
     surrogate_parameters,
     write_recording,
 )
-from deltaid.identification.identify import Identification, identify
-from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import validate
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 

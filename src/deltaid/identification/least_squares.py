@@ -16,7 +16,6 @@ from scipy.linalg import solve_triangular
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
-from deltaid.excitation.random_motion import random_motion
 from deltaid.identification.base import BaseParameters, base_parameters
 from deltaid.identification.information import (
     Information,
@@ -27,6 +26,7 @@ from deltaid.identification.information import (
     whitened,
 )
 from deltaid.identification.torque_error import torque_error
+from deltaid.motion.random_motion import random_motion
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.windows import FilteredLog, open_logs
 

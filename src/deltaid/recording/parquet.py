@@ -1,6 +1,8 @@
 """Reading Parquet in slices."""
 
+import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +41,7 @@ def read_parquet(
         _require_numbers(table, frame)
     row = table.first_row
     while True:
-        with readable(table.path):
+        with readable(table.path), _silent_panics():
             part = frame.slice(row - table.first_row, _SLICE_ROWS).collect()
             numbers = [series.cast(pl.Float64, strict=False) for series in part]
         if not part.height:
@@ -50,6 +52,23 @@ def read_parquet(
 
 def _scan(path: Path) -> pl.LazyFrame:
     return pl.scan_parquet(path, glob=False, hive_partitioning=False)
+
+
+@contextmanager
+def _silent_panics() -> Iterator[None]:
+    """Keep standard error clean while polars decodes.
+
+    Over a damaged file its threads panic, and each reports that on file descriptor 2 before an
+    exception with the reason arrives here.
+    """
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _require_numbers(table: Table, frame: pl.LazyFrame) -> None:

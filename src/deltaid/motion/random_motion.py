@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import KinematicsError
-from deltaid.excitation.fourier import FourierMotion
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 
 _GRID = 400

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.excitation.fourier import FourierMotion
 from deltaid.files import written_whole
+from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
