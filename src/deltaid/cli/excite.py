@@ -96,7 +96,9 @@ def excite(
         say("preparing the robot")
         exciter = Exciter(compiled(description), settings)
         say(f"optimising from {starts} starts, Ctrl-C keeps the best so far")
-        result = exciter.optimise(stop)
+        result = exciter.optimise(
+            stop, lambda done: say(f"start {done.seed}: {done.before:.3f} → {done.after:.3f}")
+        )
         second = None
         if verify_out is not None:
             say("optimising the verification motion")
@@ -184,7 +186,7 @@ def _print(exciter: "Exciter", result: "Excitation", files: list[Path]) -> None:
         [p.formula, number(p.value), f"{p.std:.2g}", p.unit, _share(p.value, p.std)]
         for p in result.predictions
     ]
-    columns = ["base parameter", "prior", "predicted ±", "unit", "relative"]
+    columns = ["base parameter", "prior", "predicted ±", "unit", "share"]
     console.print(table("what this motion will tell", columns, rows))
     console.print()
     rows = [

@@ -142,10 +142,11 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
         search.tighten(use)
         x, message = search.run(x, _SHARPNESS[-1])
     use = largest_use(problem, x, fine).max()
-    if use > 1.0:  # the start itself is feasible, unless the limits fight
-        start_use = largest_use(problem, x_0, fine).max()
-        if start_use <= 1.0:
-            x, use, message = x_0, start_use, f"kept its start ({message})"
+    for other in (search.best, x_0):  # the start itself is feasible, unless the limits fight
+        if use > 1.0 and other is not None:
+            other_use = largest_use(problem, other, fine).max()
+            if other_use <= 1.0:
+                x, use, message = other, other_use, f"went back to a feasible motion ({message})"
     account = StartAccount(
         seed=seed,
         before=before,
@@ -159,13 +160,18 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
 
 
 class _Search:
-    """Sequential quadratic programming on the smooth problem, with bounds that can be tightened."""
+    """Sequential quadratic programming on the smooth problem, with bounds that can be tightened.
+
+    `best` is the best point that kept all bounds, for when the search is stopped on its way.
+    """
 
     def __init__(self, problem: ExcitationProblem, stop: Event) -> None:
         self._problem, self._stop = problem, stop
         self._bound = np.ones(len(problem.two_sided))
         self._at, self._last = b"", None
         self.evaluations = 0
+        self.best: Vector | None = None
+        self._best_value = np.inf
 
     def tighten(self, use: Float[np.ndarray, " limits"]) -> None:
         """Lower the bounds of the limits that are exceeded between the grid points."""
@@ -181,7 +187,10 @@ class _Search:
                 self.evaluations += 1
             return self._last
 
-        def watch(_: Vector) -> None:
+        def watch(x: Vector) -> None:
+            here = at(x)
+            if here.value < self._best_value and np.all(here.use <= self._bound):
+                self.best, self._best_value = x.copy(), here.value
             if self._stop.is_set():
                 raise StopIteration
 

@@ -18,14 +18,15 @@ def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
     """The picture as PNG or SVG.
 
     Path of the platform from above and from the side, and for each drive angle, speed and predicted
-    torque; dashed lines are the limits.
+    torque; dotted lines are the ends of the ramps.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 8), layout="constrained")
     FigureCanvasAgg(figure)
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 2))
+    panels: Any = figure.subfigures(1, 2, width_ratios=(1, 2))
+    left, right = panels
     time = np.linspace(0, run.duration, _SAMPLES)
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)

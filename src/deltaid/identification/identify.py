@@ -6,6 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.base import BaseParameters, base_parameters
@@ -61,6 +62,7 @@ class Identification:
     solution: Solution
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def identify(
     robot: RobotDescription,
     logs: Sequence[str | Path],

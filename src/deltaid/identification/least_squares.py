@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
+from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
@@ -57,6 +58,7 @@ def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     return base_parameters(information, dynamics.layout)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def identify_base(
     dynamics: Dynamics,
     logs: Sequence[str | Path],

@@ -54,7 +54,7 @@ def lowest_rate() -> float:
     return _LOWEST_CUTOFF / _HIGHEST
 
 
-def samples_needed(cutoff: float, rate: float) -> int:
+def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
     """How many samples of a recording a low-pass is worth being applied to: eight times its margin.
 
     Raises:
@@ -63,6 +63,7 @@ def samples_needed(cutoff: float, rate: float) -> int:
     if not _LOWEST * rate <= cutoff <= _HIGHEST * rate:
         raise RecordingError(
             f"a cut-off of {cutoff:g} Hz does not go with a sampling rate of {rate:g} Hz",
+            where=where,
             cure=f"choose one between {_LOWEST * rate:g} and {_HIGHEST * rate:g} Hz",
         )
     taps, _ = _kaiser(cutoff, rate)

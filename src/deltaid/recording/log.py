@@ -91,11 +91,11 @@ def open_log(
             cure="name them tau1, tau2, … or declare them with --columns MAPPING.yaml",
         )
     survey = Survey(table, columns, kinematics)
-    survey.warnings += [
-        f"has a column {name}, but the robot has only {kinematics.dof} drives; is it of another "
-        "robot?"
-        for name in extra_drives(table.header, columns, kinematics.dof)
-    ]
+    if extra := extra_drives(table.header, columns, kinematics.dof):
+        survey.warnings.append(
+            f"has columns of another drive ({', '.join(extra)}), but the robot has "
+            f"{kinematics.dof}; is the log of another robot?"
+        )
     for batch in read_batches(table, columns):
         survey.add(batch)
     survey.finish()

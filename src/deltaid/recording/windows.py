@@ -79,7 +79,9 @@ def choose_filter(log: Log, cutoff: float | None = None) -> LowPass | None:
         return None
     cutoff = cutoff or log.suggested_cutoff
     # Before the design, because a tiny cut-off asks for an endless filter.
-    needed = samples_needed(cutoff, log.rate) if cutoff else SpectrumEstimate.SHORTEST
+    needed = (
+        samples_needed(cutoff, log.rate, str(log.path)) if cutoff else SpectrumEstimate.SHORTEST
+    )
     if not cutoff or log.samples < needed:
         at = f" at {cutoff:.4g} Hz" if cutoff else ""
         raise RecordingError(
