@@ -1,7 +1,7 @@
-"""Time and memory of the whole `deltaid identify` command on logs of 10⁴, 10⁵ and 10⁶ samples.
+"""Time and memory of the whole `deltaid identify` command on logs of 10⁴ to 10⁶ or 10⁷ samples.
 
     pip install deltaid
-    python benchmarks/command.py [--largest 4000000]
+    python benchmarks/command.py [--largest 10000000]
 
 The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,
 1 kHz, time, positions and torques only, so the command has to choose a filter, differentiate and
@@ -34,17 +34,12 @@ from _timing import machine
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.identify import identify
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    surrogate_parameters,
-    write_recording,
-)
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"
-SIZES = (10**4, 10**5, 10**6, 4 * 10**6)
-USUAL = 10**6  # the longest log unless asked for
+SIZES = (10**4, 10**5, 10**6, 10**7)
+USUAL = 10**6  # the longest log unless asked for; also what is simulated at once
 RATE = 1000.0
 KINDS = {"CSV": "csv", "Parquet": "parquet"}
 STAGES = {
@@ -92,16 +87,24 @@ def main() -> int:
 
 
 def write_logs(folder: Path, samples: int, seed: int) -> None:
-    """The same recording as CSV and as Parquet, named by its number of samples."""
+    """The same recording as CSV and as Parquet, named by its number of samples.
+
+    The motion is periodic; a long recording is written in pieces of whole periods.
+    """
     rng = np.random.default_rng(seed)
     dynamics = Dynamics(load_robot(ROBOT))
     p = surrogate_parameters(dynamics.robot, rng)
     motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(
-        dynamics, p, motion, rng, duration=samples / RATE, rate=RATE, noise=SensorNoise()
-    )
-    write_recording(recording, folder / f"{samples}.csv")
-    recording.write_parquet(folder / f"{samples}.parquet")
+    path = folder / f"{samples}.csv"
+    with path.open("wb") as file:
+        for start in range(0, samples, USUAL):
+            length = min(USUAL, samples - start) / RATE
+            piece = simulate_recording(
+                dynamics, p, motion, rng, duration=length, rate=RATE, noise=SensorNoise()
+            )
+            piece = piece.with_columns(pl.col("t") + start / RATE)
+            piece.write_csv(file, include_header=start == 0)
+    pl.scan_csv(path).sink_parquet(path.with_suffix(".parquet"))
 
 
 def cost(folder: Path, samples: int, suffix: str, repeats: int) -> Cost:

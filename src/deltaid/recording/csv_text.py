@@ -21,7 +21,7 @@ from deltaid.recording.source import Table, opened
 
 _BLOCK_BYTES = 4 << 20
 _LONGEST_LINE = 1 << 20
-_SEPARATORS = (",", ";", "\t")
+_SEPARATORS = ("\t", ";", ",")
 
 
 def open_csv(path: Path, header_row: int = 1, data_row: int | None = None) -> Table:
@@ -39,8 +39,7 @@ def open_csv(path: Path, header_row: int = 1, data_row: int | None = None) -> Ta
         ends_open = file.seek(0, io.SEEK_END) > 0 and _last_byte(file) != b"\n"
     place = f"{path}, row {header_row}"
     text = _decoded(lines[-1], place)
-    unquoted = re.sub(r'"[^"]*"', "", text)
-    separator = max(_SEPARATORS, key=unquoted.count)
+    separator = _separator(text)
     names = _names(text, separator, place)
     return Table(path, names, separator, header_row, first_row, data_start, ends_open)
 
@@ -95,6 +94,19 @@ def _decoded(line: bytes, place: str) -> str:
             cure="delete it, or give --columns a mapping with header_row",
         )
     return text
+
+
+def _separator(header: str) -> str:
+    """The separator of a header: tab before semicolon before comma, since names may hold commas.
+
+    One that only follows another (`t,<tab>q1`) is padding.
+    """
+    unquoted = re.sub(r'"[^"]*"', "", header)
+    for mark in _SEPARATORS[:-1]:
+        fields = unquoted.split(mark)
+        if len(fields) > 1 and not any(f.rstrip().endswith(_SEPARATORS) for f in fields):
+            return mark
+    return _SEPARATORS[-1]
 
 
 def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
@@ -268,11 +280,10 @@ def _with_points(text: pl.Series) -> pl.Series:
 def _first_mark(texts: list[pl.Series]) -> str:
     """The decimal mark in the first row that has one; none if all numbers are whole."""
 
-    def first_row(mark: str) -> float:
+    first: dict[int, str] = {}
+    for mark in (".", ","):
         found = [text.str.contains(mark, literal=True).arg_true() for text in texts]
-        return min((rows[0] for rows in found if len(rows)), default=np.inf)
-
-    point, comma = first_row("."), first_row(",")
-    if comma <= point:
-        return "," if comma < np.inf else ""
-    return "."
+        rows = [int(row[0]) for row in found if len(row)]
+        if rows:
+            first[min(rows)] = mark
+    return first[min(first)] if first else ""

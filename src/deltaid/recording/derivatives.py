@@ -53,7 +53,7 @@ class DerivativeCheck:
         """
         doubts = []
         for (name, rate_name), (xx, vv, xv) in zip(self._names, self._sums.T, strict=True):
-            if min(xx, vv) <= _SLIGHT**2 * self._stretches:
+            if xx <= _SLIGHT**2 * self._stretches or vv == 0:
                 continue
             together, scale = xv**2 / (xx * vv), xv / xx
             if together < _APART:

@@ -1,0 +1,86 @@
+"""A small recording in many spellings, and what the package reads from a file."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import RecordingError
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
+from deltaid.recording.columns import ColumnMapping, resolve_columns
+from deltaid.recording.table import open_table, read_batches
+from deltaid.robot.load import load_robot
+
+DOF = 3
+Spelling = Callable[[pl.DataFrame], bytes]
+
+
+@cache
+def recorded(samples: int = 1500, derivatives: bool = False) -> pl.DataFrame:
+    """Columns t, q1…, (qd1…, qdd1…,) tau1… of the three-drive robot at 1 kHz, without noise."""
+    dynamics, rng = Dynamics(load_robot("clavel-delta3")), np.random.default_rng(5)
+    motion = random_motion(dynamics.kinematics, rng, period=4.0)
+    p = surrogate_parameters(dynamics.robot, rng)
+    frame = simulate_recording(dynamics, p, motion, rng, duration=samples / 1000)
+    return frame if derivatives else frame.select(names("t", "q", "tau"))
+
+
+def names(*quantities: str) -> list[str]:
+    """Default column names: 't' alone, the others with a number for each drive."""
+    return [
+        name
+        for quantity in quantities
+        for name in (["t"] if quantity == "t" else [f"{quantity}{i + 1}" for i in range(DOF)])
+    ]
+
+
+def text(
+    frame: pl.DataFrame,
+    separator: str = ",",
+    *,
+    header: list[str] | None = None,
+    number: Callable[[float], str] = repr,
+    eol: str = "\n",
+) -> str:
+    """A frame as CSV, numbers written by a function of one's own."""
+    rows = [header or frame.columns]
+    rows += [[number(v) if isinstance(v, float) else str(v) for v in row] for row in frame.rows()]
+    return "".join(separator.join(row) + eol for row in rows)
+
+
+def write(path: Path, content: str | bytes | pl.DataFrame) -> Path:
+    """A log with that content; a frame in the format that the name asks for."""
+    if isinstance(content, pl.DataFrame):
+        content.write_parquet(path) if path.suffix == ".parquet" else content.write_csv(path)
+    else:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def read(path: Path, mapping: ColumnMapping | None = None) -> np.ndarray:
+    """All rows of a log in SI units, columns as in `Columns.all`."""
+    given = mapping or ColumnMapping()
+    table = open_table(path, given.header_row, given.data_row)
+    columns = resolve_columns(table.header, DOF, mapping, where=str(path))
+    batches = list(read_batches(table, columns))
+    rows = np.cumsum([table.first_row] + [len(batch.values) for batch in batches])
+    assert [batch.row for batch in batches] == rows[:-1].tolist()
+    return np.concatenate([batch.values for batch in batches])
+
+
+def refusal(call, *arguments) -> str:
+    """The message of the RecordingError that a call raises."""
+    with pytest.raises(RecordingError) as caught:
+        call(*arguments)
+    assert str(caught.value)[-1] != "."
+    return str(caught.value)
+
+
+def comma(value: float) -> str:
+    """A number with decimal comma."""
+    return repr(value).replace(".", ",")

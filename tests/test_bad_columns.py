@@ -1,0 +1,145 @@
+"""Columns that cannot be used, declared or in Parquet: what is wrong, where, how to mend it."""
+
+import io
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.recording import parquet
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.log import open_log
+from logs import recorded, refusal, text, write
+
+ROWS = 300
+FRAME = recorded(ROWS)
+GOOD = text(FRAME)
+
+
+@pytest.fixture(scope="module")
+def opened(clavel: Dynamics):
+    return lambda path, mapping=None: open_log(path, clavel.kinematics, mapping)
+
+
+def parquet_of(frame: pl.DataFrame) -> bytes:
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer)
+    return buffer.getvalue()
+
+
+Q2_AT_150 = pl.int_range(pl.len()) == 149
+BAD_COLUMNS = {
+    "null": (
+        pl.when(Q2_AT_150).then(None).otherwise("q2").alias("q2"),
+        "row 150: column q2 is empty",
+    ),
+    "NaN": (
+        pl.when(Q2_AT_150).then(np.nan).otherwise("q2").alias("q2"),
+        "row 150: column q2 is 'nan'",
+    ),
+    "nothing": (pl.lit(None).alias("q2"), "row 1: column q2 is empty"),
+    "text": (pl.col("q2").cast(pl.String), "column q2 holds String, not numbers"),
+    "truth": (pl.col("q2") > 0, "column q2 holds Boolean, not numbers"),
+    "list": (pl.concat_list("q2", "q1").alias("q2"), "column q2 holds List"),
+    "struct": (pl.struct("q1").alias("q2"), "column q2 holds Struct"),
+    "dates": (
+        (1e6 * pl.col("t")).cast(pl.Int64).cast(pl.Datetime("us")).alias("t"),
+        "column t holds Datetime",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_COLUMNS)
+@pytest.mark.parametrize("size", [1 << 16, 64])
+def test_bad_parquet_columns(tmp_path, opened, monkeypatch, name: str, size: int) -> None:
+    monkeypatch.setattr(parquet, "_SLICE_ROWS", size)
+    expression, fragment = BAD_COLUMNS[name]
+    path = write(tmp_path / "log.parquet", FRAME.with_columns(expression))
+    message = refusal(opened, path)
+    assert message.startswith(str(path))
+    assert fragment in message
+
+
+@pytest.mark.parametrize(
+    ("damage", "fragment"),
+    [
+        (lambda data: data[: len(data) // 2], "damaged"),
+        (lambda data: data[:4], "damaged"),
+        (lambda data: data[:1000] + data[3000:], "damaged"),
+        (lambda data: b"", "is empty"),
+        (lambda data: GOOD.encode(), "damaged"),
+        (lambda data: parquet_of(FRAME.head(0)), "fewer than two rows"),
+        (lambda data: parquet_of(FRAME.head(1)), "fewer than two rows"),
+        (lambda data: parquet_of(FRAME.drop("q3")), "has no column q3"),
+    ],
+)
+def test_bad_parquet_files(tmp_path, opened, capfd, damage, fragment) -> None:
+    path = write(tmp_path / "log.parquet", damage(parquet_of(FRAME)))
+    message = refusal(opened, path)
+    assert message.startswith(str(path))
+    assert fragment in message
+    assert "panic" not in message
+    assert capfd.readouterr().err == ""
+
+
+def drives(**keys: object) -> list[dict]:
+    return [{"column": f"q{i}", "unit": "rad", **keys} for i in (1, 2, 3)]
+
+
+TORQUES = [{"column": f"M{i}", "unit": "Nm"} for i in (1, 2, 3)]
+BAD_MAPPINGS = [
+    ({"position": drives(unit="furlong")}, "position[0]: unit 'furlong' is not known"),
+    ({"position": drives(unit="")}, "position[0]: unit '' is not known"),
+    ({"position": drives(unit="rad/0")}, "is not known"),
+    ({"position": drives(unit="9**9**9 deg")}, "is not known"),
+    ({"position": drives(unit="0 deg")}, "position[0]"),
+    ({"position": drives(unit="__import__('os')")}, "is not known"),
+    ({"position": drives(unit="a" * 100_000)}, "is not known"),
+    ({"position": drives(unit="N*m")}, "position[0]: unit 'N*m' is not a unit of rad"),
+    ({"position": drives(unit="rpm")}, "'rpm' is not a unit of rad"),
+    ({"position": drives(unit="count")}, "unit 'count' is not known"),
+    ({"velocity": drives(unit="1/min")}, "unit '1/min' is not"),
+    ({"velocity": drives(unit="Hz")}, "velocity[0]: unit 'Hz' is not known"),
+    ({"position": drives(torque_constant=1.0)}, "position[0].torque_constant: belongs to torque"),
+    ({"torque": drives(unit="A")}, "torque[0]: unit 'A' is not a unit of N m"),
+    ({"torque": drives(unit="N*m", torque_constant=1.0)}, "unit 'N*m' is not a current"),
+    ({"position": drives()[:2]}, "position: lists 2 columns, but the robot has 3 drives"),
+    ({"torque": []}, "torque: lists 0 columns"),
+    ({"time": {"column": "t", "unit": "deg"}}, "time.unit: unit 'deg' is not a unit of s"),
+    ({"time": {"column": "T"}}, "row 1: has no column T"),
+    ({"position": drives(), "torque": TORQUES}, "no column M1, M2, M3"),
+    ({"position": drives(column="q1")}, "column q1 is declared 3 times"),
+    ({"position": drives(unit="deg", gear=1e12), "torque": drives(unit="Nm")}, "declared 2 times"),
+    ({"header_row": 2}, "row 2: has no header"),
+    ({"header_row": 9999}, "row 9999: is an empty line"),
+]
+
+
+@pytest.mark.parametrize(("declared", "fragment"), BAD_MAPPINGS)
+def test_bad_mappings(tmp_path, opened, declared: dict, fragment: str) -> None:
+    path = write(tmp_path / "log.csv", GOOD)
+    mapping = ColumnMapping.model_validate(declared)
+    assert fragment in refusal(opened, path, mapping)
+
+
+DERIVATIVES = recorded(1500, derivatives=True)
+
+
+@pytest.mark.parametrize(
+    ("columns", "fragments"),
+    [
+        ({"qd2": pl.col("qd2").degrees()}, ("column qd2 is 57.3", "rate at which q2", "degrees")),
+        ({"qd1": 30 / np.pi * pl.col("qd1")}, ("column qd1 is 9.5", "rpm")),
+        ({"qd3": -pl.col("qd3")}, ("column qd3 is -1", "rate at which q3", "sign")),
+        ({"qdd2": 1e-3 * pl.col("qdd2")}, ("column qdd2 is 0.001", "rate at which qd2")),
+        ({"qd2": pl.lit(0.0)}, ("column qd2 is constant; but q2 is not",)),
+        ({"qdd1": pl.lit(0.0)}, ("column qdd1 is constant; but q1 is not",)),
+    ],
+)
+def test_derivatives_that_are_none(tmp_path, opened, columns, fragments) -> None:
+    path = write(tmp_path / "log.csv", DERIVATIVES.with_columns(**columns))
+    message = refusal(opened, path)
+    assert message.startswith(str(path))
+    for fragment in fragments:
+        assert fragment in message

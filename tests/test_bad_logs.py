@@ -1,0 +1,277 @@
+"""A log that cannot be used gets one message: what is wrong, in which file, row and column."""
+
+import errno
+import io
+import os
+import re
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import DeltaidError
+from deltaid.recording import csv_text
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.log import Log, open_log
+from logs import comma, names, read, recorded, refusal, text, write
+
+ROWS = 300
+GOOD = text(recorded(ROWS))
+COLUMNS = names("t", "q", "tau")
+
+
+def with_field(row: int, column: str, value: str, source: str = GOOD) -> str:
+    """A log with another text in one field; the row counts as in messages."""
+    lines = source.split("\n")
+    separator = ";" if ";" in lines[0] else ","
+    fields = lines[row - 1].split(separator)
+    fields[COLUMNS.index(column)] = value
+    lines[row - 1] = separator.join(fields)
+    return "\n".join(lines)
+
+
+def with_line(row: int, line: str) -> str:
+    lines = GOOD.split("\n")
+    lines[row - 1] = line
+    return "\n".join(lines)
+
+
+def without_rows(first: int, last: int) -> str:
+    lines = GOOD.split("\n")
+    return "\n".join(lines[: first - 1] + lines[last:])
+
+
+def changed(**expressions: pl.Expr) -> str:
+    return text(recorded(ROWS).with_columns(**expressions))
+
+
+SEMICOLONS = text(recorded(ROWS), ";")
+COMMAS = text(recorded(ROWS), ";", number=comma)
+LINE_150 = GOOD.split("\n")[149]
+FIELDS_150 = LINE_150.split(",")
+
+# What is in the file, and what the message must say besides the file's name.
+BAD_TEXT = {
+    "NaN": (with_field(150, "q2", "NaN"), "row 150: column q2 is 'NaN'"),
+    "infinite": (with_field(150, "tau3", "-Inf"), "row 150: column tau3 is '-Inf'"),
+    "too large": (with_field(150, "q1", "1e999"), "row 150: column q1 is '1e999'"),
+    "empty": (with_field(150, "q2", ""), "row 150: column q2 is empty"),
+    "blank": (with_field(150, "q2", "  "), "row 150: column q2 is empty"),
+    "text": (with_field(150, "tau1", "Fehler"), "row 150: column tau1 is 'Fehler'"),
+    "control characters": (with_field(150, "q1", "\x00\x01"), "row 150: column q1 is '??'"),
+    "first of several": (
+        with_field(200, "t", "x", with_field(150, "tau3", "y")),
+        "row 150: column tau3 is 'y'",
+    ),
+    "last row": (with_field(ROWS + 1, "q3", "?"), f"row {ROWS + 1}: column q3 is '?'"),
+    "quoted decimal comma": (
+        with_field(150, "q2", '"0,5"'),
+        "row 150: column q2 is '0,5'",
+        "semicolons",
+    ),
+    "point among commas": (
+        with_field(150, "q2", "0.5", COMMAS),
+        "row 150: column q2 is '0.5'",
+        "alike",
+    ),
+    "comma among points": (
+        with_field(150, "q2", "0,5", SEMICOLONS),
+        "row 150: column q2 is '0,5'",
+        "alike",
+    ),
+    "thousands": (
+        with_field(150, "tau2", "1.234,5", COMMAS),
+        "row 150: column tau2 is '1.234,5'",
+        "thousands",
+    ),
+    "decimal commas with commas": (
+        text(recorded(ROWS), number=comma),
+        "row 2: has 14 fields, but the header has 7",
+        "semicolons",
+    ),
+    "more fields": (with_line(150, LINE_150 + ",1"), "row 150: has 8 fields, but the header has 7"),
+    "fewer fields": (
+        with_line(150, ",".join(FIELDS_150[:4])),
+        "row 150: has 4 fields, but the header has 7",
+    ),
+    "open quote": (with_line(150, '"' + LINE_150), "row 150: has a quotation mark"),
+    "stray quotes": (with_field(150, "q1", '0.1"2"3"'), "row 150"),
+    "empty line": (with_line(150, ""), "row 150: is an empty line"),
+    "cut off": (
+        GOOD[: -len(GOOD.split("\n")[-2]) // 2],
+        f"row {ROWS + 1}: has ",
+        "the file is cut off there",
+    ),
+    "no header": ("\n".join(GOOD.split("\n")[1:]), "row 1: has no header"),
+    "no header, decimal commas": ("\n".join(COMMAS.split("\n")[1:]), "row 1: has no header"),
+    "duplicated column": (GOOD.replace("q3", "q2", 1), "row 1: has 2 columns called q2"),
+    "missing column": (GOOD.replace("tau2", "M2", 1), "row 1: has no column tau2", "--columns"),
+    "no positions": (
+        text(recorded(ROWS).drop("q1", "q2", "q3")),
+        "row 1: has no column q1, q2, q3",
+    ),
+    "no torques": (
+        text(recorded(ROWS).drop("tau1", "tau2", "tau3")),
+        "row 1: has no torque columns",
+    ),
+    "spaces between columns": (GOOD.replace(",", " "), "row 1: has no column", "semicolon or tab"),
+    "row of units": (
+        GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1),
+        "row 2: holds no numbers",
+        "data_row: 3",
+    ),
+    "empty file": ("", "log.csv: is empty"),
+    "empty lines": ("\n\n\n", "row 1: is an empty line"),
+    "header only": (GOOD.split("\n")[0], "log.csv: has fewer than two rows"),
+    "one row": ("\n".join(GOOD.split("\n")[:2]), "log.csv: has fewer than two rows"),
+    "carriage returns": (GOOD.replace("\n", "\r"), "row 1: has carriage returns alone"),
+    "time backwards": (
+        with_field(150, "t", "0.1"),
+        "row 150: time does not increase: t is 0.1 s after 0.147 s",
+    ),
+    "time repeated": (
+        with_field(150, "t", FIELDS_150[0] + "e0", with_field(151, "t", FIELDS_150[0])),
+        "row 151: time does not increase: t is 0.148 s after 0.148 s",
+    ),
+    "gap": (without_rows(150, 159), "row 150: there is a gap of 0.011 s in t where 0.001 s"),
+    "time in milliseconds": (
+        changed(t=1000 * pl.col("t")),
+        "log.csv: column t makes a sampling rate of 1 Hz",
+        "unit: ms",
+    ),
+    "time in hours": (changed(t=pl.col("t") / 3.6e6), "log.csv: column t makes a sampling rate of"),
+    "constant torque": (changed(tau2=pl.lit(0.0)), "log.csv: column tau2 is constant; no torque"),
+    "degrees": (changed(q2=pl.col("q2").degrees()), "column q2 is ", "looks like degrees"),
+    "motor side": (changed(q3=30 * pl.col("q3")), "column q3 is ", "motor side"),
+    "out of reach": (
+        with_field(150, "q1", "-2.5"),
+        "row 150: no platform position closes the loops at (q1, q2, q3) = (-2.5, ",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def opened(clavel: Dynamics):
+    def open_(path: Path, mapping: ColumnMapping | None = None) -> Log:
+        return open_log(path, clavel.kinematics, mapping)
+
+    return open_
+
+
+@pytest.mark.parametrize("name", BAD_TEXT)
+@pytest.mark.parametrize("size", [1 << 22, 700])
+def test_bad_csv(tmp_path, opened, monkeypatch, name: str, size: int) -> None:
+    monkeypatch.setattr(csv_text, "_BLOCK_BYTES", size)
+    content, *fragments = BAD_TEXT[name]
+    path = write(tmp_path / "log.csv", content)
+    message = refusal(opened, path)
+    assert message.startswith(str(path))
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_good_csv(tmp_path, opened) -> None:
+    assert not opened(write(tmp_path / "log.csv", GOOD)).warnings
+
+
+FOREIGN = {
+    "binary": (bytes(range(256)) * 8, "row 1: is not text"),
+    "zeros": (bytes(5000), "row 1: is not text"),
+    "endless line": (b"t" * (2 << 20), "row 1: is too long"),
+    "UTF-16": (GOOD.encode("utf-16"), "is text in UTF-16"),
+    "Excel": (b"PK\x03\x04" + bytes(100), "is an Excel workbook"),
+    "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a MATLAB file"),
+    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is an HDF5 file"),
+    "gzip": (b"\x1f\x8b\x08" + bytes(100), "is compressed by gzip"),
+    "endless line of data": (b"t,q1,q2,q3,tau1,tau2,tau3\n" + b"1" * (6 << 20), "lines that are"),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_files_that_are_no_csv(tmp_path, opened, name: str) -> None:
+    content, fragment = FOREIGN[name]
+    path = write(tmp_path / "log.csv", content)
+    message = refusal(opened, path)
+    assert message.startswith(str(path))
+    assert fragment in message
+
+
+def test_no_file(tmp_path, opened, monkeypatch) -> None:
+    assert "no such file" in refusal(opened, tmp_path / "nothing.csv")
+    assert "is a folder" in refusal(opened, tmp_path)
+    assert "cannot be read" in refusal(opened, tmp_path / ("x" * 300))
+    os.mkfifo(tmp_path / "pipe")
+    assert "is no regular file" in refusal(opened, tmp_path / "pipe")
+
+
+def test_no_permission(tmp_path, opened, monkeypatch) -> None:
+    path = write(tmp_path / "log.csv", GOOD)
+
+    def denied(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(io, "open", denied)  # as root, no permission stops anyone
+    message = refusal(opened, path)
+    assert message == f"{path}: cannot be read: Permission denied"
+
+
+SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
+
+
+@pytest.mark.parametrize(
+    ("content", "warning"),
+    [
+        (changed(q1=pl.lit(0.1)), "column q1 is constant"),
+        (GOOD.rstrip("\n"), "the last line has no line break"),
+        (with_field(150, "t", "0.1484"), "2 time steps .* the first in row 150; taken as evenly"),
+        (
+            GOOD.replace("tau3", "tau3,q4,tau4").replace("\n", ",0,0\n"),
+            r"\(q4, tau4\), but the robot",
+        ),
+        (
+            text(recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})),
+            "qd1 hardly goes with .* q1",
+        ),
+    ],
+)
+def test_doubts_are_warned_of(tmp_path, opened, content: str, warning: str) -> None:
+    if ",0,0\n" in content:
+        content = content.replace("tau4,0,0\n", "tau4\n")
+    log = opened(write(tmp_path / "log.csv", content))
+    assert any(re.search(warning, text) for text in log.warnings), log.warnings
+
+
+def test_leaving_the_workspace_is_warned_of(tmp_path, clavel: Dynamics) -> None:
+    robot = clavel.robot
+    small = robot.workspace.model_copy(update={"radius": 1e-3})
+    narrow = Dynamics(robot.model_copy(update={"workspace": small}))
+    log = open_log(write(tmp_path / "log.csv", GOOD), narrow.kinematics)
+    pattern = rf"{ROWS} of {ROWS} samples lie outside .* first in row 2 at \[.*\] m"
+    assert re.fullmatch(pattern, log.warnings[0])
+
+
+def test_planned_motions_need_no_torques(tmp_path, clavel: Dynamics) -> None:
+    for frame in (
+        recorded(ROWS).drop(names("tau")),
+        recorded(ROWS).with_columns(tau1=pl.lit(0.0), tau2=None),
+    ):
+        path = write(tmp_path / "log.csv", planned)
+        assert not open_log(path, clavel.kinematics, need_torque=False).columns.torque
+
+
+def test_files_that_change_between_two_passes(tmp_path, opened) -> None:
+    path = write(tmp_path / "log.csv", GOOD)
+    log = opened(path)
+    path.unlink()
+    with pytest.raises(DeltaidError, match="no such file"):
+        list(log.batches())
+
+
+def test_row_numbers_in_large_files(tmp_path) -> None:
+    lines = GOOD.split("\n")
+    body = "\n".join(lines[1:-1]) + "\n"
+    copies = (5 << 20) // len(body)
+    bad = with_field(150, "q2", "x").split("\n", 1)[1]
+    path = write(tmp_path / "log.csv", lines[0] + "\n" + copies * body + bad)
+    assert f"row {copies * ROWS + 150}: column q2 is 'x'" in refusal(read, path)

@@ -1,0 +1,228 @@
+"""Reading logs: every spelling of a recording gives the same samples; declared units become SI."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.recording import csv_text, parquet, table
+from deltaid.recording.columns import ColumnMapping, load_mapping
+from deltaid.recording.log import Log, open_log
+from deltaid.recording.table import open_table, recut
+from logs import Spelling, comma, names, read, recorded, text, write
+
+RADIANS = ColumnMapping.model_validate(
+    {
+        "time": {"column": "t [s]"},
+        "position": [{"column": f"q{i} [rad]", "unit": "rad"} for i in (1, 2, 3)],
+        "torque": [{"column": f"tau{i} [Nm]", "unit": "Nm"} for i in (1, 2, 3)],
+    }
+)
+WITH_UNITS = ["t [s]", "q1 [rad]", "q2 [rad]", "q3 [rad]", "tau1 [Nm]", "tau2 [Nm]", "tau3 [Nm]"]
+
+
+def _quoted(frame: pl.DataFrame) -> bytes:
+    header = [f'"{name}"' for name in frame.columns]
+    return text(frame, header=header, number=lambda v: f'"{v!r}"').encode()
+
+
+def _spaced(frame: pl.DataFrame) -> bytes:
+    return text(frame, ";", header=[f" {n} " for n in frame.columns], number="  {!r} ".format)
+
+
+def _with_notes(frame: pl.DataFrame) -> bytes:
+    noted = frame.with_columns(note=pl.lit('"Achse, gemäß ""Plan"""'), date=pl.lit("2025-11-20"))
+    return text(noted.select("date", *frame.columns, "note")).encode()
+
+
+SPELLINGS: dict[str, Spelling] = {
+    "semicolons": lambda f: text(f, ";").encode(),
+    "commas and tabs": lambda f: text(f, ",\t").encode(),
+    "tabs": lambda f: text(f, "\t").encode(),
+    "decimal commas, semicolons": lambda f: text(f, ";", number=comma).encode(),
+    "decimal commas, tabs": lambda f: text(f, "\t", number=comma).encode(),
+    "byte order mark": lambda f: b"\xef\xbb\xbf" + text(f).encode(),
+    "byte order mark and quotes": lambda f: b"\xef\xbb\xbf" + _quoted(f),
+    "Windows line ends": lambda f: text(f, eol="\r\n").encode(),
+    "empty lines at the end": lambda f: (text(f, eol="\r\n") + "\r\n \r\n\n").encode(),
+    "empty rows at the end": lambda f: (text(f, ";") + ";" * (f.width - 1) + "\n\n").encode(),
+    "no line end at the end": lambda f: text(f).rstrip("\n").encode(),
+    "separator at every line's end": lambda f: text(f, eol=";;\n", separator=";").encode(),
+    "quotes": _quoted,
+    "spaces": _spaced,
+    "scientific": lambda f: text(f, number="{:+.16E}".format).encode(),
+    "other columns": _with_notes,
+    "other columns from Windows": lambda f: _with_notes(f).decode().encode("cp1252"),
+    "columns in another order": lambda f: text(f.select(sorted(f.columns, reverse=True))).encode(),
+}
+
+
+@pytest.fixture
+def frame() -> pl.DataFrame:
+    return recorded(300)
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch):
+    """Sets how much of a file is read at a time."""
+
+    def set_sizes(size: int) -> None:
+        monkeypatch.setattr(csv_text, "_BLOCK_BYTES", size)
+        monkeypatch.setattr(parquet, "_SLICE_ROWS", size // 40)
+
+    return set_sizes
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+@pytest.mark.parametrize("size", [1 << 22, 500, 61])
+def test_spellings_give_equal_samples(tmp_path, frame, small_blocks, spelling, size) -> None:
+    content = SPELLINGS[spelling](frame)
+    path = write(tmp_path / "log.csv", content)
+    small_blocks(size)
+    np.testing.assert_array_equal(read(path), frame.to_numpy())
+
+
+@pytest.mark.parametrize("size", [1 << 22, 280])
+def test_parquet_gives_the_same(tmp_path, frame, small_blocks, size) -> None:
+    small_blocks(size)
+    path = write(tmp_path / "log[1].parquet", frame)
+    np.testing.assert_array_equal(read(path), frame.to_numpy())
+    renamed = path.rename(tmp_path / "without-extension")
+    np.testing.assert_array_equal(read(renamed), frame.to_numpy())
+
+
+@pytest.mark.parametrize("kind", [pl.Int16, pl.Int64, pl.UInt32, pl.Float32, pl.Decimal(20, 3)])
+def test_parquet_numbers_of_any_type(tmp_path, kind) -> None:
+    whole = pl.DataFrame({name: np.arange(5) + k for k, name in enumerate(names("t", "q", "tau"))})
+    path = write(tmp_path / "log.parquet", whole.cast(kind))
+    np.testing.assert_array_equal(read(path), whole.to_numpy())
+
+
+def test_names_with_units_need_a_mapping(tmp_path, frame) -> None:
+    path = write(tmp_path / "log.csv", text(frame, header=WITH_UNITS))
+    np.testing.assert_array_equal(read(path, RADIANS), frame.to_numpy())
+
+
+def test_names_from_windows_match_a_mapping(tmp_path, frame) -> None:
+    header = ["t", "q1 [°]", *frame.columns[2:]]
+    path = write(tmp_path / "log.csv", text(frame, header=header).encode("cp1252"))
+    assert open_table(path).header[1] == "q1 [°]"
+
+
+def test_rows_above_the_data_can_be_declared(tmp_path, frame) -> None:
+    preamble = "Name;Scope\r\nStart;12:00\r\n\r\n"
+    header, rest = text(frame, ";", number=comma, eol="\r\n").split("\r\n", 1)
+    units = ";".join(["s"] + ["rad"] * 3 + ["Nm"] * 3)
+    path = write(tmp_path / "scope.csv", f"{preamble}{header}\r\n{units}\r\n{rest}")
+    mapping = ColumnMapping(header_row=4, data_row=6)
+    np.testing.assert_array_equal(read(path, mapping), frame.to_numpy())
+
+
+def test_whole_numbers_do_not_decide_the_decimal_mark(tmp_path) -> None:
+    rows = ["t;q1;q2;q3;tau1;tau2;tau3", "0;0;0;0;1;1;1", "1;0,5;0;0;1;1;-1,25e-1"]
+    values = read(write(tmp_path / "log.csv", "\n".join(rows)))
+    np.testing.assert_array_equal(values[1], [1, 0.5, 0, 0, 1, 1, -0.125])
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+@pytest.mark.parametrize("size", [120, 777, 5000])
+def test_block_boundaries_change_no_survey(tmp_path, clavel, small_blocks, name, size) -> None:
+    path = write(tmp_path / name, recorded(700, derivatives=True))
+    whole = open_log(path, clavel.kinematics)
+    small_blocks(size)
+    assert _same(whole, open_log(path, clavel.kinematics))
+
+
+def _same(a: Log, b: Log) -> bool:
+    return all(
+        np.array_equal(getattr(a, field.name), getattr(b, field.name))
+        if field.name == "torque_max"
+        else getattr(a, field.name) == getattr(b, field.name)
+        for field in dataclasses.fields(a)
+    )
+
+
+def test_survey_over_several_batches(tmp_path, clavel: Dynamics, monkeypatch) -> None:
+    frame = recorded(700, derivatives=True)
+    path = write(tmp_path / "log.csv", frame)
+    monkeypatch.setattr(table, "_BATCH_ROWS", 64)
+    log = open_log(path, clavel.kinematics)
+    assert (log.samples, log.rate) == (700, pytest.approx(1000))
+    largest = frame.select(pl.col(names("tau")).abs().max()).row(0)
+    np.testing.assert_array_equal(log.torque_max, largest)
+    assert not log.warnings
+    assert log.has_derivatives
+
+
+@pytest.mark.parametrize(("size", "overlap"), [(7, 0), (7, 3), (10, 25), (100, 40), (3, 1)])
+def test_recut(size: int, overlap: int) -> None:
+    rows = np.arange(200.0).reshape(100, 2)
+    blocks = list(recut(np.array_split(rows, 9), size, overlap))
+    starts = range(0, 100 - overlap, size)
+    assert len(blocks) == len(starts)
+    for start, block in zip(starts, blocks, strict=True):
+        np.testing.assert_array_equal(block, rows[start : start + size + overlap])
+
+
+# Declared columns, the numbers in the file, and by hand what they are at the joint in SI.
+UNITS = [
+    ("position", {"unit": "deg"}, 90.0, np.pi / 2),
+    ("position", {"unit": "°", "zero": 10.0}, 100.0, np.pi / 2),
+    ("position", {"unit": "rev", "gear": 20.0, "sign": -1}, 5.0, -np.pi / 2),
+    ("position", {"unit": "360/65536 deg", "zero": 32768.0}, 49152.0, np.pi / 2),
+    ("position", {"unit": "mrad"}, 1500.0, 1.5),
+    ("position", {"unit": "1e-3 rad"}, 1500.0, 1.5),
+    ("velocity", {"unit": "rpm", "gear": 30.0}, 1800.0, 2 * np.pi),
+    ("velocity", {"unit": "rev/min", "gear": 30.0, "sign": -1}, 1800.0, -2 * np.pi),
+    ("velocity", {"unit": "deg/s", "zero": -5.0}, 85.0, np.pi / 2),
+    ("acceleration", {"unit": "deg/s^2"}, 180.0, np.pi),
+    ("acceleration", {"unit": "rad/s²", "gear": 4.0}, 8.0, 2.0),
+    ("acceleration", {"unit": "rpm/s"}, 60.0, 2 * np.pi),
+    ("torque", {"unit": "mN*m", "gear": 50.0}, 200.0, 10.0),
+    ("torque", {"unit": "Nm", "gear": 50.0, "sign": -1}, 0.2, -10.0),
+    ("torque", {"unit": "N m"}, 3.5, 3.5),
+    ("torque", {"unit": "N·mm"}, 3500.0, 3.5),
+    ("torque", {"unit": "A", "torque_constant": 0.5, "gear": 10.0, "zero": 1.0}, 3.0, 10.0),
+    ("torque", {"unit": "mA", "torque_constant": 0.5, "sign": -1}, 4000.0, -2.0),
+    ("torque", {"unit": "0.0235 N*m", "gear": 2.0}, 100.0, 4.7),
+    ("torque", {"unit": "lbf*ft"}, 10.0, 13.558179483314),
+]
+
+
+@pytest.mark.parametrize(("quantity", "declared", "number", "value"), UNITS)
+def test_declared_columns_become_si(tmp_path, quantity, declared, number, value) -> None:
+    frame = pl.DataFrame({name: [0.0, 0.25] for name in names("t", "q", "qd", "qdd", "tau")})
+    frame = frame.with_columns(pl.lit(number).alias("x"), pl.lit(0.0).alias("y"))
+    columns = (
+        {"column": "y", **declared},
+        {"column": "x", **declared},
+        {"column": "z", **declared},
+    )
+    mapping = ColumnMapping.model_validate({quantity: columns})
+    path = write(tmp_path / "log.csv", frame.with_columns(pl.lit(7.0).alias("z")))
+    start = 1 + 3 * ["position", "velocity", "acceleration", "torque"].index(quantity)
+    values = read(path, mapping)
+    assert values[0, start + 1] == pytest.approx(value, rel=1e-12)
+    assert values.shape == (2, 13)
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds"), [("s", 1), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("min", 60)]
+)
+def test_units_of_time(tmp_path, frame, unit: str, seconds: float) -> None:
+    path = write(tmp_path / "log.csv", frame.rename({"t": "Zeit"}))
+    mapping = ColumnMapping.model_validate({"time": {"column": "Zeit", "unit": unit}})
+    np.testing.assert_allclose(read(path, mapping)[:, 0], seconds * frame["t"].to_numpy())
+
+
+def test_mapping_file(tmp_path, frame) -> None:
+    source = Path(__file__).parents[1] / "examples" / "columns.yaml"
+    mapping = load_mapping(source)
+    assert mapping.source == str(source)
+    names_of = ("time_ms", *(f"{kind}{i}" for kind in ("angle", "speed", "current") for i in "123"))
+    path = write(tmp_path / "log.csv", pl.DataFrame({name: [1.0, 2.0] for name in names_of}))
+    expected = [1e-3, *np.deg2rad([-1, 0.5, -1]), *[-np.pi / 300] * 3, *[-1.2] * 3]
+    np.testing.assert_allclose(read(path, mapping)[0], expected)
