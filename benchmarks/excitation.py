@@ -46,8 +46,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-os.environ |= dict.fromkeys(THREADS, "1")  # before NumPy comes in, so that one core is one core
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["MKL_NUM_THREADS"] = "1"
 
 import casadi as ca
 import numpy as np
@@ -63,11 +64,12 @@ from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.excitation.optimize import largest_use, optimise, random_start
 from deltaid.excitation.problem import Evaluation, ExcitationProblem
 from deltaid.excitation.run import Run, plan_run
-from deltaid.excitation.surrogate import SensorNoise, surrogate_parameters
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.regularizer import parameter_scale
+from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.robot.load import load_robot
 
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ROBOT = "irb360-6-1600"
 FINER = 10  # the grid that points are judged on, against the one that is optimised on
 STEP = 1.5e-8  # of forward differences; SciPy's own choice

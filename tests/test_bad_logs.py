@@ -256,7 +256,7 @@ def test_planned_motions_need_no_torques(tmp_path, clavel: Dynamics) -> None:
         recorded(ROWS).drop(names("tau")),
         recorded(ROWS).with_columns(tau1=pl.lit(0.0), tau2=None),
     ):
-        path = write(tmp_path / "log.csv", planned)
+        path = write(tmp_path / "log.csv", frame)
         assert not open_log(path, clavel.kinematics, need_torque=False).columns.torque
 
 

@@ -48,14 +48,14 @@ def demo(
 
 def _print(result: "Demonstration", keep: Path | None) -> None:
     from deltaid.cli.identify import summary
-    from deltaid.cli.output import console, number, percent, table, with_uncertainty
+    from deltaid.cli.output import console, number, percent, table, value_cells
     from deltaid.cli.validate import error_table
 
     model, rows = result.identification.model, []
     for parameter, truth in zip(model.parameters, result.truth, strict=True):
         if parameter.determined_by == "structure":
             continue
-        value, std = with_uncertainty(parameter.value, parameter.std)
+        value, std = value_cells(parameter)
         rows.append(
             [parameter.name, number(parameter.prior), number(truth), value, std, parameter.unit,
              parameter.determined_by]

@@ -47,7 +47,7 @@ def excite(
         bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
     ] = False,
     duration: Annotated[
-        float, typer.Option(help="About how long to move, without the ramps [s].")
+        float, typer.Option(help="About how long to move, without the ramps, in s.")
     ] = 10.0,
     harmonics: Annotated[int, typer.Option(help="Harmonics of the series.", min=1, max=20)] = 5,
     repeats: Annotated[int, typer.Option(help="Run it so often, for averaging.", min=1)] = 1,
@@ -57,7 +57,7 @@ def excite(
     torque_noise: Annotated[
         float, typer.Option(help="Torque noise for the prediction, share of the largest torque.")
     ] = 0.02,
-    rate: Annotated[float, typer.Option(help="Samples per second of the file [Hz].")] = 1000.0,
+    rate: Annotated[float, typer.Option(help="Samples per second of the file.")] = 1000.0,
     starts: Annotated[int, typer.Option(help="Number of starts.", min=1)] = 8,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
     plot: Annotated[Path | None, typer.Option(help="PNG or SVG picture of the motion.")] = None,

@@ -164,13 +164,13 @@ def print_result(
 
 def parameter_table(model: "IdentifiedModel") -> object:
     """Prior, value and standard deviation of every parameter that is not zero by structure."""
-    from deltaid.cli.output import number, table, with_uncertainty
+    from deltaid.cli.output import number, table, value_cells
 
     rows = []
     for parameter in model.parameters:
         if parameter.determined_by == "structure":
             continue
-        value, std = with_uncertainty(parameter.value, parameter.std)
+        value, std = value_cells(parameter)
         rows.append(
             [parameter.name, number(parameter.prior), value, std, parameter.unit,
              parameter.determined_by]

@@ -4,12 +4,16 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from deltaid.errors import DeltaidError
+
+if TYPE_CHECKING:
+    from deltaid.identification.model import Parameter
 
 # Columns whose cells are words.
 _TEXT_COLUMNS = ("unit", "from", "robot", "base parameter")
@@ -40,7 +44,10 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     for i, column in enumerate(columns):
         text = i == 0 or column in _TEXT_COLUMNS
         justify = "left" if text else "right"
-        result.add_column(column, justify=justify, header_style="dim", no_wrap=True)
+        width = max((len(row[i]) for row in rows), default=0) if i == 0 else None
+        result.add_column(
+            column, justify=justify, header_style="dim", no_wrap=True, min_width=width
+        )
     for row in rows:
         result.add_row(*(escape(cell) for cell in row))
     return result
@@ -83,6 +90,13 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
         digits = max(2, 1 + math.floor(math.log10(max(abs(value), std) / std)) + 1)
         return f"{value:.{min(digits, 9) - 1}e}", f"{std:.1e}"
     return f"{value:.{place}f}", f"{std:.{place}f}"
+
+
+def value_cells(parameter: "Parameter") -> tuple[str, str]:
+    """Value and ± of a parameter; a value that consistency asked for is a lower bound without ±."""
+    if parameter.determined_by == "consistency":
+        return f"≥ {number(parameter.value)}", ""
+    return with_uncertainty(parameter.value, parameter.std)
 
 
 def percent(value: float) -> str:

@@ -31,7 +31,7 @@ from deltaid.identification.objective import (
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.identification.regularizer import build_regularizer, prior_scale
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.identification.uncertainty import standard_deviations
+from deltaid.identification.uncertainty import doubts, standard_deviations
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
@@ -111,7 +111,10 @@ def identify(
             _source(log, low_pass, part.samples)
             for (log, low_pass), part in zip(filtered, parts, strict=True)
         ),
-        warnings=tuple(f"{log.path}: {text}" for log, _ in filtered for text in log.warnings),
+        warnings=(
+            *(f"{log.path}: {text}" for log, _ in filtered for text in log.warnings),
+            *doubts(reduction, solution, objective, information),
+        ),
     )
     estimate = estimate_base(base, information)
     return Identification(model, base, estimate, information, reduction, solution)
@@ -156,6 +159,8 @@ def _parameters(
     for i, name in enumerate(layout.names):
         if free[i]:
             by, deviation = ("data" if std[i] < 0.5 * prior_std[i] else "prior"), std[i]
+        elif p[i] != 0 and i in information.columns:
+            by, deviation = "fixed", 0.0
         elif p[i] != 0:
             by = "prior" if np.isclose(p[i], reduction.p_reg[i], rtol=1e-9) else "consistency"
             deviation = spread[i]

@@ -97,6 +97,8 @@ class LogCholesky:
     def _body_entries(self, body: str) -> dict[str, ca.SX]:
         """Free entries of M̄(π) of one body."""
         free, order = self._free(body), self._order(body)
+        if not free:
+            return {}
         alpha = self._pi[free[3, 3]] if (3, 3) in free else ca.SX(0)
         U = ca.SX(4, 4)
         for a, i in enumerate(order):
@@ -133,6 +135,8 @@ class LogCholesky:
         Completed rows take no part in the factorisation; only their coupling is read.
         """
         free, order = self._free(body), self._order(body)
+        if not free:
+            return {}
         M = pseudo_inertia(p[self.reduction.layout.body(body)])[np.ix_(order, order)]
         known = 4 - len(self.reduction.completed[body])
         if np.linalg.eigvalsh(M[:known, :known])[0] <= 0 if known else False:

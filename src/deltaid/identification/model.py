@@ -47,8 +47,10 @@ class Parameter(_Part):
     """One parameter: value ± standard deviation, its prior, and which of both decided it.
 
     `determined_by` is 'data' where the data shrank the prior's standard deviation to less than a
-    half, 'prior' where it did not, 'structure' for entries that the reduction holds at zero, and
-    'consistency' for entries that no torque shows and that grew to keep their body consistent.
+    half, 'prior' where it did not, 'structure' for entries that the reduction holds at zero,
+    'fixed' for entries that torques show but the reduction holds at the prior (± 0), and
+    'consistency' for entries that no torque shows and that grew to keep their body consistent:
+    lower bounds, with the prior's ±.
     """
 
     name: str
@@ -56,7 +58,7 @@ class Parameter(_Part):
     std: Annotated[float, Field(ge=0)]
     unit: str
     prior: Coordinate
-    determined_by: Literal["data", "prior", "structure", "consistency"]
+    determined_by: Literal["data", "prior", "structure", "fixed", "consistency"]
 
 
 class Source(_Part):

@@ -1,4 +1,4 @@
-"""How far identified parameters can be trusted: standard deviations with and without the data."""
+"""How far identified parameters can be trusted: standard deviations, and doubts about the data."""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +9,11 @@ from deltaid.identification.conic import Solution
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.objective import NOISE_FLOOR, Objective, noise_level
 from deltaid.identification.reduction import Reduction
+
+# A consistent fit contradicts the data when it leaves so many times the torque error of parameters
+# without constraints and more than this share of the largest torque, or when a mass that torques
+# cannot see had to grow to so many times its prior.
+_WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
 
 
 def standard_deviations(
@@ -42,3 +47,29 @@ def standard_deviations(
         return unit * np.linalg.norm(solve_triangular(factor, A.T, trans="T"), axis=0)
 
     return deviations(triangle(np.vstack([data, root]))), deviations(root)
+
+
+def doubts(
+    reduction: Reduction, solution: Solution, objective: Objective, information: Information
+) -> tuple[str, ...]:
+    """What in a result contradicts the data or the prior: wrong signs, units, geometry."""
+    texts = []
+    noise = max(noise_level(information), NOISE_FLOOR)
+    rows = len(information.torque_max)
+    left = np.sqrt(objective.data.evaluate(solution.x)[0] / rows)
+    if left > max(_WORSE * noise, _SHARE):
+        texts.append(
+            f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
+            "without physical consistency: check sign, unit, torque constant and gear of torques "
+            "and positions, and the robot's lengths"
+        )
+    p, p_reg = reduction.parameters(solution.x), reduction.p_reg
+    for i, name in enumerate(reduction.layout.names):
+        held = not np.any(reduction.A[i])
+        if held and p_reg[i] > 0 and p[i] > _GREW * p_reg[i]:
+            texts.append(
+                f"{name} had to grow from {p_reg[i]:.3g} to {p[i]:.3g} "
+                f"{reduction.layout.units[i]} to keep its body consistent: check the scale of "
+                "torques and the prior"
+            )
+    return tuple(texts)

@@ -28,20 +28,22 @@ def random_motion(
         KinematicsError: no such motion was found; the description's limits leave no room.
     """
     robot = kinematics.robot
+    reason = "the drives' angle limits are exceeded"
     for _ in range(_ATTEMPTS):
         motion = _scaled(robot, kinematics.dof, rng, period, harmonics)
         time = np.linspace(0.0, period, _GRID)
         z, zd, zdd = motion.evaluate(time)
         try:
             q, _, _ = kinematics.drive_motion(z, zd, zdd)
-        except KinematicsError:
+        except KinematicsError as error:
+            reason = error.what
             continue
         if within_angles(robot, q):
             return motion
     raise KinematicsError(
-        "no random motion in the described workspace keeps the drives' angle limits",
+        f"no random motion in the described workspace is possible: {reason}",
         where=robot.name,
-        cure="check workspace and drive_limits in the description",
+        cure="check workspace (platform points have z < 0) and drive_limits in the description",
     )
 
 

@@ -111,13 +111,13 @@ class Columns:
         return (self.time, *drives)
 
 
-def load_mapping(path: Path) -> ColumnMapping:
+def load_mapping(path: str | Path) -> ColumnMapping:
     """Read a mapping file.
 
     Raises:
         DescriptionError: the file does not fit.
     """
-    mapping = load_yaml(path, ColumnMapping)
+    mapping = load_yaml(Path(path), ColumnMapping)
     mapping._source = str(path)
     return mapping
 

@@ -126,14 +126,15 @@ class Body(_Part):
     mcz, and the second moments Sxx … Sxz (Sxx = ∫x² dm, so Θ_zz = Sxx + Syy). They are the paper's
     α, t1–t3, d1–d3, s12, s23, s13 in that order. First moments and products that are not named are
     zero in the result (Sec. VI a–f); a mass or a second moment that is not named keeps its
-    prior, because torques cannot see it, or grows just enough to keep the body consistent.
+    prior, because torques cannot see it, or grows just enough to keep the body consistent. An empty
+    list is a body that is known, such as a tool with CAD data (Sec. VI f): all ten stay as given.
     """
 
     prior: ExplicitInertia | tuple[Shape, ...]
     free: tuple[Entry, ...] = Field(
         default=get_args(Entry),
-        min_length=1,
-        description="entries that the identification may change; all ten when left out",
+        description="entries that the identification may change; all ten when left out; [] for a "
+        "body that is known and keeps its prior",
     )
 
     @model_validator(mode="after")
@@ -158,6 +159,8 @@ class Body(_Part):
 
         Bodies without thickness are made barely solid (`inertia.with_thickness`).
         """
+        if not self.free:
+            return with_thickness(self.prior_parameters())
         M = pseudo_inertia(self.prior_parameters())
         for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
             if i != j and name not in self.free:

@@ -1,0 +1,182 @@
+"""The zero-phase filter, its derivatives, and filtering in windows against filtering at once."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import RecordingError
+from deltaid.recording import windows as windowing
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.filter import LowPass, SpectrumEstimate, apply, design_low_pass
+from deltaid.recording.log import Log, open_log
+from deltaid.recording.windows import Window, choose_filter, windows
+from logs import names, recorded, write
+
+RATE = 1000.0
+
+
+@pytest.mark.parametrize("decimation", [1, 2, 3, 5, 7, 16])
+@pytest.mark.parametrize(("taps", "samples"), [(1, 20), (9, 9), (9, 50), (32, 101), (33, 200)])
+def test_apply_is_convolution(decimation: int, taps: int, samples: int) -> None:
+    rng = np.random.default_rng(taps * samples)
+    h, x = rng.standard_normal(taps), rng.standard_normal((3, samples))
+    direct = np.stack([np.convolve(row, h, mode="valid")[::decimation] for row in x])
+    np.testing.assert_allclose(apply(h, x, decimation), direct, rtol=0, atol=1e-13 * taps)
+
+
+def multi_sine(time: np.ndarray, order: int) -> np.ndarray:
+    """Sines of 0.3 to 14 Hz with generic phases, or a derivative of them."""
+    rng = np.random.default_rng(2)
+    total = np.zeros_like(time)
+    for frequency in (0.3, 1.1, 2.9, 6.7, 14.0):
+        w, phase = 2 * np.pi * frequency, rng.uniform(0, 2 * np.pi)
+        total += rng.uniform(0.5, 1) * w**order * np.sin(w * time + phase + order * np.pi / 2)
+    return total
+
+
+@pytest.mark.parametrize("rate", [RATE, 4000.0])
+@pytest.mark.parametrize(("taps", "order"), [("smooth", 0), ("first", 1), ("second", 2)])
+def test_derivatives_are_right_and_not_delayed(rate: float, taps: str, order: int) -> None:
+    low_pass = design_low_pass(40.0, rate)  # passes up to 24 Hz
+    time = np.arange(2000) / rate
+    h = getattr(low_pass, taps)
+    result = apply(h, multi_sine(time, 0)[None])[0]
+    margin = len(h) // 2
+    expected = multi_sine(time, order)[margin : len(time) - margin]
+    assert np.abs(result - expected).max() < 1e-3 * np.abs(expected).max()
+    # The filter's own ripple is common to all three; relative to it the derivatives are exact.
+    smooth = apply(low_pass.smooth, multi_sine(time, order)[None])[0]
+    trim = margin - len(low_pass.smooth) // 2
+    assert np.abs(result - smooth[trim : len(smooth) - trim]).max() < 1e-4 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("cutoff", [5.0, 42.0, 100.0])
+def test_bands(cutoff: float) -> None:
+    low_pass = design_low_pass(cutoff, RATE)
+    assert len(low_pass.smooth) % 2 == 1
+    np.testing.assert_allclose(low_pass.smooth, low_pass.smooth[::-1], rtol=0, atol=1e-16)
+    np.testing.assert_allclose(low_pass.first, -low_pass.first[::-1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(low_pass.second, low_pass.second[::-1], rtol=0, atol=1e-9)
+    frequency, response = signal.freqz(low_pass.smooth, worN=8192, fs=RATE)
+    gain = np.abs(response)
+    assert np.abs(gain[frequency < 0.6 * cutoff] - 1).max() < 2.5e-3
+    assert gain[frequency > 1.4 * cutoff].max() < 2.5e-3
+    assert np.interp(cutoff, frequency, gain) == pytest.approx(0.5, abs=0.01)
+    # What is left after thinning does not fold back.
+    assert RATE / low_pass.decimation >= 2 * 1.4 * cutoff
+
+
+@pytest.mark.parametrize("cutoff", [100.1, 1e9, np.inf, np.nan, 0.0, -5.0, 1e-300])
+def test_cutoffs_that_do_not_go_with_the_rate(cutoff: float) -> None:
+    with pytest.raises(RecordingError, match="does not go with a sampling rate of 1000 Hz"):
+        design_low_pass(cutoff, RATE)
+
+
+def spectrum_of(q: np.ndarray) -> SpectrumEstimate:
+    spectrum = SpectrumEstimate(q.shape[1])
+    spectrum.add(q)
+    return spectrum
+
+
+def test_cutoff_from_the_spectrum() -> None:
+    time, rng = np.arange(30_000) / RATE, np.random.default_rng(0)
+    noise = 1e-5 * rng.standard_normal((len(time), 2))
+    q = np.column_stack([np.sin(2 * np.pi * 0.7 * time), 0.1 * np.sin(2 * np.pi * 9 * time)])
+    assert spectrum_of(q + noise).cutoff(RATE) == pytest.approx(2 * 9, abs=4)
+    assert spectrum_of(q[:, :1] + noise[:, :1]).cutoff(RATE) < 6
+    assert spectrum_of((q + noise)[:300]).cutoff(RATE) is not None
+    assert spectrum_of((q + noise)[:255]).cutoff(RATE) is None
+
+
+def together(log: Log, dynamics: Dynamics, low_pass: LowPass | None) -> list[np.ndarray]:
+    """Time, motion and decimated torques of all windows, without what overlaps."""
+    half = len(low_pass.smooth) // 2 if low_pass else 0
+    decimation = low_pass.decimation if low_pass else 1
+    h = low_pass.smooth if low_pass else np.ones(1)
+
+    def parts(w: Window) -> list[np.ndarray]:
+        inner = slice(half, len(w.time) - half)
+        thinned = apply(h, w.tau.T, decimation).T
+        return [w.time[inner], w.z[inner], w.qd[inner], w.qdd[inner], w.tau[inner], thinned]
+
+    pieces = [parts(w) for w in windows(log, dynamics.kinematics, low_pass)]
+    return [np.concatenate(column) for column in zip(*pieces, strict=True)]
+
+
+@pytest.mark.parametrize("samples", [1000, 1401, 1499])
+@pytest.mark.parametrize("window", [61, 400, 700, 8000])
+@pytest.mark.parametrize("recorded_rates", ["", "qd", "qd qdd"])
+def test_windows_equal_the_whole(
+    tmp_path, clavel: Dynamics, monkeypatch, samples: int, window: int, recorded_rates: str
+) -> None:
+    frame = recorded(1500, derivatives=True).head(samples)
+    columns = names("t", "q", *recorded_rates.split(), "tau")
+    log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
+    for low_pass in [design_low_pass(60.0, RATE)] + [None] * log.has_derivatives:
+        monkeypatch.setattr(windowing, "WINDOW", 10**6)
+        whole = together(log, clavel, low_pass)
+        monkeypatch.setattr(windowing, "WINDOW", window)
+        pieces = together(log, clavel, low_pass)
+        lost = 2 * (low_pass.margin + len(low_pass.smooth) // 2) if low_pass else 0
+        kept = len(whole[0])
+        assert kept == samples - lost
+        assert len(whole[-1]) == -(-kept // (low_pass.decimation if low_pass else 1))
+        for one, other in zip(pieces, whole, strict=True):
+            scale = np.abs(other).max()
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("recorded_rates", ["", "qd", "qd qdd"])
+def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates: str) -> None:
+    frame = recorded(1500, derivatives=True)
+    columns = names("t", "q", *recorded_rates.split(), "tau")
+    log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
+    low_pass = design_low_pass(60.0, RATE)
+    (window,) = windows(log, clavel.kinematics, low_pass)
+    inner = slice(low_pass.margin, len(frame) - low_pass.margin)
+    z = clavel.kinematics.forward(frame.select(names("q")).to_numpy())
+    truth = [z, *(frame.select(names(kind)).to_numpy() for kind in ("qd", "qdd"))]
+    for found, true in zip((window.z, window.qd, window.qdd), truth, strict=True):
+        assert np.abs(found - true[inner]).max() < 1e-3 * np.abs(true).max()
+    np.testing.assert_array_equal(window.time, frame["t"].to_numpy()[inner])
+    np.testing.assert_array_equal(window.tau, frame.select(names("tau")).to_numpy()[inner])
+
+
+def test_filter_is_chosen_by_what_is_recorded(tmp_path, clavel: Dynamics) -> None:
+    frame = recorded(1500, derivatives=True)
+    path = write(tmp_path / "log.parquet", frame)
+    log = open_log(path, clavel.kinematics)
+    assert choose_filter(log) is None
+    forced = choose_filter(log, 30.0)
+    assert forced is not None
+    assert forced.cutoff == 30.0
+    positions = write(tmp_path / "positions.parquet", frame.select(names("t", "q", "tau")))
+    log = open_log(positions, clavel.kinematics)
+    chosen = choose_filter(log)
+    assert chosen is not None
+    assert chosen.cutoff == log.suggested_cutoff
+
+
+@pytest.mark.parametrize(
+    ("samples", "cutoff", "reason"),
+    [
+        (200, None, "has 200 samples, too few to filter and differentiate (at least 256)"),
+        (400, 20.0, "has 400 samples, too few to filter and differentiate at 20 Hz (at least"),
+        (1500, 0.01, "has 1500 samples, too few"),
+        (1500, 200.0, "a cut-off of 200 Hz does not go with a sampling rate of 1000 Hz"),
+    ],
+)
+def test_logs_that_no_filter_fits(tmp_path, clavel: Dynamics, samples, cutoff, reason) -> None:
+    path = write(tmp_path / "log.parquet", recorded(samples))
+    log = open_log(path, clavel.kinematics)
+    with pytest.raises(RecordingError) as caught:
+        choose_filter(log, cutoff)
+    assert str(caught.value).startswith(f"{path}: {reason}")
+
+
+def test_milliseconds_declared(tmp_path, clavel: Dynamics) -> None:
+    frame = recorded(1500).with_columns(t=1000 * recorded(1500)["t"])
+    mapping = ColumnMapping.model_validate({"time": {"unit": "ms"}})
+    log = open_log(write(tmp_path / "log.csv", frame), clavel.kinematics, mapping)
+    assert log.rate == pytest.approx(RATE)
