@@ -219,7 +219,7 @@ class Differences:
             here = self.values(x)
             there = [self._evaluate(x + STEP * e) for e in np.eye(len(x))]
             self._slope_point = x.tobytes()
-            self._slopes = (np.array(there) - here).T / STEP
+            self._slopes = np.ascontiguousarray((np.array(there) - here).T / STEP)
         return self._slopes
 
     def _evaluate(self, x: np.ndarray) -> np.ndarray:
@@ -473,9 +473,8 @@ def compare_predictions(exciter: Exciter, optimised: Run, ranked: list[int]) -> 
     for name, seed in ((f"best of {count}", ranked[0]), ("the middle one", ranked[count // 2])):
         ratio = predicted(exciter, long_run(problem, random_start(problem, seed))) / ours
         print(f"  {name:22} {np.median(ratio):7.2f} {ratio.min():9.2f} {ratio.max():8.2f}")
-        worse = np.flatnonzero(ratio < 1)
-        if len(worse):
-            print(f"    less certain when optimised: {len(worse)} of {len(ours)}")
+        worse = [exciter.base.formulas[i] for i in np.argsort(ratio) if ratio[i] < 1]
+        print(f"    less certain when optimised: {', '.join(worse) or 'none'}")
 
 
 def record(exciter: Exciter, run: Run, p: np.ndarray, rng: np.random.Generator) -> pl.DataFrame:
@@ -492,9 +491,12 @@ def record(exciter: Exciter, run: Run, p: np.ndarray, rng: np.random.Generator) 
     return pl.DataFrame(columns)
 
 
-def errors(exciter: Exciter, p: np.ndarray, truth: np.ndarray) -> list[float]:
-    """M on and off the diagonal, friction [%], base parameters median and largest [prior's std]."""
-    dynamics, problem = exciter.dynamics, exciter.problem
+def errors(exciter: Exciter, result: deltaid.Identification, truth: np.ndarray) -> list[float]:
+    """M on and off the diagonal, friction [%], base parameters median and largest [prior's std].
+
+    Base parameters that the description's structure makes zero do not count.
+    """
+    dynamics, problem, p = exciter.dynamics, exciter.problem, result.model.p
     third = problem.series.motion(random_start(problem, THIRD))
     z, _, _ = third.evaluate(np.linspace(0, third.period, 500))
     on, off = mass_matrix_error(dynamics, z, truth, p)
@@ -503,7 +505,8 @@ def errors(exciter: Exciter, p: np.ndarray, truth: np.ndarray) -> list[float]:
     combination, prior = exciter.base.combination(), prior_parameters(dynamics.robot)
     spread = exciter.settings.prior_spread * parameter_scale(exciter.base.layout, prior)
     size = np.linalg.norm(combination * spread, axis=1)
-    base = np.abs(combination @ (p - truth)) / size
+    free = np.any(combination[:, np.any(result.reduction.A != 0, axis=1)] != 0, axis=1)
+    base = (np.abs(combination @ (p - truth)) / size)[free]
     return [100 * on, 100 * off, 100 * float(worst), float(np.median(base)), float(base.max())]
 
 
@@ -529,7 +532,7 @@ def compare_identification(
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "recording.parquet"
                 record(exciter, run_of(seed), truth, rng).write_parquet(path)
-                rows.append(errors(exciter, deltaid.identify(robot, [path]).model.p, truth))
+                rows.append(errors(exciter, deltaid.identify(robot, [path]), truth))
         cells = zip(np.median(rows, axis=0), np.max(rows, axis=0), strict=True)
         print(f"  {name:18}" + "".join(f"{f'{m:.2g} ({w:.2g})':>17}" for m, w in cells))
 

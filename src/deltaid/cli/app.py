@@ -36,7 +36,7 @@ def _options(
 def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
     try:
-        app()
+        app(prog_name="deltaid")
     except DeltaidError as error:
         print_error(error)
         sys.exit(2)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 # Columns whose cells are words.
 _TEXT_COLUMNS = ("unit", "from", "robot", "base parameter")
+# Columns that may take several lines where the terminal is narrow.
+_WRAPPED_COLUMNS = ("robot", "base parameter")
 
 console = Console(highlight=False, soft_wrap=True)
 error_console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -41,12 +44,20 @@ def print_json(value: dict) -> None:
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     """A plain table; the first column and those of text are left-aligned, numbers right."""
     result = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    widths = [max(map(cell_len, cells)) for cells in zip(columns, *rows, strict=True)]
+    needed = sum(widths) + 2 * (len(widths) - 1)
+    if needed > console.width and not set(columns) & set(_WRAPPED_COLUMNS):
+        result.width = needed  # a line that the terminal breaks rather than numbers cut off
     for i, column in enumerate(columns):
         text = i == 0 or column in _TEXT_COLUMNS
         justify = "left" if text else "right"
-        width = max((len(row[i]) for row in rows), default=0) if i == 0 else None
+        width = widths[i] if i == 0 and rows else None
         result.add_column(
-            column, justify=justify, header_style="dim", no_wrap=True, min_width=width
+            column,
+            justify=justify,
+            header_style="dim",
+            no_wrap=column not in _WRAPPED_COLUMNS,
+            min_width=width,
         )
     for row in rows:
         result.add_row(*(escape(cell) for cell in row))

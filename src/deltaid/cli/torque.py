@@ -25,7 +25,7 @@ def torque(
     and as many rows as the filter is long are missing at either end.
     """
     from deltaid.cli.output import console, print_warnings, progress
-    from deltaid.dynamics.dynamics import Dynamics
+    from deltaid.dynamics.dynamics import compiled
     from deltaid.files import require_writable, written_whole
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import predict, prediction_csv
@@ -35,7 +35,7 @@ def torque(
 
     require_writable(output, [model, log, *([columns] if columns else [])])
     identified = IdentifiedModel.load(model)
-    dynamics = Dynamics(identified.robot)
+    dynamics = compiled(identified.robot)
     mapping = load_mapping(columns) if columns else None
     rows = 0
     with progress(False) as say:

@@ -17,6 +17,8 @@ from deltaid.recording.table import Batch
 _GAP, _JITTER = 1.5, 0.05
 # No rotary arm of a Delta turns half a revolution; numbers beyond this are degrees.
 _LARGEST_ARM_ANGLE = np.pi
+# A step of this much of a turn between two samples is a jump of the reading, not a motion.
+_JUMP = 0.75 * 2 * np.pi
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 _HIGHEST_RATE = 1e6
 
@@ -32,6 +34,7 @@ class Survey:
     step: float = 0.0
     first_time: float = np.nan
     last_time: float = np.nan
+    last_q: np.ndarray | None = None
     low: np.ndarray = field(default_factory=lambda: np.array(np.inf))
     high: np.ndarray = field(default_factory=lambda: np.array(-np.inf))
     outside: int = 0
@@ -72,6 +75,7 @@ class Survey:
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
         self._check_angles(q, batch.row)
+        self._check_jumps(q, batch.row)
         self._check_reach(q, batch.row)
         self.spectrum.add(q)
         self._compare_derivatives(values)
@@ -149,6 +153,20 @@ class Survey:
                 where=self._row(row + i),
                 cure="declare its unit and gear with --columns MAPPING.yaml "
                 f"(position: - {{column: {name}, unit: deg, gear: 1}})",
+            )
+
+    def _check_jumps(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
+        steps = np.diff(q, axis=0, prepend=q[:1] if self.last_q is None else self.last_q)
+        self.last_q = q[-1:].copy()
+        jumps = np.argwhere(np.abs(steps) > _JUMP)
+        if jumps.size:
+            i, drive = (int(index) for index in jumps[0])
+            name = self.columns.position[drive].column
+            raise RecordingError(
+                f"column {name} jumps by {np.rad2deg(steps[i, drive]):.4g} degrees from one row to "
+                "the next; the angle is wrapped to one turn",
+                where=self._row(row + i),
+                cure="unwrap the column (numpy.unwrap, MATLAB's unwrap) or log turns as well",
             )
 
     def _check_reach(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:

@@ -1,0 +1,49 @@
+"""The `deltaid` command inside this process: exit code, standard output, standard error."""
+
+import contextlib
+import io
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from unittest.mock import patch
+
+from deltaid.cli import output
+from deltaid.cli.app import main
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run(*arguments: object, width: int = 80) -> Outcome:
+    """Run `deltaid ARGUMENTS` on a terminal of that width. An unexpected exception is one here."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.ExitStack() as stack:
+        for console in (output.console, output.error_console):
+            stack.enter_context(patch.object(console, "_width", width))
+        stack.enter_context(patch.dict("os.environ", {"COLUMNS": str(width)}))
+        stack.enter_context(patch.object(sys, "argv", ["deltaid", *map(str, arguments)]))
+        stack.enter_context(contextlib.redirect_stdout(out))
+        stack.enter_context(contextlib.redirect_stderr(err))
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    return Outcome(code, out.getvalue(), err.getvalue())
+
+
+def refused(*arguments: object, folder: Path) -> str:
+    """The one message of a command that exits with 2, prints nothing else and writes nothing."""
+    before = sorted(folder.rglob("*"))
+    outcome = run(*arguments)
+    assert outcome.code == 2, outcome
+    assert outcome.out == ""
+    assert outcome.err.count("error:") == 1
+    assert "Traceback" not in outcome.err
+    assert sorted(folder.rglob("*")) == before
+    return outcome.err

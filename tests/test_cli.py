@@ -1,0 +1,257 @@
+"""Every command on small data: exit codes, JSON, files, help, and how fast help comes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import typer
+
+from command import run
+from deltaid.cli.app import app
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.model import IdentifiedModel
+from deltaid.identification.torque_error import predict
+from deltaid.identification.validation import model_filter
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.recording.log import open_log
+from deltaid.robot.load import catalogue, catalogue_text
+from json_schema import violations
+from logs import names, recorded, write
+
+COMMANDS = sorted(typer.main.get_command(app).commands)
+ROBOT = "clavel-delta3"
+KEYS = {"objective", "duality_gap", "optimization_variables", "base_parameters", "rms", "nrmse"}
+KEYS |= {"friction", "consistent", "verify"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, irb360: Dynamics) -> Path:
+    """Logs of both robots, and the model that `deltaid identify` makes of each."""
+    place = tmp_path_factory.mktemp("cli")
+    write(place / "log.csv", recorded(1500))
+    write(place / "log.parquet", recorded(1500))
+    write(place / "motion.csv", recorded(1500, derivatives=True).drop(names("tau")))
+    rng = np.random.default_rng(3)
+    motion = random_motion(irb360.kinematics, rng, period=4.0)
+    noise = SensorNoise(torque=0.01)
+    p = surrogate_parameters(irb360.robot, rng)
+    four = simulate_recording(irb360, p, motion, rng, duration=4.0, noise=noise)
+    write(place / "four.csv", four)
+    assert run("identify", ROBOT, place / "log.csv", "-o", place / "model.yaml").code == 0
+    return place
+
+
+def test_robots() -> None:
+    listed = run("robots")
+    assert listed.code == 0
+    assert all(name in listed.out for name in catalogue())
+    assert run("robots", ROBOT).out == catalogue_text(ROBOT) + "\n"
+
+
+@pytest.mark.parametrize("kind", ["robot", "columns", "model"])
+def test_schema(folder: Path, kind: str) -> None:
+    schema = json.loads(run("schema", kind).out)
+    assert schema["properties"]
+    if kind == "model":
+        model = IdentifiedModel.load(folder / "model.yaml").model_dump(mode="json")
+        assert violations(model, schema) == []
+
+
+def test_identify_tables(folder: Path, tmp_path: Path) -> None:
+    outcome = run("identify", ROBOT, folder / "log.csv", "-o", tmp_path / "model.yaml")
+    assert outcome.code == 0
+    assert "viscous.drive1" in outcome.out
+    assert f"saved {tmp_path / 'model.yaml'}" in outcome.out
+    assert IdentifiedModel.load(tmp_path / "model.yaml").consistent
+    assert [path.name for path in tmp_path.iterdir()] == ["model.yaml"]
+
+
+def test_identify_json(folder: Path) -> None:
+    log = folder / "four.csv"
+    outcome = run("identify", "irb360-6-1600", log, "--verify", log, "--json")
+    assert outcome.code == 0
+    value = json.loads(outcome.out)
+    assert value.keys() >= KEYS
+    assert value["optimization_variables"] == 36
+    assert value["base_parameters"] == 37
+    assert value["consistent"] is True
+    assert value["duality_gap"] >= 0
+    assert value["friction"]["joints"] == ["drive1", "drive2", "drive3", "drive4", "slide"]
+    assert len(value["rms"]) == len(value["nrmse"]) == 4
+    assert value["verify"]["rms"] == pytest.approx(value["rms"])
+
+
+def test_csv_and_parquet_give_the_same_model(folder: Path) -> None:
+    values = [
+        json.loads(run("identify", ROBOT, folder / f"log.{kind}", "--json").out)
+        for kind in ("csv", "parquet")
+    ]
+    assert values[0]["parameters"] == values[1]["parameters"]
+
+
+@pytest.mark.parametrize("method", ["conic", "log-cholesky"])
+@pytest.mark.parametrize("regularizer", ["euclidean", "entropic"])
+def test_identify_options(folder: Path, method: str, regularizer: str) -> None:
+    options = ["--method", method, "--regularizer", regularizer, "--gamma", "1e-6"]
+    outcome = run("identify", ROBOT, folder / "log.csv", *options, "--json", "--cutoff", "30")
+    value = json.loads(outcome.out)
+    assert (value["method"], value["regularizer"], value["gamma"]) == (method, regularizer, 1e-6)
+    assert value["cutoff_hz"] == [30.0]
+
+
+def test_validate(folder: Path) -> None:
+    assert "drive3" in run("validate", folder / "model.yaml", folder / "log.csv").out
+    outcome = run("validate", folder / "model.yaml", folder / "log.csv", "--json")
+    value = json.loads(outcome.out)
+    model = IdentifiedModel.load(folder / "model.yaml")
+    assert value["rms"] == pytest.approx(model.fit.rms)
+    assert value["log"] == "log.csv"
+    assert value["sha256"] == model.sources[0].sha256
+
+
+def test_torque_of_a_planned_motion(folder: Path, tmp_path: Path, clavel: Dynamics) -> None:
+    out = tmp_path / "torque.csv"
+    outcome = run("torque", folder / "model.yaml", folder / "motion.csv", "-o", out)
+    assert outcome.code == 0
+    assert "wrote 1500 of 1500 samples" in outcome.out
+    motion, written = pl.read_csv(folder / "motion.csv"), pl.read_csv(out)
+    assert written.columns == names("t", "tau")
+    model = IdentifiedModel.load(folder / "model.yaml")
+    states = [motion.select(names(kind)).to_numpy() for kind in ("q", "qd", "qdd")]
+    np.testing.assert_array_equal(written["t"], motion["t"])
+    expected = clavel.inverse_dynamics(*states, model.p)
+    np.testing.assert_allclose(written.select(names("tau")), expected, rtol=0, atol=1e-9)
+
+
+def test_torque_of_positions(folder: Path, tmp_path: Path, clavel: Dynamics) -> None:
+    out = tmp_path / "torque.csv"
+    outcome = run("torque", folder / "model.yaml", folder / "log.csv", "-o", out)
+    assert "positions low-passed" in outcome.out
+    model = IdentifiedModel.load(folder / "model.yaml")
+    log = open_log(folder / "log.csv", clavel.kinematics)
+    parts = list(predict(clavel, model.p, log, model_filter(model, log)))
+    written = pl.read_csv(out)
+    np.testing.assert_array_equal(written["t"], np.concatenate([p.time for p in parts]))
+    expected = np.concatenate([p.predicted for p in parts])
+    np.testing.assert_array_equal(written.select(names("tau")), expected)
+
+
+def test_base(folder: Path) -> None:
+    value = json.loads(run("base", "irb360-6-1600", "--json").out)
+    assert (value["base_parameters"], value["optimization_variables"]) == (37, 36)
+    value = json.loads(run("base", ROBOT, folder / "log.csv", "--json").out)
+    assert len(value["groups"]) == len(value["values"]) == value["base_parameters"]
+    assert "base parameter" in run("base", ROBOT).out
+
+
+def test_demo(tmp_path: Path) -> None:
+    outcome = run("demo", ROBOT, "--keep", tmp_path / "new" / "demo")
+    assert outcome.code == 0
+    assert "against the truth" in outcome.out
+    kept = {path.name for path in (tmp_path / "new" / "demo").iterdir()}
+    assert kept == {"robot.yaml", "identify.csv", "verify.csv", "model.yaml"}
+
+
+def test_columns_option(folder: Path, tmp_path: Path) -> None:
+    frame = recorded(1500)
+    renamed = frame.select(
+        (1000 * pl.col("t")).alias("Zeit"),
+        *(pl.col(f"q{i}").degrees().alias(f"Winkel {i}") for i in (1, 2, 3)),
+        *(pl.col(f"tau{i}") for i in (1, 2, 3)),
+    )
+    log = write(tmp_path / "log.csv", renamed)
+    lines = ["time: {column: Zeit, unit: ms}", "position:"]
+    lines += [f"  - {{column: Winkel {i}, unit: deg}}" for i in (1, 2, 3)]
+    mapping = write(tmp_path / "columns.yaml", "\n".join(lines))
+    arguments = [ROBOT, log, "--columns", mapping, "--json"]
+    value = json.loads(run("identify", *arguments).out)
+    straight = json.loads(run("identify", ROBOT, folder / "log.csv", "--json").out)
+    assert value["rms"] == pytest.approx(straight["rms"], rel=1e-6)
+
+
+def test_warnings_leave_json_clean(folder: Path, tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", (folder / "log.csv").read_text().rstrip("\n"))
+    outcome = run("validate", folder / "model.yaml", log, "--json")
+    json.loads(outcome.out)
+    assert "warning:" in outcome.err
+    assert "no line break" in outcome.err
+
+
+@pytest.mark.parametrize("arguments", [[], *([name] for name in COMMANDS)])
+def test_help(arguments: list[str]) -> None:
+    outcome = run(*arguments, "--help")
+    assert outcome.code == 0
+    assert outcome.err == ""
+    assert max(map(len, outcome.out.splitlines())) <= 80
+    commands = typer.main.get_command(app).commands
+    if not arguments:
+        assert all(name in outcome.out for name in COMMANDS)
+        return
+    assert commands[arguments[0]].help
+    for parameter in commands[arguments[0]].params:
+        assert parameter.name == "help" or parameter.help, parameter.name
+
+
+def test_tables_fit_80_columns(folder: Path) -> None:
+    log = folder / "four.csv"
+    texts = [
+        run("robots").out,
+        run("identify", "irb360-6-1600", log, "--verify", log).out,
+        run("base", ROBOT, folder / "log.csv").out,
+    ]
+    for text in texts:
+        assert "…" not in text
+        rows = [line for line in text.splitlines() if "  " in line]
+        assert max(map(len, rows)) <= 80
+
+
+def test_tables_lose_nothing_on_narrow_terminals(folder: Path) -> None:
+    for arguments in (["robots"], ["validate", folder / "model.yaml", folder / "log.csv"]):
+        narrow, wide = (run(*arguments, width=width).out for width in (50, 200))
+        assert "…" not in narrow
+        assert sorted(narrow.split()) == sorted(wide.split())
+
+
+def test_version() -> None:
+    assert run("--version").out.startswith("deltaid ")
+
+
+def test_no_arguments_show_help() -> None:
+    outcome = run()
+    assert "identify" in outcome.out + outcome.err
+
+
+HEAVY = ("casadi", "polars", "scipy", "numpy", "ruamel", "pint", "llvmlite", "clarabel")
+START = "from deltaid.cli import main; import sys; sys.argv = ['deltaid', {}]; main()"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import deltaid",
+        START.format("'--help'"),
+        START.format("'identify', '-h'"),
+    ],
+)
+def test_nothing_heavy_is_imported_for_help(code: str) -> None:
+    report = f"import atexit, sys; atexit.register(lambda: print(*sys.modules, sep='\\n'))\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", report], capture_output=True, check=True, encoding="utf-8"
+    )
+    loaded = {name.split(".")[0] for name in done.stdout.splitlines()}
+    assert "deltaid" in loaded
+    assert loaded.isdisjoint(HEAVY)
+
+
+def test_the_console_script() -> None:
+    script = Path(sys.executable).with_name("deltaid")
+    good = subprocess.run([script, "robots"], capture_output=True, encoding="utf-8")
+    assert (good.returncode, good.stderr) == (0, "")
+    bad = subprocess.run([script, "robots", "x"], capture_output=True, encoding="utf-8")
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr.startswith("error: no robot file")

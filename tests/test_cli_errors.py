@@ -1,0 +1,295 @@
+"""What goes wrong on the command line: one message on standard error, code 2, nothing written."""
+
+import errno
+import os
+import re
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from command import refused, run
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import DeltaidError
+from deltaid.files import require_writable, written_whole
+from deltaid.identification.model import IdentifiedModel
+from deltaid.recording.log import open_log
+from deltaid.recording.windows import choose_filter, windows
+from deltaid.robot.load import catalogue_text
+from logs import names, recorded, text, write
+
+ROBOT = "clavel-delta3"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with good and bad files, none of which any test changes."""
+    place = tmp_path_factory.mktemp("errors")
+    log = write(place / "log.csv", recorded(1500))
+    write(place / "motion.csv", recorded(60, derivatives=True).drop(names("tau")))
+    write(place / "short.csv", recorded(200))
+    write(place / "nan.csv", text(recorded(700)).replace("0.348,", "nan,"))
+    write(place / "cut.csv", text(recorded(700))[:-30])
+    write(place / "columns.yaml", "position: [{column: q1, unit: rad}]")
+    write(place / "units.yaml", "time: {unit: furlong}")
+    short = catalogue_text(ROBOT).replace("strut: 1.055", "strut: 0.05").replace("0.420", "0.1")
+    write(place / "robot.yaml", short)
+    (place / "sub").mkdir()
+    assert run("identify", ROBOT, log, "-o", place / "model.yaml").code == 0
+    return place
+
+
+BAD = [
+    ("identify clavel log.csv", "did you mean clavel-delta3?"),
+    ("identify robot.yaml log.csv", "robot.yaml: line 5, limbs: the limbs cannot close"),
+    ("identify log.csv clavel-delta3", "log.csv: does not hold keys with values"),
+    ("identify sub log.csv", "sub: is a folder, not a file"),
+    ("identify irb360-6-1600 log.csv", "log.csv, row 1: has no column q4, tau4"),
+    ("identify clavel-delta3 missing.csv", "missing.csv: no such file"),
+    ("identify clavel-delta3 sub", "sub: is a folder, not a log"),
+    ("identify clavel-delta3 nan.csv", "nan.csv, row 350: column t is 'nan'"),
+    ("identify clavel-delta3 log.csv nan.csv", "nan.csv, row 350: column t is 'nan'"),
+    ("identify clavel-delta3 cut.csv -o sub/new.yaml", "cut.csv, row 701: has "),
+    ("identify clavel-delta3 short.csv", "short.csv: has 200 samples, too few"),
+    ("identify clavel-delta3 motion.csv", "motion.csv, row 1: has no torque columns"),
+    ("identify clavel-delta3 log.csv --verify missing.csv", "missing.csv: no such file"),
+    ("identify clavel-delta3 log.csv --verify nan.csv -o sub/new.yaml", "nan.csv, row 350"),
+    ("identify clavel-delta3 log.csv --columns missing.yaml", "missing.yaml: no such file"),
+    ("identify clavel-delta3 log.csv --columns columns.yaml", "columns.yaml, position: lists 1"),
+    (
+        "identify clavel-delta3 log.csv --columns units.yaml",
+        "units.yaml, time.unit: unit",
+    ),
+    ("identify clavel-delta3 log.csv --columns robot.yaml", "line 2, name: unknown key"),
+    ("identify clavel-delta3 log.csv -o missing/new.yaml", "its folder does not exist"),
+    ("identify clavel-delta3 log.csv -o sub", "sub: is a folder"),
+    ("identify clavel-delta3 log.csv -o log.csv", "log.csv: would overwrite an input"),
+    ("identify robot.yaml log.csv -o robot.yaml", "robot.yaml: would overwrite an input"),
+    ("identify clavel-delta3 log.csv -o log.csv/new.yaml", "its folder does not exist"),
+    ("identify clavel-delta3 log.csv -o /dev/null", "is no regular file"),
+    ("identify clavel-delta3 log.csv --gamma 0", "--gamma: must be a positive number, not 0"),
+    ("identify clavel-delta3 log.csv --gamma -1e-6", "--gamma: must be a positive number"),
+    ("identify clavel-delta3 log.csv --gamma 1e-300", "--gamma: must lie between 1e-18 and 1000"),
+    ("identify clavel-delta3 log.csv --gamma nan", "--gamma: must be a positive number, not nan"),
+    ("identify clavel-delta3 log.csv --prior-spread 0", "--prior-spread: must be a positive"),
+    ("identify clavel-delta3 log.csv --prior-spread inf", "--prior-spread: must be a positive"),
+    ("identify clavel-delta3 log.csv --prior-spread 1e300", "--prior-spread: must lie between"),
+    ("identify clavel-delta3 log.csv --cutoff 0", "--cutoff: must be a positive number"),
+    ("identify clavel-delta3 log.csv --cutoff -3", "--cutoff: must be a positive number"),
+    ("identify clavel-delta3 log.csv --cutoff 1e-9", "log.csv: a cut-off of 1e-09 Hz does not go"),
+    ("identify clavel-delta3 log.csv --cutoff 0.1", "log.csv: has 1500 samples, too few"),
+    ("identify clavel-delta3 log.csv --cutoff 400", "log.csv: a cut-off of 400 Hz does not go"),
+    ("identify clavel-delta3 log.csv --regularizer riemannian", "not convex"),
+    ("validate missing.yaml log.csv", "missing.yaml: no such file"),
+    ("validate robot.yaml log.csv", "robot.yaml: line 1, deltaid: is missing"),
+    ("validate log.csv model.yaml", "log.csv: does not hold keys with values"),
+    ("validate model.yaml nan.csv", "nan.csv, row 350: column t is 'nan'"),
+    ("validate model.yaml motion.csv --json", "motion.csv, row 1: has no torque columns"),
+    ("torque model.yaml cut.csv -o sub/new.csv", "cut.csv, row 701: has "),
+    ("torque model.yaml nan.csv -o sub/new.csv", "nan.csv, row 350: column t is 'nan'"),
+    ("torque model.yaml motion.csv -o missing/new.csv", "its folder does not exist"),
+    ("torque model.yaml motion.csv -o motion.csv", "motion.csv: would overwrite an input"),
+    ("torque model.yaml motion.csv -o model.yaml", "model.yaml: would overwrite an input"),
+    ("robots irb360", "the catalogue has: clavel-delta3, irb360-6-1600"),
+    ("robots ../robots", "no robot file and no catalogue robot"),
+    ("base robot.yaml", "robot.yaml: line 5, limbs: the limbs cannot close"),
+    ("base clavel-delta3 --cutoff 0", "--cutoff: must be a positive number"),
+    ("demo nothing", "no robot file and no catalogue robot called 'nothing'"),
+    ("demo clavel-delta3 --keep log.csv", "log.csv: cannot be made"),
+]
+
+
+@pytest.mark.parametrize(("line", "fragment"), BAD)
+def test_errors(folder: Path, monkeypatch, line: str, fragment: str) -> None:
+    monkeypatch.chdir(folder)
+    message = refused(*line.split(), folder=folder)
+    assert message.startswith("error: ")
+    assert fragment in message
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "nothing",
+        "identify",
+        "identify clavel-delta3",
+        "identify clavel-delta3 log.csv --gamma x",
+        "identify clavel-delta3 log.csv --method newton",
+        "identify clavel-delta3 log.csv --nothing",
+        "torque model.yaml motion.csv",
+        "schema nothing",
+        "base clavel-delta3 --seed -1",
+        "demo --seed -1",
+        "demo --noise nan",
+        "demo --noise inf",
+        "demo --noise -0.1",
+    ],
+)
+def test_wrong_usage(folder: Path, monkeypatch, line: str) -> None:
+    monkeypatch.chdir(folder)
+    outcome = run(*line.split())
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "Usage: deltaid" in outcome.err
+    assert max(map(len, outcome.err.splitlines())) <= 80
+
+
+def damaged(text_of_model: str, old: str, new: str) -> str:
+    assert old in text_of_model
+    return text_of_model.replace(old, new, 1)
+
+
+DAMAGES = {
+    "format": ("format: 1", "format: 2", "line 1, format: must be 1, not 2"),
+    "no format": ("\ndeltaid:", "\ndeltaidd:", "deltaid: is missing"),
+    "name": ("name: U.mcx", "name: U.mcy", "parameters are not those of the robot, in its order"),
+    "not a number": ("determined_by", "value: x\n  determined_by", "is not valid YAML"),
+    "method": ("method: conic", "method: guess", "settings.method: must be 'conic'"),
+    "robot": (
+        "upper_arm: 0.42",
+        "upper_arm: -0.42",
+        "limbs.upper_arm: must be greater",
+    ),
+    "syntax": ("\nrobot:", "\nrobot", "is not valid YAML"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_damaged_models(folder: Path, tmp_path: Path, name: str) -> None:
+    old, new, fragment = DAMAGES[name]
+    path = tmp_path / "model.yaml"
+    write(path, damaged((folder / "model.yaml").read_text(), old, new))
+    message = refused("validate", path, folder / "log.csv", folder=tmp_path)
+    assert message.startswith(f"error: {path}")
+    assert fragment in message
+
+
+@pytest.mark.parametrize("key", ["value", "std", "prior"])
+@pytest.mark.parametrize("number", [".nan", ".inf", "1e300", "x", "-1e9"])
+def test_models_with_impossible_numbers(folder: Path, tmp_path: Path, key, number) -> None:
+    text_of_model = (folder / "model.yaml").read_text()
+    pattern = re.compile(rf"(name: S\.m\b[^}}]*?\b{key}: )[^\s,}}]+")
+    changed, count = pattern.subn(rf"\g<1>{number}", text_of_model, count=1)
+    assert count == 1
+    path = write(tmp_path / "model.yaml", changed)
+    outcome = run("validate", path, folder / "log.csv")
+    assert outcome.code in (0, 2)
+    harmless = {("prior", "-1e9"), ("std", "1e300")}
+    assert (outcome.code == 0) == ((key, number) in harmless)
+    assert outcome.err.count("error:") == (outcome.code == 2)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
+def test_models_cut_off(folder: Path, tmp_path: Path, share: float) -> None:
+    whole = (folder / "model.yaml").read_bytes()
+    path = write(tmp_path / "model.yaml", whole[: int(share * len(whole))])
+    refused("torque", path, folder / "motion.csv", "-o", tmp_path / "x.csv", folder=tmp_path)
+
+
+def test_places_that_cannot_be_written(folder: Path, tmp_path: Path, monkeypatch) -> None:
+    def denied(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(tempfile, "mkstemp", denied)  # as root, no permission stops anyone
+    out = tmp_path / "new.csv"
+    arguments = ["torque", folder / "model.yaml", folder / "motion.csv", "-o", out]
+    assert "cannot be written: Permission denied" in refused(*arguments, folder=tmp_path)
+
+
+def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = write(tmp_path / "model.yaml", "old")
+
+    def interrupted(error: Exception) -> None:
+        with written_whole(path) as file:
+            file.write("new")
+            raise error
+
+    with pytest.raises(KeyError):
+        interrupted(KeyError())
+    with pytest.raises(DeltaidError, match="No space left"):
+        interrupted(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+    assert path.read_text() == "old"
+    link = tmp_path / "link.yaml"
+    link.symlink_to(path)
+    with written_whole(link) as file:
+        file.write("new")
+    assert link.is_symlink()
+    assert path.read_text() == "new"
+    require_writable(tmp_path / "other.yaml", [path])
+    with pytest.raises(DeltaidError, match="would overwrite an input"):
+        require_writable(link, [path])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link.yaml", "model.yaml"]
+
+
+SNIPPETS = [b'"', b",", b";", b"\n", b"\r\n", b"\x00", b"e", b"-", b".", b"\xef\xbb\xbf", b"nan"]
+SNIPPETS += [b"1e308", b"\n\n", b": ", b"[", b"{", b"&a ", b"*a", b"!!x ", b"\t", b"#", b"'"]
+
+
+@st.composite
+def damages(draw: st.DrawFn) -> list[tuple[str, float, bytes]]:
+    """A few changes: what, where (as a share of the length), with which bytes."""
+    kinds = st.sampled_from(["truncate", "flip", "insert", "delete", "double"])
+    new = st.one_of(st.sampled_from(SNIPPETS), st.binary(min_size=1, max_size=6))
+    return draw(st.lists(st.tuples(kinds, st.floats(0, 0.999), new), min_size=1, max_size=3))
+
+
+def apply_damages(content: bytes, changes: list[tuple[str, float, bytes]]) -> bytes:
+    for kind, share, new in changes:
+        i = int(share * len(content))
+        head, tail = content[:i], content[i:]
+        if kind == "truncate":
+            content = head
+        elif kind == "flip":
+            content = head + new[:1] + tail[1:]
+        elif kind == "insert":
+            content = head + new + tail
+        elif kind == "delete":
+            content = head + tail[7 * len(new) :]
+        else:
+            content = head + tail[: 9 * len(new)] + tail
+    return content
+
+
+FEW = settings(deadline=None, suppress_health_check=list(HealthCheck), max_examples=300)
+
+
+@FEW
+@given(changes=damages())
+def test_damaged_logs(folder: Path, clavel: Dynamics, changes) -> None:
+    good = text(recorded(700)).encode()
+    path = write(folder.parent / "damaged.csv", apply_damages(good, changes))
+    try:
+        log = open_log(path, clavel.kinematics)
+        for _ in windows(log, clavel.kinematics, choose_filter(log, 60.0)):
+            pass
+    except DeltaidError as error:
+        assert str(path) in str(error)  # noqa: PT017 - both ends are right
+
+
+@settings(FEW, max_examples=100)
+@given(changes=damages())
+def test_randomly_damaged_models(folder: Path, changes) -> None:
+    path = folder.parent / "damaged-model.yaml"
+    write(path, apply_damages((folder / "model.yaml").read_bytes(), changes))
+    try:
+        assert IdentifiedModel.load(path).consistent
+    except DeltaidError as error:
+        assert str(path) in str(error)  # noqa: PT017 - both ends are right
+
+
+@settings(FEW, max_examples=25)
+@given(in_model=st.booleans(), changes=damages())
+def test_damaged_files_on_the_command_line(folder: Path, in_model: bool, changes) -> None:
+    place = folder.parent / "damaged-command"
+    place.mkdir(exist_ok=True)
+    paths = [folder / "model.yaml", folder / "motion.csv"]
+    at = 0 if in_model else 1
+    content = apply_damages(paths[at].read_bytes(), changes)
+    paths[at] = write(place / paths[at].name, content)
+    out = place / "torque.csv"
+    outcome = run("torque", *paths, "-o", out)
+    assert outcome.code in (0, 2)
+    assert outcome.err.count("error:") == (outcome.code == 2)
+    assert out.exists() == (outcome.code == 0)
+    out.unlink(missing_ok=True)
