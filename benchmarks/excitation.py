@@ -19,8 +19,11 @@ time is up, again from where they ended if they end early, or until that moves n
 What is compared is common to all: every point at which a solver asks for a value (not the
 perturbed ones of a difference) is judged afterwards, off the clock, on a ten times finer grid with
 the true sign of friction. A point that exceeds a limit there is pulled towards the feasible start
-until it does not. Counted is wall time from the start; for deltaid that includes drawing the start,
-checks and tightening. An evaluation is one call of the functions; deltaid's includes the gradients.
+until it does not. Counted is the processor time of this process from the start, which on an idle
+machine is the wall time; for deltaid it includes drawing the start, checks and tightening. An
+evaluation is one call of the functions; deltaid's includes the gradients. Two ratios compare the
+time in which another solver has its best value, and 99 % of its way there from the start, with the
+time in which deltaid has as good a value.
 
 Command. Wall time of `deltaid excite` from nothing to a file, in a process of its own.
 
@@ -99,7 +102,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Curve:
-    """Best feasible value so far over time [s]."""
+    """Best feasible value so far over time [s]; the first is that of the start."""
 
     seconds: np.ndarray
     values: np.ndarray
@@ -108,6 +111,11 @@ class Curve:
     def best(self) -> float:
         """The last and lowest value."""
         return float(self.values[-1])
+
+    @property
+    def nearly(self) -> float:
+        """The value at 99 % of the way from the start to the best."""
+        return float(0.01 * self.values[0] + 0.99 * self.values[-1])
 
     def at(self, seconds: float) -> float:
         """Best value at a time."""
@@ -125,12 +133,12 @@ class TracedProblem(ExcitationProblem):
     """The problem, remembering where deltaid's optimiser evaluates it."""
 
     visits: list[Visit] = field(default_factory=list)
-    began: float = field(default_factory=time.perf_counter)
+    began: float = field(default_factory=time.process_time)
 
     def evaluate(self, x: np.ndarray, sharpness: float = 100.0) -> Evaluation:
         """As the problem's own."""
         result = super().evaluate(x, sharpness)
-        self.visits.append(Visit(time.perf_counter() - self.began, x.copy()))
+        self.visits.append(Visit(time.process_time() - self.began, x.copy()))
         return result
 
 
@@ -199,18 +207,18 @@ class Differences:
         self._slope_point, self._slopes = b"", np.empty(0)
         self.visits: list[Visit] = []
         self.evaluations = 0
-        self.began = time.perf_counter()
+        self.began = time.process_time()
 
     @property
     def left(self) -> float:
         """Time left [s]."""
-        return self._budget - (time.perf_counter() - self.began)
+        return self._budget - (time.process_time() - self.began)
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """[objective, use of each limit]; a visit."""
         if x.tobytes() != self._point:
             self._point, self._values = x.tobytes(), self._evaluate(x)
-            self.visits.append(Visit(time.perf_counter() - self.began, x.copy()))
+            self.visits.append(Visit(time.process_time() - self.began, x.copy()))
         return self._values
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
@@ -249,7 +257,7 @@ def run_deltaid(problem: ExcitationProblem, seed: int) -> Trace:
     parts = {f.name: getattr(problem, f.name) for f in fields(problem)}
     traced = TracedProblem(**parts)
     optimum = optimise(traced, range(seed, seed + 1))
-    seconds = time.perf_counter() - traced.began
+    seconds = time.process_time() - traced.began
     visits = [*traced.visits, Visit(seconds, optimum.x)]
     return Trace("deltaid", visits, len(traced.visits), seconds)
 
@@ -294,7 +302,7 @@ def run_ipopt(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Tra
     def solve(x_now: np.ndarray) -> np.ndarray:
         options = {
             "ipopt.hessian_approximation": "limited-memory",
-            "ipopt.max_wall_time": max(functions.left, 0.1),
+            "ipopt.max_cpu_time": max(functions.left, 0.1),
             "ipopt.max_iter": 1_000_000,
             "ipopt.tol": 1e-5,
             "ipopt.print_level": 0,
@@ -369,44 +377,64 @@ def _until_time_is_up(
                 break
     except OutOfTimeError:
         pass
-    seconds = time.perf_counter() - functions.began
+    seconds = time.process_time() - functions.began
     return Trace(name, functions.visits, functions.evaluations, seconds)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Another solver's curve beside deltaid's from the same start."""
+
+    ours: Curve
+    theirs: Curve
+
+    @property
+    def ratio(self) -> float:
+        """Their time to their best value over our time to as good a one."""
+        return self._ratio(self.theirs.best)
+
+    @property
+    def ratio_nearly(self) -> float:
+        """The same for 99 % of their way."""
+        return self._ratio(self.theirs.nearly)
+
+    @property
+    def then(self) -> float:
+        """Our value when they have their best."""
+        return self.ours.at(self.theirs.time_to(self.theirs.best))
+
+    def _ratio(self, value: float) -> float:
+        return self.theirs.time_to(value) / self.ours.time_to(value)
 
 
 def compare_optimisers(problem: ExcitationProblem, seeds: range, budget: float) -> None:
     """All three from every start, a table for each, and what it comes to."""
     problem.evaluate(random_start(problem, 0))  # compiles the kernels for everyone
+    unknowns, limits = problem.series.length, len(problem.two_sided)
+    print(f"\nOPTIMISERS, {unknowns} unknowns, {limits} limits; lower is better")
     print(
-        f"\nOPTIMISERS, {problem.series.length} unknowns, {len(problem.two_sided)} limits, ", end=""
+        f"{'':14} {'best':>8} {'at s':>7} {'end s':>7} {'evaluations':>11} {'each ms':>8}  "
+        f"{'deltaid has it at':>17} {'ratio':>6} {'to 99 %':>7} {'deltaid then':>12}"
     )
-    print(f"{budget:g} s for SLSQP and IPOPT; lower is better")
-    print(
-        f"{'':14} {'best':>8} {'at s':>7} {'end s':>7} {'evaluations':>11} {'each ms':>8}   "
-        f"{'deltaid has it at':>17} {'ratio':>6} {'deltaid then':>12}"
-    )
-    ratios: dict[str, list[float]] = {}
-    better: dict[str, list[bool]] = {}
+    found: dict[str, list[Comparison]] = {}
     for seed in seeds:
         x_0 = random_start(problem, seed)
-        judge = Judge(problem, x_0)
-        ours = run_deltaid(problem, seed)
-        reference = judge.curve(ours, np.inf)
-        print(f"start {seed}, {reference.values[0]:.4f} before")
-        print(_line(ours, reference))
-        for trace in (run_slsqp(problem, x_0, budget), run_ipopt(problem, x_0, budget)):
-            curve = judge.curve(trace, budget)
-            reached, needed = reference.time_to(curve.best), curve.time_to(curve.best)
-            then = reference.at(needed)
-            ratios.setdefault(trace.name, []).append(needed / reached)
-            better.setdefault(trace.name, []).append(then < curve.best)
-            at = f"{reached:.2f} s" if np.isfinite(reached) else "never"
-            print(f"{_line(trace, curve)}   {at:>17} {needed / reached:6.1f} {then:12.4f}")
-    for name, values in ratios.items():
-        print(
-            f"{name}: its best value takes it {statistics.median(values):.1f} times deltaid's time "
-            f"(median; from {min(values):.1f} to {max(values):.1f}); deltaid is better at equal "
-            f"time from {sum(better[name])} of {len(values)} starts"
-        )
+        judge, trace = Judge(problem, x_0), run_deltaid(problem, seed)
+        ours = judge.curve(trace, np.inf)
+        print(f"start {seed}, {ours.values[0]:.4f} before")
+        print(_line(trace, ours))
+        for run in (run_slsqp, run_ipopt):
+            trace = run(problem, x_0, budget)
+            pair = Comparison(ours, judge.curve(trace, budget))
+            found.setdefault(trace.name, []).append(pair)
+            at = ours.time_to(pair.theirs.best)
+            print(
+                f"{_line(trace, pair.theirs)}  {f'{at:.2f} s' if at < np.inf else 'never':>17} "
+                f"{pair.ratio:6.1f} {pair.ratio_nearly:7.1f} {pair.then:12.4f}",
+                flush=True,
+            )
+    for name, pairs in found.items():
+        print(f"{name}, {_summary(pairs)}")
 
 
 def _line(trace: Trace, curve: Curve) -> str:
@@ -415,6 +443,18 @@ def _line(trace: Trace, curve: Curve) -> str:
     return (
         f"  {trace.name:12} {curve.best:8.4f} {curve.time_to(curve.best):7.2f} "
         f"{trace.seconds:7.2f} {trace.evaluations:11,} {each:8.2f}"
+    )
+
+
+def _summary(pairs: list[Comparison]) -> str:
+    """Ratios over all starts, and from how many of them deltaid is better at equal time."""
+    best, nearly = [one.ratio for one in pairs], [one.ratio_nearly for one in pairs]
+    better = sum(one.then < one.theirs.best for one in pairs)
+    return (
+        f"ratio of times: to its best value {statistics.median(best):.1f} (from {min(best):.1f} to "
+        f"{max(best):.1f}), to 99 % of its way {statistics.median(nearly):.1f} (from "
+        f"{min(nearly):.1f} to {max(nearly):.1f}); deltaid is better at equal time from {better} "
+        f"of {len(pairs)} starts"
     )
 
 

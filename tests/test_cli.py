@@ -1,6 +1,7 @@
 """Every command on small data: exit codes, JSON, files, help, and how fast help comes."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -252,6 +253,10 @@ def test_the_console_script() -> None:
     script = Path(sys.executable).with_name("deltaid")
     good = subprocess.run([script, "robots"], capture_output=True, encoding="utf-8")
     assert (good.returncode, good.stderr) == (0, "")
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    schema = subprocess.run([script, "schema"], capture_output=True, env=environment, check=True)
+    assert "m/s²" in schema.stdout.decode("utf-8")
+    assert "‖J‖" in schema.stdout.decode("utf-8")
     bad = subprocess.run([script, "robots", "x"], capture_output=True, encoding="utf-8")
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr.startswith("error: no robot file")

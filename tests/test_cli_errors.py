@@ -96,6 +96,12 @@ BAD = [
     ("robots ../robots", "no robot file and no catalogue robot"),
     ("base robot.yaml", "robot.yaml: line 5, limbs: the limbs cannot close"),
     ("base clavel-delta3 --cutoff 0", "--cutoff: must be a positive number"),
+    ("excite clavel-delta3 -o missing/new.csv", "its folder does not exist"),
+    ("excite clavel-delta3 --plot sub/new.gif", "must end in .png or .svg"),
+    ("excite robot.yaml -o robot.yaml", "robot.yaml: would overwrite an input"),
+    ("excite clavel-delta3 --duration 1e-12", "--duration: must lie between 0.1 and 3600"),
+    ("excite clavel-delta3 --rate 1e12", "--rate: must lie between 1 and 100000"),
+    ("excite clavel-delta3 --torque-noise nan", "--torque-noise: must be a positive number"),
     ("demo nothing", "no robot file and no catalogue robot called 'nothing'"),
     ("demo clavel-delta3 --keep log.csv", "log.csv: cannot be made"),
 ]
@@ -107,6 +113,13 @@ def test_errors(folder: Path, monkeypatch, line: str, fragment: str) -> None:
     message = refused(*line.split(), folder=folder)
     assert message.startswith("error: ")
     assert fragment in message
+
+
+def test_names_from_files_are_only_text(folder: Path, tmp_path: Path) -> None:
+    mapping = write(tmp_path / "[red]:car:.yaml", 'time: {unit: "\\e[31m[bold]:car:"}')
+    log = folder / "log.csv"
+    message = refused("identify", ROBOT, log, "--columns", mapping, folder=tmp_path)
+    assert f"{mapping}, time.unit: unit '?[31m[bold]:car:' is not known" in message
 
 
 @pytest.mark.parametrize(

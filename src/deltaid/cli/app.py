@@ -1,5 +1,6 @@
 """The `deltaid` command: its subcommands and what happens to errors."""
 
+import io
 import os
 import sys
 
@@ -35,6 +36,7 @@ def _options(
 
 def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
+    _speak_unicode()
     try:
         app(prog_name="deltaid")
     except DeltaidError as error:
@@ -43,3 +45,14 @@ def main() -> None:
     except BrokenPipeError:  # the reader of a pipe has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+
+
+def _speak_unicode() -> None:
+    """Write UTF-8 into files and pipes, and to terminals at least no error over a Greek letter.
+
+    Windows would choose a code page without γ for them, and YAML and JSON are UTF-8 anyway.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            encoding = stream.encoding if stream.isatty() else "utf-8"
+            stream.reconfigure(encoding=encoding, errors="replace")

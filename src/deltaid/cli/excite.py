@@ -50,9 +50,11 @@ def excite(
         float, typer.Option(help="About how long to move, without the ramps, in s.")
     ] = 10.0,
     harmonics: Annotated[int, typer.Option(help="Harmonics of the series.", min=1, max=20)] = 5,
-    repeats: Annotated[int, typer.Option(help="Run it so often, for averaging.", min=1)] = 1,
+    repeats: Annotated[
+        int, typer.Option(help="Run it so often, for averaging.", min=1, max=1000)
+    ] = 1,
     velocity_weight: Annotated[
-        float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0.0)
+        float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0, max=1e6)
     ] = 0.1,
     torque_noise: Annotated[
         float, typer.Option(help="Torque noise for the prediction, share of the largest torque.")
@@ -72,10 +74,12 @@ def excite(
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.excitation.motion_file import write_run
+    from deltaid.files import require_writable
     from deltaid.robot.load import load_robot
 
-    for name, value in (("duration", duration), ("torque-noise", torque_noise), ("rate", rate)):
-        positive(f"--{name}", value)
+    positive("--duration", duration, (0.1, 3600.0))
+    positive("--torque-noise", torque_noise, (1e-9, 10.0))
+    positive("--rate", rate, (1.0, 1e5))
     picture = plot.suffix.lower().lstrip(".") if plot else ""
     if plot and picture not in ("png", "svg"):
         raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
@@ -91,6 +95,9 @@ def excite(
         starts=starts,
         seed=seed,
     )
+    for path in (output, verify_out, plot):
+        if path is not None:
+            require_writable(path, [Path(robot)])
     description = load_robot(robot)
     with progress(as_json) as say, _stop_on_interrupt() as stop:
         say("preparing the robot")

@@ -21,19 +21,24 @@ _TEXT_COLUMNS = ("unit", "from", "robot", "base parameter")
 # Columns that may take several lines where the terminal is narrow.
 _WRAPPED_COLUMNS = ("robot", "base parameter")
 
-console = Console(highlight=False, soft_wrap=True)
-error_console = Console(stderr=True, highlight=False, soft_wrap=True)
+console = Console(highlight=False, soft_wrap=True, emoji=False)
+error_console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def print_error(error: DeltaidError) -> None:
     """One clear message on standard error."""
-    error_console.print(f"[bold red]error:[/] {escape(str(error))}")
+    error_console.print(f"[bold red]error:[/] {_shown(str(error))}")
 
 
 def print_warnings(warnings: Sequence[str]) -> None:
     """Warnings on standard error, so that --json stays clean."""
     for text in warnings:
-        error_console.print(f"[yellow]warning:[/] {escape(text)}")
+        error_console.print(f"[yellow]warning:[/] {_shown(text)}")
+
+
+def _shown(text: str) -> str:
+    """Text with names from files, which must not reach the terminal's own commands."""
+    return escape("".join(c if c.isprintable() or c == "\n" else "?" for c in text))
 
 
 def print_json(value: dict) -> None:

@@ -21,6 +21,7 @@ from deltaid.motion.fourier import FourierMotion
 _SHARPNESS = (30.0, 300.0)
 _FINER = 10  # the grid on which feasibility is checked, against the one that is optimised on
 _ROUNDS = 8  # of tightening
+_SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
 _ITERATIONS = 250
 _FULL = 1.0 - 1e-9
 _UNREACHABLE = 1e3
@@ -137,7 +138,7 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
         x, message = search.run(x, sharpness)
     for _ in range(_ROUNDS):
         use = largest_use(problem, x, fine)
-        if use.max() <= 1.0 or stop.is_set():
+        if use.max() <= 1.0 or use.max() > _SLIGHT or stop.is_set():
             break
         search.tighten(use)
         x, message = search.run(x, _SHARPNESS[-1])
