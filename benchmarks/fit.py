@@ -6,7 +6,8 @@
 A surrogate robot with known truth is recorded twice: as a drive would log it (encoder steps, 2 %
 torque noise; positions and torques only, filtered and differentiated) and without noise, with
 velocities and accelerations. What follows starts from the recordings' triangular factors, on one
-thread. Counted is:
+thread; times are CPU times of the process, since wall times change with whatever else the machine
+is doing. Counted is:
 
 conic, log-cholesky  γ from the data, the objective from the factors, and the solution: what
                      `deltaid identify` does between `Information` and `Solution`.
@@ -29,6 +30,7 @@ import argparse
 import os
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -70,6 +72,7 @@ from deltaid.robot.load import load_robot
 ROBOT = "irb360-6-1600"
 DURATION, RATE = 20.0, 1000.0
 Result = TypeVar("Result")
+CPU = time.process_time
 METRICS: tuple[Metric, ...] = ("euclidean", "entropic")
 # Both interior-point solvers stop at 1e-9 of what they see of J (the part that parameters can
 # change, in units of γ) in gap and in feasibility; ten times that is what they may differ by.
@@ -154,7 +157,7 @@ def main() -> int:
     truth = Truth(dynamics, p, other)
     solvers = ("CLARABEL", "SCS") if arguments.scs else ("CLARABEL",)
     print(f"{machine()}\n{arguments.robot}, {DURATION:g} s at {RATE:g} Hz, seed {arguments.seed}")
-    print(f"times: median of {arguments.repeats}, log-cholesky and SCS of 3")
+    print(f"CPU times: median of {arguments.repeats}, log-cholesky and SCS of 3")
     bad: list[str] = []
     for name, noise in (("noisy", SensorNoise()), ("noise-free", None)):
         information = _information(dynamics, p, motion, rng, noise)
@@ -224,16 +227,16 @@ def _compare(problem: Problem, truth: Truth, solvers: tuple[str, ...], repeats: 
         runs.append(Run(f"CVXPY, {name}", seconds, *parts))
     _print_table(problem, truth, runs)
     columns = problem.information.columns
-    ours = 1e3 * measure(lambda: build_reduction(problem.robot, columns), repeats)
-    other = 1e3 * measure(lambda: CvxpyFit(problem.robot, columns), repeats)
+    ours = 1e3 * measure(lambda: build_reduction(problem.robot, columns), repeats, CPU)
+    other = 1e3 * measure(lambda: CvxpyFit(problem.robot, columns), repeats, CPU)
     print(f"  not counted, from the description alone: deltaid {ours:.1f} ms, CVXPY {other:.1f} ms")
     return _check(problem, conic, theirs["CLARABEL"], *(run.x for run in runs))
 
 
 def _timed(function: Callable[[], Result], repeats: int) -> tuple[Result, float]:
-    """The result of the last call, and the median time [s]."""
+    """The result of the last call, and the median CPU time [s]."""
     results: list[Result] = []
-    seconds = measure(lambda: results.append(function()), repeats)
+    seconds = measure(lambda: results.append(function()), repeats, CPU)
     return results[-1], seconds
 
 

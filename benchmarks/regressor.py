@@ -16,6 +16,9 @@ Pinocchio  for each sample `computeJointTorqueRegressor` of the spanning tree an
            accelerations and G) is NOT counted; a line of its own gives the speed with it, where it
            is NumPy code of this benchmark over Pinocchio's Jacobians.
 
+Times on one core are CPU times of the process, since wall times change with whatever else the
+machine is doing; with two threads it is wall time.
+
 Pinocchio's result is also an independent check: the run fails if its projected regressor and
 deltaid's inertial columns differ.
 """
@@ -23,6 +26,7 @@ deltaid's inertial columns differ.
 import argparse
 import os
 import sys
+import time
 from collections.abc import Callable
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
@@ -44,6 +48,7 @@ OURS, OURS_2 = "a   deltaid", "a2  deltaid, 2 threads"
 CASADI = "b   CasADi's map"
 PINOCCHIO, PINOCCHIO_CLOSED = "c   Pinocchio, projected", "c+  the same with loop closure"
 
+CPU = time.process_time
 Motion = tuple[Array, Array, Array]
 
 
@@ -56,7 +61,7 @@ def main() -> int:
     closed = tree.motion(*motion)
     mapped, casadi_result = casadi_map(dynamics._regressor_kernel.function, motion)
     speeds = _ours(dynamics, motion, arguments.repeats)
-    speeds[CASADI] = arguments.samples / measure(mapped, arguments.repeats)
+    speeds[CASADI] = arguments.samples / measure(mapped, arguments.repeats, CPU)
     speeds |= _pinocchio(tree, closed, motion, arguments.repeats)
     repeats = f"median of {arguments.repeats} (a, a2: of {10 * arguments.repeats})"
     print(f"{machine()}\n{ROBOT}, {arguments.samples} samples, {repeats}\n")
@@ -112,7 +117,7 @@ def _ours(dynamics: Dynamics, motion: Motion, repeats: int) -> dict[str, float]:
     often as the others, as its calls are so short that other work on the machine disturbs them.
     """
     kernel, samples = dynamics._regressor_kernel, len(motion[0])
-    one = measure(lambda: kernel(np.hstack(motion).T, threads=1), 10 * repeats)
+    one = measure(lambda: kernel(np.hstack(motion).T, threads=1), 10 * repeats, CPU)
     two = measure(lambda: kernel(np.hstack(motion).T, threads=2), 10 * repeats)
     return {OURS: samples / one, OURS_2: samples / two}
 
@@ -122,8 +127,8 @@ def _pinocchio(
 ) -> dict[str, float]:
     """Samples a second of Pinocchio's route, without and with loop closure."""
     samples = len(motion[0])
-    projected = measure(lambda: tree.regressor(closed), repeats)
-    closure = measure(lambda: tree.motion(*motion), 1)
+    projected = measure(lambda: tree.regressor(closed), repeats, CPU)
+    closure = measure(lambda: tree.motion(*motion), 1, CPU)
     return {PINOCCHIO: samples / projected, PINOCCHIO_CLOSED: samples / (projected + closure)}
 
 

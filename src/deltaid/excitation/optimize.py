@@ -23,7 +23,8 @@ _FINER = 10  # the grid on which feasibility is checked, against the one that is
 _ROUNDS = 8  # of tightening
 _SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
 _ITERATIONS = 250
-_FULL = 1.0 - 1e-9
+# Use that counts as full on the fine grid: the rest is for what lies between its points.
+_FULL = 0.9995
 _UNREACHABLE = 1e3
 
 
@@ -34,7 +35,7 @@ class StartAccount:
     Attributes:
         seed: of its random coefficients.
         before, after: the objective at the start and at the end.
-        use: largest use of any limit on the fine grid; at most 1 if feasible.
+        use: largest use of any limit on the fine grid.
         evaluations, seconds: the effort.
         message: the solver's own word.
     """
@@ -50,7 +51,7 @@ class StartAccount:
     @property
     def feasible(self) -> bool:
         """Whether all limits hold on the fine grid."""
-        return self.use <= 1.0
+        return self.use <= _FULL
 
 
 @dataclass(frozen=True)
@@ -138,15 +139,15 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
         x, message = search.run(x, sharpness)
     for _ in range(_ROUNDS):
         use = largest_use(problem, x, fine)
-        if use.max() <= 1.0 or use.max() > _SLIGHT or stop.is_set():
+        if use.max() <= _FULL or use.max() > _SLIGHT or stop.is_set():
             break
         search.tighten(use)
         x, message = search.run(x, _SHARPNESS[-1])
     use = largest_use(problem, x, fine).max()
     for other in (search.best, x_0):  # the start itself is feasible, unless the limits fight
-        if use > 1.0 and other is not None:
+        if use > _FULL and other is not None:
             other_use = largest_use(problem, other, fine).max()
-            if other_use <= 1.0:
+            if other_use <= _FULL:
                 x, use, message = other, other_use, f"went back to a feasible motion ({message})"
     account = StartAccount(
         seed=seed,
@@ -176,7 +177,7 @@ class _Search:
 
     def tighten(self, use: Float[np.ndarray, " limits"]) -> None:
         """Lower the bounds of the limits that are exceeded between the grid points."""
-        self._bound = np.where(use > _FULL, self._bound / use - 1e-3, self._bound)
+        self._bound = np.where(use > _FULL, self._bound * _FULL / use - 1e-3, self._bound)
 
     def run(self, x: Vector, sharpness: float) -> tuple[Vector, str]:
         """Minimise from x."""

@@ -17,6 +17,8 @@ from deltaid.motion.fourier import FourierMotion
 
 # Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
 _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
+# Use that counts as full on these points: the rest is for what lies between them.
+_FULL = 0.9998
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
         for phase in phases:
             run = Run(motion, float(phase), share * motion.period, repeats)
             use = _ramp_use(problem, run)
-            if use <= 1.0:
+            if use <= _FULL:
                 return run
             best = min(best, use)
     raise DeltaidError(
