@@ -10,7 +10,8 @@ building and compiling the dynamics, the survey of the log, filtering, regressor
 fit, and a second pass over the log for the torque errors; the model is saved, what is printed goes
 nowhere. Every measurement is a process of its own, started by a process that does nothing else.
 Memory is its peak resident set as the operating system counts it. All cores are used, as by
-default.
+default; CPU time is that of all of them together and says more than the wall time on a machine that
+has other work to do.
 
 The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
 `progress` callback announces them: without the start of Python and with imports done.
@@ -56,16 +57,18 @@ start = time.perf_counter()
 child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
 _, status, usage = os.wait4(child.pid, 0)
 seconds = time.perf_counter() - start
-print(json.dumps([seconds, usage.ru_maxrss, os.waitstatus_to_exitcode(status)]))
+used = usage.ru_utime + usage.ru_stime
+print(json.dumps([seconds, used, usage.ru_maxrss, os.waitstatus_to_exitcode(status)]))
 """
 _RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes; macOS counts bytes, Linux KiB
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Medians over the repeats of one command: time [s], peak resident set [bytes]."""
+    """Medians over the repeats of one command: wall and CPU time [s], peak resident set [bytes]."""
 
     seconds: float
+    cpu: float
     memory: float
 
 
@@ -115,16 +118,15 @@ def cost(folder: Path, samples: int, suffix: str, repeats: int) -> Cost:
     """
     log, model = folder / f"{samples}.{suffix}", folder / "model.yaml"
     command = [*COMMAND, "identify", ROBOT, str(log), "--output", str(model)]
-    seconds, memory = [], []
+    runs: list[tuple[float, float, float]] = []
     for _ in range(repeats):
         launch = [sys.executable, "-S", "-c", LAUNCHER, *command]
         out = subprocess.run(launch, check=True, capture_output=True, text=True)
-        time_taken, peak, code = json.loads(out.stdout)
+        seconds, cpu, peak, code = json.loads(out.stdout)
         if code != 0:
             raise RuntimeError(f"deltaid identify failed on {log.name}: {out.stderr}")
-        seconds.append(time_taken)
-        memory.append(peak * _RSS_UNIT)
-    return Cost(statistics.median(seconds), statistics.median(memory))
+        runs.append((seconds, cpu, peak * _RSS_UNIT))
+    return Cost(*map(statistics.median, zip(*runs, strict=True)))
 
 
 def stages(log: Path) -> dict[str, float]:
@@ -141,11 +143,11 @@ def stages(log: Path) -> dict[str, float]:
 
 def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -> None:
     """One line a size, and how memory grows from the second size on."""
-    print(f"{kind:10} {'file MB':>9} {'s':>8} {'samples/s':>12} {'peak MB':>9}")
+    print(f"{kind:10} {'file MB':>9} {'s':>8} {'CPU s':>8} {'samples/s':>12} {'peak MB':>9}")
     for size, cost in costs.items():
         bytes_on_disk = (folder / f"{size}.{suffix}").stat().st_size
         print(
-            f"{size:10,} {bytes_on_disk / 1e6:9.1f} {cost.seconds:8.2f} "
+            f"{size:10,} {bytes_on_disk / 1e6:9.1f} {cost.seconds:8.2f} {cost.cpu:8.2f} "
             f"{size / cost.seconds:12,.0f} {cost.memory / 1e6:9.0f}"
         )
     for (small, a), (large, b) in itertools.pairwise(costs.items()):
@@ -153,7 +155,7 @@ def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -
         print(
             f"from {small:,} to {large:,} samples: {growth / 1e6:+.0f} MB, that is "
             f"{growth / more:+.1f} bytes a further sample, and "
-            f"{1e6 * (b.seconds - a.seconds) / more:.1f} s a further million"
+            f"{1e6 * (b.cpu - a.cpu) / more:.1f} CPU s a further million"
         )
     print()
 
