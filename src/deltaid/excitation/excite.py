@@ -8,10 +8,11 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError
 from deltaid.excitation.criterion import Criterion, CriterionName
 from deltaid.excitation.graph import ExcitationGraph
 from deltaid.excitation.limits import torque_limits
-from deltaid.excitation.optimize import Optimum, Progress, optimise, random_start
+from deltaid.excitation.optimize import Optimum, Progress, conflict, optimise, random_start
 from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
@@ -115,7 +116,7 @@ class Exciter:
         self._p = prior_parameters(dynamics.robot)
         self._values = self.base.combination() @ self._p
         self._series = _series(dynamics, settings)
-        self._torques = Torques(self._values, torque_limits(dynamics.robot))
+        self._torques = Torques(self._values, _torques_without_friction(dynamics))
         dof, n = dynamics.dof, len(heads)
         blank = Weighting(np.ones(dof), np.ones(n), np.eye(n))
         self._shape = self._problem(blank, np.ones(dof))
@@ -136,7 +137,10 @@ class Exciter:
         periods = max(1, round(self.settings.duration / optimum.motion.period))
         run = plan_run(self.problem, optimum.motion, periods * self.settings.repeats)
         best = min((a for a in optimum.accounts if a.feasible), key=lambda a: a.after)
+        torque_max = np.abs(self.preview(run)).max(axis=0)
         names, use = self.problem.limit_names, run_use(self.problem, run, 4000)
+        for k, (i, largest) in enumerate(torque_limits(self.dynamics.robot).items()):
+            use[len(names) - len(self._torques.largest) + k] = torque_max[i] / largest
         return Excitation(
             run=run,
             optimum=optimum,
@@ -144,7 +148,7 @@ class Exciter:
             criterion_after=self._criterion(optimum.x),
             limits=tuple(LimitUse(n, float(u)) for n, u in zip(names, use, strict=True)),
             predictions=self.predict(run),
-            torque_max=np.abs(self.preview(run)).max(axis=0),
+            torque_max=torque_max,
         )
 
     def preview(self, run: Run, samples: int = 2000) -> Float[np.ndarray, "samples dof"]:
@@ -191,7 +195,11 @@ class Exciter:
         states = []
         for seed in range(_REFERENCES):
             x = random_start(self._shape, seed)
-            states.append(self._series.state(x, self._shape.grid()))
+            s = self._series.state(x, self._shape.grid())
+            if np.any(s[self.dynamics.dof :]):
+                states.append(s)
+        if not states:
+            raise conflict(self._shape, random_start(self._shape, 0))
         s = np.hstack(states)
         Y = self._graph.dense(self._graph.exact_regressor(s))
         torque = np.abs(Y @ self._values).max(axis=0)
@@ -214,6 +222,33 @@ class Exciter:
         noise = self.settings.torque_noise * self.torque_reference
         count = self.settings.duration * self.settings.rate
         return Weighting(noise**-2.0, sizes, np.eye(n) / count)
+
+
+def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
+    """Torque limits less what Coulomb friction takes at the prior.
+
+    The optimiser sees friction change its sign smoothly, which is less than the true friction at
+    low speed; this much room covers the difference.
+
+    Raises:
+        DeltaidError: friction alone takes the whole torque.
+    """
+    robot = dynamics.robot
+    slide = (
+        robot.friction["slide"].coulomb * robot.limbs.upper_arm if "slide" in robot.friction else 0
+    )
+    left = {}
+    for i, largest in torque_limits(robot).items():
+        drive = robot.drives[i]
+        own = robot.friction[drive].coulomb if drive in robot.friction else 0.0
+        left[i] = largest - own - (slide if i < len(robot.limbs.azimuth_deg) else 0.0)
+        if left[i] <= 0:
+            raise DeltaidError(
+                f"a torque limit of {largest:g} N m is no more than the joint's Coulomb friction",
+                where=f"{robot.name}, drive_limits.{drive}.torque",
+                cure="raise the limit, or lower the friction's prior",
+            )
+    return left
 
 
 def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:

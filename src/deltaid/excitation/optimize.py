@@ -21,6 +21,7 @@ from deltaid.motion.fourier import FourierMotion
 _SHARPNESS = (30.0, 300.0)
 _FINER = 10  # the grid on which feasibility is checked, against the one that is optimised on
 _ROUNDS = 8  # of tightening
+_CENTRES = 300  # poses tried for a start whose middle of the workspace exceeds a limit
 _SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
 _ITERATIONS = 250
 # Use that counts as full on the fine grid: the rest is for what lies between its points.
@@ -94,7 +95,7 @@ def optimise(
             results.append((account, x))
     feasible = [(account.after, x) for account, x in results if account.feasible]
     if not feasible:
-        raise _conflict(problem, results[0][1])
+        raise conflict(problem, results[0][1])
     value, x = min(feasible, key=lambda pair: pair[0])
     return Optimum(x, problem.series.motion(x), value, tuple(account for account, _ in results))
 
@@ -107,7 +108,7 @@ def random_start(problem: ExcitationProblem, seed: int) -> Vector:
     rng, series = np.random.default_rng(seed), problem.series
     decay = np.arange(1, series.harmonics + 1) ** -1.0
     shape = rng.standard_normal((series.dof, 2, series.harmonics)) * decay
-    x = np.zeros(series.length)
+    x = _resting(problem, rng)
     x[0] = rng.uniform(np.log(series.slowest), np.log(series.fastest))
     direction = np.zeros(series.length)
     direction[1:] = np.hstack([np.zeros((series.dof, 1)), shape.reshape(series.dof, -1)]).ravel()
@@ -117,6 +118,21 @@ def random_start(problem: ExcitationProblem, seed: int) -> Vector:
         inside = largest_use(problem, x + middle * direction).max() <= 0.95
         low, high = (middle, high) if inside else (low, middle)
     return x + low * direction
+
+
+def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
+    """Rest in the middle of the workspace; where that exceeds a limit, at a better random point."""
+    series = problem.series
+    centres = np.zeros((_CENTRES, series.dof))
+    centres[1:, :3] = rng.uniform(-1, 1, (_CENTRES - 1, 3))
+    z = series.centre + centres * series.size
+    u = problem.limits_of(np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T)
+    use = np.where(problem.two_sided[:, None], np.abs(u), u)
+    use = np.where(np.isnan(use), np.inf, use).max(axis=0)
+    best = 0 if use[0] <= 0.8 else int(np.argmin(use))
+    x = np.zeros(series.length)
+    x[1:].reshape(series.dof, -1)[:, 0] = centres[best]
+    return x
 
 
 def largest_use(
@@ -149,11 +165,12 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
             other_use = largest_use(problem, other, fine).max()
             if other_use <= _FULL:
                 x, use, message = other, other_use, f"went back to a feasible motion ({message})"
+    after = problem.evaluate(x).value
     account = StartAccount(
         seed=seed,
         before=before,
-        after=problem.evaluate(x).value,
-        use=float(use),
+        after=after,
+        use=float(use) if np.isfinite(after) else np.inf,
         evaluations=search.evaluations,
         seconds=time.perf_counter() - began,
         message=message,
@@ -191,7 +208,7 @@ class _Search:
 
         def watch(x: Vector) -> None:
             here = at(x)
-            if here.value < self._best_value and np.all(here.use <= self._bound):
+            if here.value < self._best_value and np.all(here.use <= self._bound + 1e-3):
                 self.best, self._best_value = x.copy(), here.value
             if self._stop.is_set():
                 raise StopIteration
@@ -199,7 +216,7 @@ class _Search:
         result = optimize.minimize(
             lambda x: at(x).value if np.isfinite(at(x).value) else _UNREACHABLE,
             x,
-            jac=lambda x: _finite(at(x).gradient),
+            jac=lambda x: np.ascontiguousarray(_finite(at(x).gradient)),
             bounds=self._problem.series.bounds(),
             constraints=[
                 {
@@ -220,7 +237,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
     return np.nan_to_num(values, nan=_UNREACHABLE, posinf=_UNREACHABLE, neginf=-_UNREACHABLE)
 
 
-def _conflict(problem: ExcitationProblem, x: Vector) -> DeltaidError:
+def conflict(problem: ExcitationProblem, x: Vector) -> DeltaidError:
     """Which limits fight: those in use to the full where the largest excess is smallest."""
     use = _least_excess(problem, x)
     worst = use.max()
