@@ -50,7 +50,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.conic import Solution, solve_conic
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.identify import build_objective
-from deltaid.identification.information import Information, gather, gather_samples
+from deltaid.identification.information import Information, gather, gather_samples, merge
 from deltaid.identification.log_cholesky import solve_log_cholesky
 from deltaid.identification.model import Settings
 from deltaid.identification.objective import default_gamma
@@ -192,7 +192,7 @@ def _information(
         path = Path(folder) / "recording.csv"
         write_recording(recording, path)
         log = open_log(path, dynamics.kinematics)
-        return gather(dynamics, log, choose_filter(log))
+        return merge(gather(dynamics, log, choose_filter(log)))
 
 
 def _impossible(dynamics: Dynamics, p: np.ndarray, motion: FourierMotion) -> Information:

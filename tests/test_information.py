@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base import base_parameters, symbol
-from deltaid.identification.information import gather, gather_samples, merge
+from deltaid.identification.information import BLOCKS, gather, gather_samples, merge
 from deltaid.identification.least_squares import (
     estimate_base,
     identify_base,
@@ -193,9 +194,33 @@ def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) ->
     write_recording(recording, tmp_path / "log.csv")
     log = open_log(tmp_path / "log.csv", dynamics.kinematics)
     low_pass = choose_filter(log)
-    information = gather(dynamics, log, low_pass)
+    information = merge(gather(dynamics, log, low_pass))
     streamed = torque_error(dynamics, truth, log, low_pass)
     # The information is thinned, the stream is not, so the two are estimates of the same number.
     assert np.allclose(information.rms(truth), streamed.rms, rtol=0.1)
     largest = np.abs(recording.select(["tau1", "tau2", "tau3"]).to_numpy()).max(axis=0)
     assert np.allclose(streamed.rms_unfiltered, 0.02 * largest, rtol=0.25)
+
+
+def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
+    dynamics = compiled(load_robot("clavel-delta3"))
+    rng = np.random.default_rng(3)
+    motion = random_motion(dynamics.kinematics, rng)
+    p = prior_parameters(dynamics.robot)
+    recording = simulate_recording(dynamics, p, motion, rng, duration=20.3, rate=997.0)
+    write_recording(recording, tmp_path / "log.csv")
+    log = open_log(tmp_path / "log.csv", dynamics.kinematics, None)
+    blocks = gather(dynamics, log, None)
+    length = -(-log.samples // BLOCKS)
+    assert [b.samples for b in blocks[:-1]] == [length] * (len(blocks) - 1)
+    assert sum(b.samples for b in blocks) == log.samples
+    values = recording.to_numpy()
+    third = values[2 * length : 3 * length]
+    q, qd, qdd, tau = np.split(third[:, 1:], 4, axis=1)
+    z = dynamics.kinematics.forward(q)
+    alone, block = gather_samples(dynamics, z, qd, qdd, tau), blocks[2]
+    for i in range(3):
+        expected = alone.factors[i].T @ alone.factors[i]
+        np.testing.assert_allclose(
+            block.factors[i].T @ block.factors[i], expected, atol=1e-9 * np.abs(expected).max()
+        )

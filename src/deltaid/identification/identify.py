@@ -50,6 +50,7 @@ class Identification:
         base: which combinations of parameters the motion determines.
         base_estimate: their weighted least-squares values, without consistency.
         information: the factors of the data.
+        blocks: the same for consecutive stretches of the recordings.
         reduction: the free variables.
         solution: the minimiser of (15) and its certificate.
     """
@@ -58,6 +59,7 @@ class Identification:
     base: BaseParameters
     base_estimate: BaseEstimate
     information: Information
+    blocks: tuple[Information, ...]
     reduction: Reduction
     solution: Solution
 
@@ -91,7 +93,8 @@ def identify(
     for log, low_pass in filtered:
         progress(f"evaluating {log.samples} samples of {log.path}")
         parts.append(gather(dynamics, log, low_pass))
-    information = merge(parts)
+    blocks = tuple(block for part in parts for block in part)
+    information = merge(blocks)
     progress("fitting")
     base = base_parameters(information, dynamics.layout)
     reduction = build_reduction(robot, information.columns)
@@ -99,17 +102,17 @@ def identify(
     solution = solve(objective, reduction, settings)
     progress("comparing torques")
     errors = [torque_error(dynamics, reduction.parameters(solution.x), *one) for one in filtered]
-    weights = [part.samples for part in parts]
+    used = [sum(block.samples for block in part) for part in parts]
     model = IdentifiedModel(
         deltaid=version("deltaid"),
         robot=robot,
         parameters=_parameters(reduction, solution, objective, information, settings),
         consistency=eigenvalues(dynamics.layout, reduction.parameters(solution.x)),
-        fit=_fit(solution, objective, information, base, reduction, _mean(errors, weights)),
+        fit=_fit(solution, objective, information, base, reduction, _mean(errors, used)),
         settings=settings,
         sources=tuple(
-            _source(log, low_pass, part.samples)
-            for (log, low_pass), part in zip(filtered, parts, strict=True)
+            _source(log, low_pass, count)
+            for (log, low_pass), count in zip(filtered, used, strict=True)
         ),
         warnings=(
             *(f"{log.path}: {text}" for log, _ in filtered for text in log.warnings),
@@ -117,7 +120,7 @@ def identify(
         ),
     )
     estimate = estimate_base(base, information)
-    return Identification(model, base, estimate, information, reduction, solution)
+    return Identification(model, base, estimate, information, blocks, reduction, solution)
 
 
 def build_objective(

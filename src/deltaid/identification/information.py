@@ -6,8 +6,9 @@ of chunks stack and factor again (tall-skinny QR), so memory stays constant, res
 chunks, logs and machines, and no digits are lost to normal equations.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,6 +24,13 @@ from deltaid.recording.windows import WINDOW, Window, windows
 # threads, which for matrices this narrow takes longer, and very much longer where other work shares
 # the cores.
 _PANEL = 7000
+
+# Blocks that a log is cut into: enough to judge by their scatter, each still much longer than the
+# filter's memory.
+BLOCKS = 40
+
+# Nonzero regressor entries and torques of some samples.
+_Piece = tuple[Float[np.ndarray, "entries samples"], Float[np.ndarray, "dof samples"]]
 
 
 @dataclass(frozen=True)
@@ -59,11 +67,12 @@ class Information:
         return np.linalg.norm(self.factors[:, :, -1], axis=1) / np.sqrt(self.samples)
 
 
-def gather(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Information:
-    """The information of one log, read in constant memory.
+def gather(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> tuple[Information, ...]:
+    """The information of one log, in consecutive blocks of equal length, read in constant memory.
 
     With a filter, the same filter goes over torques and regressor, and what remains is thinned to
-    the rate that the cut-off allows.
+    the rate that the cut-off allows. `merge` puts the blocks together; apart they tell how much
+    results change from one stretch of the recording to the next.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere.
@@ -71,7 +80,12 @@ def gather(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Informatio
     samples = (
         _evaluated(dynamics, w, low_pass) for w in windows(log, dynamics.kinematics, low_pass)
     )
-    return _factorise(dynamics, samples, str(log.path))
+    lost, thinned = (len(low_pass.first), low_pass.decimation) if low_pass else (0, 1)
+    length = max(1, -(-(log.samples - lost) // (thinned * BLOCKS)))
+    return tuple(
+        _factorise(dynamics, (piece for _, piece in block), str(log.path))
+        for _, block in groupby(_numbered(samples, length), key=lambda numbered: numbered[0])
+    )
 
 
 def gather_samples(
@@ -134,9 +148,7 @@ def active_columns(dynamics: Dynamics) -> Int[np.ndarray, " columns"]:
     return np.unique(dynamics.regressor_pattern[1])
 
 
-def _evaluated(
-    dynamics: Dynamics, window: Window, low_pass: LowPass | None
-) -> tuple[Float[np.ndarray, "entries samples"], Float[np.ndarray, "dof samples"]]:
+def _evaluated(dynamics: Dynamics, window: Window, low_pass: LowPass | None) -> _Piece:
     """Nonzero regressor entries and torques of a window, both filtered and thinned alike."""
     values = dynamics.sparse_regressor(window.z, window.qd, window.qdd).values
     tau = window.tau.T
@@ -145,9 +157,22 @@ def _evaluated(
     return tuple(apply(low_pass.smooth, x, low_pass.decimation) for x in (values, tau))  # pyright: ignore[reportReturnType]
 
 
+def _numbered(pieces: Iterable[_Piece], length: int) -> Iterator[tuple[int, _Piece]]:
+    """The same samples with the number of their block, cut where blocks of `length` end."""
+    done = 0
+    for values, tau in pieces:
+        start, end = 0, tau.shape[1]
+        while start < end:
+            number, inside = divmod(done, length)
+            part = slice(start, min(end, start + length - inside))
+            yield number, (values[:, part], tau[:, part])
+            done += part.stop - start
+            start = part.stop
+
+
 def _factorise(
     dynamics: Dynamics,
-    pieces: Iterable[tuple[Float[np.ndarray, "entries samples"], Float[np.ndarray, "dof samples"]]],
+    pieces: Iterable[_Piece],
     where: str,
 ) -> Information:
     columns = active_columns(dynamics)

@@ -76,7 +76,7 @@ def identify_base(
         IdentificationError: the motion does not determine the base parameters.
     """
     filtered = open_logs(logs, dynamics.kinematics, columns, cutoff)
-    information = merge([gather(dynamics, *one) for one in filtered])
+    information = merge([block for one in filtered for block in gather(dynamics, *one)])
     base = base_parameters(information, dynamics.layout)
     if method != "gauss-markov":
         return base, estimate_base(base, information, method)
