@@ -1,0 +1,41 @@
+// Draws the page's figures, and draws them again in other colours when the scheme changes.
+(() => {
+  "use strict";
+  const read = (element) => JSON.parse(element.textContent);
+  const templates = {
+    light: read(document.getElementById("template-light")),
+    dark: read(document.getElementById("template-dark")),
+  };
+  const scheme = window.matchMedia("(prefers-color-scheme: dark)");
+  const current = () => templates[scheme.matches ? "dark" : "light"];
+  const config = { responsive: true, displaylogo: false };
+
+  const plots = [...document.querySelectorAll(".plot")];
+  const drawn = plots.map((plot) => {
+    const data = plot.querySelector("script");
+    const { data: traces, layout, frames } = read(data);
+    data.remove();
+    return Plotly.newPlot(plot, {
+      data: traces,
+      layout: { ...layout, template: current(), autosize: true },
+      frames: frames || [],
+      config,
+    });
+  });
+  Promise.all(drawn).then(() => document.documentElement.classList.add("drawn"));
+
+  const dress = (template) => plots.forEach((plot) => Plotly.relayout(plot, { template }));
+  scheme.addEventListener("change", () => dress(current()));
+
+  // Paper is white and as wide as it is; the screen's width comes back afterwards.
+  window.addEventListener("beforeprint", () =>
+    plots.forEach((plot) =>
+      Plotly.relayout(plot, { template: templates.light, width: 680, autosize: false }),
+    ),
+  );
+  window.addEventListener("afterprint", () =>
+    plots.forEach((plot) =>
+      Plotly.relayout(plot, { template: current(), width: null, autosize: true }),
+    ),
+  );
+})();

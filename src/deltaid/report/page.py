@@ -1,0 +1,142 @@
+"""A page of text, tables and figures, rendered as one HTML file that makes no request.
+
+Builders of this folder describe a page with the classes here; what it looks like is decided in
+`page.html.jinja`, `page.css` and `page.js`, and for figures in `style.py`.
+"""
+
+import re
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import plotly.graph_objects as go
+import plotly.io
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from deltaid.files import written_whole
+from deltaid.report import style
+
+# Cells longer than this may break into lines.
+_LONG = 40
+_NUMBER = re.compile(r"[<>≥≤±~−+-]?\s*\d")
+
+
+@dataclass(frozen=True)
+class Text:
+    """Plain text; an empty line starts a new paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of finished cells. Columns of numbers are set flush right."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A Plotly figure without template or width, which are the page's; its height is its own."""
+
+    figure: go.Figure
+    caption: str = ""
+
+
+Block = Text | Table | Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """A chapter of the page, listed in its contents."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A key figure at the top of the page."""
+
+    label: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything a page says."""
+
+    title: str
+    subtitle: str
+    facts: tuple[Fact, ...]
+    sections: tuple[Section, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def write_page(page: Page, path: Path) -> None:
+    """Write a page under a name, whole or not at all.
+
+    Raises:
+        DeltaidError: the file cannot be written.
+    """
+    text = render(page)
+    with written_whole(path) as file:
+        file.write(text)
+
+
+def render(page: Page) -> str:
+    """The page as one HTML document: style, script, Plotly and data inside, nothing outside."""
+    environment = Environment(
+        loader=PackageLoader("deltaid", "report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.tests |= {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Figure)}
+    environment.filters |= {
+        "json": _figure_json,
+        "paragraphs": lambda text: [part for part in text.split("\n\n") if part.strip()],
+        "numeric": _numeric,
+        "long": lambda cell: len(cell) > _LONG,
+    }
+    templates = [_embedded(style.template(dark).to_plotly_json()) for dark in (False, True)]
+    return environment.get_template("page.html.jinja").render(
+        page=page,
+        css=_part("page.css"),
+        script=_part("page.js"),
+        plotly=Markup(get_plotlyjs()),
+        light=templates[0],
+        dark=templates[1],
+    )
+
+
+def _is(kind: type) -> object:
+    return lambda block: isinstance(block, kind)
+
+
+def _part(name: str) -> Markup:
+    return Markup(files("deltaid.report").joinpath(name).read_text(encoding="utf-8"))
+
+
+def _figure_json(block: Figure) -> Markup:
+    """Data, layout and frames; numpy arrays as base64."""
+    figure = block.figure.to_plotly_json()
+    figure["layout"].pop("template", None)
+    return _embedded(figure)
+
+
+def _embedded(value: dict) -> Markup:
+    """JSON that stays inside its script element whatever its strings hold."""
+    text = plotly.io.json.to_json_plotly(value)
+    return Markup(text.replace("<", "\\u003c"))
+
+
+def _numeric(table: Table, column: int) -> bool:
+    """Whether a column holds numbers: each filled cell starts with one."""
+    cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
+    return bool(cells) and all(_NUMBER.match(cell) for cell in cells)

@@ -1,0 +1,58 @@
+"""How figures look: colours with one meaning each, templates for light and dark, safe labels."""
+
+import html
+
+import plotly.graph_objects as go
+
+# One colour a meaning in all figures; those of Okabe and Ito, which colour-blind people can tell
+# apart, slightly lighter so that they stand on white and on black.
+MEASURED = "#2b83c6"
+PREDICTED = "#e0701f"
+RESIDUAL = "#17a07a"
+PRIOR = "#8b929b"
+IDENTIFIED = PREDICTED
+LIMIT = "#c2508f"
+# One after the other, where colours only tell drives or bodies apart.
+SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b929b")
+
+_FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', sans-serif"
+_CLEAR = "rgba(0,0,0,0)"
+
+
+def template(dark: bool) -> go.layout.Template:
+    """The template that the page gives its figures, for a light or a dark background."""
+    text, line, grid = (
+        ("#d7dce2", "#525b66", "#2c333b") if dark else ("#24292f", "#9aa3ad", "#e4e8ec")
+    )
+    axis = {
+        "gridcolor": grid,
+        "linecolor": line,
+        "zerolinecolor": line,
+        "zerolinewidth": 1,
+        "automargin": True,
+        "title": {"standoff": 8, "font": {"size": 12}},
+        "tickfont": {"size": 11},
+    }
+    wall = {**axis, "backgroundcolor": _CLEAR, "showbackground": False}
+    wall.pop("automargin")
+    wall["title"] = {"font": {"size": 12}}
+    return go.layout.Template(
+        layout={
+            "paper_bgcolor": _CLEAR,
+            "plot_bgcolor": _CLEAR,
+            "font": {"family": _FONT, "size": 13, "color": text},
+            "colorway": SERIES,
+            "xaxis": axis,
+            "yaxis": axis,
+            "scene": {"xaxis": wall, "yaxis": wall, "zaxis": wall, "bgcolor": _CLEAR},
+            "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom"},
+            "margin": {"l": 56, "r": 12, "t": 40, "b": 44},
+            "hoverlabel": {"font": {"family": _FONT, "size": 12}},
+            "modebar": {"bgcolor": _CLEAR, "color": line, "activecolor": text},
+        }
+    )
+
+
+def label(text: str) -> str:
+    """Text for a title, a legend or a hover box, where Plotly would take some tags for its own."""
+    return html.escape(text, quote=False)
