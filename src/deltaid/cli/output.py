@@ -12,6 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from deltaid.errors import DeltaidError
+from deltaid.report.numbers import number, with_uncertainty
+from deltaid.report.numbers import percent as percent  # for the commands
 
 if TYPE_CHECKING:
     from deltaid.identification.model import Parameter
@@ -92,29 +94,8 @@ def positive(
         raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)
 
 
-def number(value: float, digits: int = 4) -> str:
-    """A number to so many significant digits."""
-    return f"{value:.{digits}g}"
-
-
-def with_uncertainty(value: float, std: float) -> tuple[str, str]:
-    """Value and ± to the same decimal place: two digits of ± decide."""
-    if not std > 0 or not math.isfinite(std):
-        return number(value), ""
-    place = 1 - math.floor(math.log10(std))
-    if abs(value) >= 1e5 or place > 7 or place < 0:
-        digits = max(2, 1 + math.floor(math.log10(max(abs(value), std) / std)) + 1)
-        return f"{value:.{min(digits, 9) - 1}e}", f"{std:.1e}"
-    return f"{value:.{place}f}", f"{std:.{place}f}"
-
-
 def value_cells(parameter: "Parameter") -> tuple[str, str]:
     """Value and ± of a parameter; a value that consistency asked for is a lower bound without ±."""
     if parameter.determined_by == "consistency":
         return f"≥ {number(parameter.value)}", ""
     return with_uncertainty(parameter.value, parameter.std)
-
-
-def percent(value: float) -> str:
-    """A share in per cent with two significant digits."""
-    return f"{100 * value:.2g} %"

@@ -34,9 +34,11 @@ class TorqueError:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Measured and predicted torques of consecutive samples, as recorded and through the filter."""
+    """Measured and predicted torques of consecutive samples, as recorded and through the filter,
+    and the drives' speeds there."""
 
     time: Float[np.ndarray, " samples"]
+    speed: Float[np.ndarray, "samples dof"]
     measured: Float[np.ndarray, "samples torques"]
     predicted: Float[np.ndarray, "samples dof"]
     filtered_measured: Float[np.ndarray, "samples torques"]
@@ -53,14 +55,19 @@ def predict(
     for w in windows(log, dynamics.kinematics, low_pass):
         predicted = dynamics.torque(w.z, w.qd, w.qdd, p)
         if low_pass is None:
-            yield Prediction(w.time, w.tau, predicted, w.tau, predicted)
+            yield Prediction(w.time, w.qd, w.tau, predicted, w.tau, predicted)
             continue
         half = len(low_pass.smooth) // 2
         inner = slice(half, len(w.time) - half)
         filtered = apply(low_pass.smooth, np.hstack([w.tau, predicted]).T).T
         n = w.tau.shape[1]
         yield Prediction(
-            w.time[inner], w.tau[inner], predicted[inner], filtered[:, :n], filtered[:, n:]
+            w.time[inner],
+            w.qd[inner],
+            w.tau[inner],
+            predicted[inner],
+            filtered[:, :n],
+            filtered[:, n:],
         )
 
 

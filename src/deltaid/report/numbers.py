@@ -1,0 +1,35 @@
+"""Numbers as people read them, in the terminal and in the report."""
+
+import math
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number to so many significant digits."""
+    return f"{value:.{digits}g}"
+
+
+def with_uncertainty(value: float, std: float) -> tuple[str, str]:
+    """Value and ± to the same decimal place: two digits of ± decide."""
+    if not std > 0 or not math.isfinite(std):
+        return number(value), ""
+    place = 1 - math.floor(math.log10(std))
+    if abs(value) >= 1e5 or place > 7 or place < 0:
+        digits = max(2, 1 + math.floor(math.log10(max(abs(value), std) / std)) + 1)
+        return f"{value:.{min(digits, 9) - 1}e}", f"{std:.1e}"
+    return f"{value:.{place}f}", f"{std:.{place}f}"
+
+
+def percent(value: float) -> str:
+    """A share in per cent with two significant digits."""
+    return f"{100 * value:.2g} %"
+
+
+def interval(value: float, std: float) -> str:
+    """The interval of 95 %, value ± 1.96 standard deviations, as 'low … high'."""
+    if not std > 0 or not math.isfinite(std):
+        return number(value)
+    low, high = value - 1.96 * std, value + 1.96 * std
+    place = 1 - math.floor(math.log10(std))
+    if max(abs(low), abs(high)) >= 1e5 or place > 7 or place < 0:
+        return f"{low:.3g} … {high:.3g}"
+    return f"{low:.{place}f} … {high:.{place}f}"
