@@ -24,7 +24,7 @@ def robots(
     for robot_name in catalogue():
         robot = load_robot(robot_name)
         free = sum(len(body.free) for body in robot.bodies.values())
-        variables = free + 2 * len(robot.friction_joints) + len(robot.rotor_drives)
+        variables = free + len(robot.friction_terms) + len(robot.rotor_drives)
         rows.append([robot_name, robot.title, str(len(robot.drives)), str(variables)])
     console.print(table("", ["name", "robot", "drives", "free parameters"], rows))
     console.print("\n`deltaid robots NAME > my-robot.yaml` writes one as a start for your own.")

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.equations import Equations, build_equations
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.robot.description import RobotDescription
@@ -75,21 +76,39 @@ class Dynamics:
         return self.kinematics.dof
 
     def regressor(
-        self, q: Samples, qd: Samples, qdd: Samples
+        self, q: Samples, qd: Samples, qdd: Samples, tau: Samples | None = None
     ) -> Float[np.ndarray, "samples dof parameters"]:
         """The full regressor Y(q, q̇, q̈) of (2)–(7), τ = Y p.
 
+        Friction that depends on load needs the torques τ as well.
+
         Raises:
             KinematicsError: q closes no loop or is singular.
+            DescriptionError: friction depends on load, and there is no τ.
         """
-        sparse = self.sparse_regressor(self.kinematics.forward(q), qd, qdd)
+        sparse = self.sparse_regressor(self.kinematics.forward(q), qd, qdd, tau)
         Y = np.zeros((sparse.values.shape[1], self.dof, len(self.layout.names)))
         Y[:, sparse.rows, sparse.columns] = sparse.values.T
         return Y
 
-    def sparse_regressor(self, z: Samples, qd: Samples, qdd: Samples) -> SparseRegressor:
-        """The nonzero entries of Y at task coordinates z; what all data goes through."""
-        values = self._regressor_kernel(np.hstack([z, qd, qdd]).T)
+    def sparse_regressor(
+        self, z: Samples, qd: Samples, qdd: Samples, tau: Samples | None = None
+    ) -> SparseRegressor:
+        """The nonzero entries of Y at task coordinates z; what all data goes through.
+
+        Raises:
+            DescriptionError: friction depends on load, and there is no τ.
+        """
+        parts = [z, qd, qdd]
+        if self.robot.load_drives:
+            if tau is None:
+                raise DescriptionError(
+                    "friction that depends on load has a regressor only where torques are known",
+                    where=f"friction.{self.robot.load_drives[0]}.load",
+                    cure="pass the torques tau as well",
+                )
+            parts.append(np.atleast_2d(tau))
+        values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
     @cached_property
@@ -99,7 +118,7 @@ class Dynamics:
         return np.array(rows), np.array(columns)
 
     def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
-        """Drive torques τ = Y(q, q̇, q̈) p, eq. (2).
+        """Drive torques τ = Y(q, q̇, q̈) p, eq. (2); solved for τ where friction depends on it.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -123,7 +142,8 @@ class Dynamics:
     def terms(self, q: Samples, qd: Samples, p: Parameters) -> Terms:
         """M, C, g and f of (1) in drive coordinates.
 
-        C comes from Christoffel symbols, so Ṁ = C + Cᵀ.
+        C comes from Christoffel symbols, so Ṁ = C + Cᵀ. Friction that depends on load is a share
+        of τ and not in f.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -138,12 +158,13 @@ class Dynamics:
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:
         e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.Y.T.nz[:])
+        load = [e.tau] if self.robot.load_drives else []
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd, *load), e.Y.T.nz[:])
 
     @cached_property
     def _torque_kernel(self) -> BatchKernel:
         e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.Y @ e.p, uniform=e.p)
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.torque, uniform=e.p)
 
     @cached_property
     def _mass_kernel(self) -> BatchKernel:

@@ -5,12 +5,13 @@ and T = J⁻¹, ż = T q̇ and z̈ = T (q̈ − J̇ ż), so forward kinematics i
 along z become drive torques by Tᵀ.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from deltaid.dynamics.friction import Sign, term_factor
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.vectors import inverse
@@ -23,21 +24,26 @@ class Equations:
 
     Attributes:
         z, qd, qdd: inputs, δ each.
-        p: the parameters [bodies · 10, viscous, Coulomb, rotor inertias].
+        tau: drive torques, δ; Y depends on them only through friction terms that depend on load.
+        p: the parameters [bodies · 10, friction terms, rotor inertias].
         J: ∂q/∂z, δ×δ.
         zd, zdd: task velocity and acceleration as functions of the inputs.
         Y: the full regressor, τ = Y p, δ × len(p), structurally sparse.
-        M, C, g, f: the terms of (1) in drive coordinates; C from Christoffel symbols.
+        torque: τ(z, q̇, q̈, p), solved for τ where friction depends on it.
+        M, C, g, f: the terms of (1) in drive coordinates; C from Christoffel symbols; f without
+            the friction that depends on load.
     """
 
     z: ca.SX
     qd: ca.SX
     qdd: ca.SX
+    tau: ca.SX
     p: ca.SX
     J: ca.SX
     zd: ca.SX
     zdd: ca.SX
     Y: ca.SX
+    torque: ca.SX
     M: ca.SX
     C: ca.SX
     g: ca.SX
@@ -48,17 +54,34 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
     """Derive the equations of motion of a mechanism by automatic differentiation."""
     z, dof = mechanism.z, mechanism.dof
     qd, qdd = ca.SX.sym("qd", dof), ca.SX.sym("qdd", dof)
-    p = ca.SX.sym("p", _parameter_count(robot))
+    tau = ca.SX.sym("tau", dof)
+    layout = parameter_layout(robot)
+    p = ca.SX.sym("p", len(layout.names))
     J = ca.jacobian(mechanism.q, z)
     T = inverse(J)
     zd = T @ qd
     J_dot = _directional(J, z, zd)
     zdd = T @ (qdd - J_dot @ zd)
-    Y = _regressor(robot, mechanism, T, (z, zd, zdd), (qd, qdd))
+    Y = _regressor(robot, mechanism, T, (z, zd, zdd), (qd, qdd), tau)
     M, C, g = _terms(robot, mechanism, T, J_dot, (z, zd), p)
-    n_inertia, n_friction = 10 * len(robot.body_names), 2 * len(robot.friction_joints)
-    friction = slice(n_inertia, n_inertia + n_friction)
-    return Equations(z, qd, qdd, p, J, zd, zdd, Y, M, C, g, f=Y[:, friction] @ p[friction])
+    without_load = ca.substitute(Y, tau, ca.SX.zeros(dof)) if robot.load_drives else Y
+    torque = without_load @ p
+    if robot.load_drives:
+        torque = _with_load(robot, torque, qd, p)
+    f = without_load[:, layout.friction] @ p[layout.friction]
+    return Equations(z, qd, qdd, tau, p, J, zd, zdd, Y, torque, M, C, g, f)
+
+
+def _with_load(robot: RobotDescription, torque: ca.SX, qd: ca.SX, p: ca.SX) -> ca.SX:
+    """Solve τ = torque + μ s |τ| for τ, drive by drive: τ = torque / (1 − μ s sign(torque)).
+
+    With 0 ≤ μ < 1 there is exactly one solution, and it has the sign of `torque`.
+    """
+    layout, total = parameter_layout(robot), ca.SX(torque)
+    for drive in robot.load_drives:
+        i, mu = robot.drives.index(drive), p[layout.names.index(f"load.{drive}")]
+        total[i] = torque[i] / (1 - mu * ca.sign(qd[i]) * ca.sign(torque[i]))
+    return total
 
 
 @dataclass(frozen=True)
@@ -83,23 +106,25 @@ class TaskMotion:
 
 
 def build_task_motion(
-    robot: RobotDescription, mechanism: Mechanism, sign: Callable[[ca.SX], ca.SX] = ca.sign
+    robot: RobotDescription, mechanism: Mechanism, sign: Sign = ca.sign
 ) -> TaskMotion:
-    """The regressor as a function of z, ż, z̈; `sign` may be a smooth stand-in for optimisation."""
+    """The regressor as a function of z, ż, z̈; `sign` may be a smooth stand-in for optimisation.
+
+    Friction that depends on load sees the torques at the prior.
+    """
     z, dof = mechanism.z, mechanism.dof
     zd, zdd = ca.SX.sym("zd", dof), ca.SX.sym("zdd", dof)
     J = ca.jacobian(mechanism.q, z)
     T = inverse(J)
     qd = J @ zd
     qdd = J @ zdd + _directional(J, z, zd) @ zd
-    Y = _regressor(robot, mechanism, T, (z, zd, zdd), (qd, qdd), sign)
+    tau = ca.SX.sym("tau", dof)
+    Y = _regressor(robot, mechanism, T, (z, zd, zdd), (qd, qdd), tau, sign)
+    if robot.load_drives:
+        at_prior = ca.substitute(Y, tau, ca.SX.zeros(dof)) @ prior_parameters(robot)
+        Y = ca.substitute(Y, tau, at_prior)
     condition = ca.sqrt(ca.sumsqr(J) * ca.sumsqr(T)) / dof
     return TaskMotion(z, zd, zdd, mechanism.q, qd, qdd, Y, condition)
-
-
-def _parameter_count(robot: RobotDescription) -> int:
-    friction, rotors = len(robot.friction_joints), len(robot.rotor_drives)
-    return 10 * len(robot.body_names) + 2 * friction + rotors
 
 
 def _regressor(
@@ -108,7 +133,8 @@ def _regressor(
     T: ca.SX,
     task: tuple[ca.SX, ca.SX, ca.SX],
     drive: tuple[ca.SX, ca.SX],
-    sign: Callable[[ca.SX], ca.SX] = ca.sign,
+    tau: ca.SX,
+    sign: Sign = ca.sign,
 ) -> ca.SX:
     """Y of (2)–(7): ten columns a body (identical limbs summed), friction, rotor inertias."""
     z, zd, zdd = task
@@ -120,14 +146,17 @@ def _regressor(
     for body in mechanism.bodies:
         columns[body.name] += body.count * body_regressor(body_motion(body, z, v, a, gravity))
     inertial = ca.substitute([ca.horzcat(*columns.values())], [v, a], [zd, zdd])[0]
-    joints = [_joint_motion(mechanism, joint, T, qd) for joint in robot.friction_joints]
-    viscous = [velocity * partial for velocity, partial in joints]
-    coulomb = [sign(velocity) * partial for velocity, partial in joints]
+    joints = {j: joint_motion(mechanism, j, T, qd) for j in robot.friction_joints}
+    friction = []
+    for term in robot.friction_terms:
+        velocity, partial = joints[term.joint]
+        load = tau[robot.drives.index(term.joint)] if term.kind == "load" else ca.SX(0)
+        friction.append(term_factor(term, velocity, sign, load) * partial)
     rotors = [_unit_column(robot, drive_name) * qdd for drive_name in robot.rotor_drives]
-    return ca.horzcat(T.T @ inertial, *viscous, *coulomb, *rotors)
+    return ca.horzcat(T.T @ inertial, *friction, *rotors)
 
 
-def _joint_motion(mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX) -> tuple[ca.SX, ca.SX]:
+def joint_motion(mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Velocity ϑ̇ of a friction joint and its partial derivatives ∂ϑ̇/∂q̇ (a column)."""
     names = list(mechanism.joints)
     if joint in names[: mechanism.dof]:  # a drive: ϑ = q_i, exactly

@@ -11,21 +11,26 @@ from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Where each parameter stands in p = [p_I, p_v, p_c, rotor inertias] (Sec. III B, V C).
+    """Where each parameter stands in p = [p_I, p_f, rotor inertias] (Sec. III B, V C).
 
     Attributes:
         names: 'U.m', 'U.mcx', …, 'viscous.drive1', …, 'coulomb.slide', 'rotor.drive4'.
         units: the unit of each.
         bodies: body names; body b has the ten columns from 10 b on.
-        viscous, coulomb, rotor: columns of the other groups.
+        friction: columns of all friction terms p_f, first `viscous`, then `coulomb`, one a joint
+            each, then the terms of richer laws.
+        rotor: columns of the rotor inertias.
+        signed: columns whose parameter may be negative, with a typical size of each: offsets.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     bodies: tuple[str, ...]
+    friction: slice
     viscous: slice
     coulomb: slice
     rotor: slice
+    signed: dict[int, float]
 
     def body(self, name: str) -> slice:
         """Columns of one body."""
@@ -35,29 +40,29 @@ class ParameterLayout:
 
 def parameter_layout(robot: RobotDescription) -> ParameterLayout:
     """The layout of p for a described robot."""
-    joints, rotors, bodies = robot.friction_joints, robot.rotor_drives, robot.body_names
+    rotors, bodies, terms = robot.rotor_drives, robot.body_names, robot.friction_terms
     names = [f"{body}.{entry}" for body in bodies for entry in INERTIA_NAMES]
-    names += [f"viscous.{j}" for j in joints] + [f"coulomb.{j}" for j in joints]
+    names += [term.name for term in terms]
     names += [f"rotor.{d}" for d in rotors]
     units = list(INERTIA_UNITS) * len(bodies)
-    units += ["N s/m" if j == "slide" else "N m s/rad" for j in joints]
-    units += ["N" if j == "slide" else "N m" for j in joints]
+    units += [term.unit for term in terms]
     units += ["kg m²"] * len(rotors)
-    n, f = 10 * len(bodies), len(joints)
+    n, joints, end = 10 * len(bodies), len(robot.friction_joints), len(names) - len(rotors)
     return ParameterLayout(
         names=tuple(names),
         units=tuple(units),
         bodies=bodies,
-        viscous=slice(n, n + f),
-        coulomb=slice(n + f, n + 2 * f),
-        rotor=slice(n + 2 * f, n + 2 * f + len(rotors)),
+        friction=slice(n, end),
+        viscous=slice(n, n + joints),
+        coulomb=slice(n + joints, n + 2 * joints),
+        rotor=slice(end, end + len(rotors)),
+        signed={n + i: term.size for i, term in enumerate(terms) if term.signed},
     )
 
 
 def prior_parameters(robot: RobotDescription) -> Float[np.ndarray, " parameters"]:
     """p_reg: the description's prior, reduced as its bodies' `free` entries say."""
     parts = [robot.bodies[name].reduced_prior() for name in robot.body_names]
-    parts.append(np.array([robot.friction[j].viscous for j in robot.friction_joints]))
-    parts.append(np.array([robot.friction[j].coulomb for j in robot.friction_joints]))
+    parts.append(np.array([term.prior for term in robot.friction_terms]))
     parts.append(np.array([robot.rotor_inertia[d] for d in robot.rotor_drives]))
     return np.concatenate(parts)

@@ -235,12 +235,15 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
     """
     robot = dynamics.robot
     slide = (
-        robot.friction["slide"].coulomb * robot.limbs.upper_arm if "slide" in robot.friction else 0
+        robot.friction["slide"].at_rest * robot.limbs.upper_arm
+        if "slide" in robot.friction
+        else 0.0
     )
     left = {}
     for i, largest in torque_limits(robot).items():
         drive = robot.drives[i]
-        own = robot.friction[drive].coulomb if drive in robot.friction else 0.0
+        law = robot.friction.get(drive)
+        own = law.at_rest + (law.load or 0.0) * largest if law else 0.0
         left[i] = largest - own - (slide if i < len(robot.limbs.azimuth_deg) else 0.0)
         if left[i] <= 0:
             raise DeltaidError(

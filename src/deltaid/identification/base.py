@@ -15,6 +15,7 @@ from scipy.linalg import qr
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.identification.information import Information
+from deltaid.robot.friction import TERM_KINDS
 
 # A pivot below this share of the largest one is a linear dependence. Dependences of the mechanism
 # come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
@@ -118,7 +119,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
 def symbol(name: str) -> str:
     """'S.mcx' as 'mcx_S'; friction and rotor names as they are."""
     owner, _, entry = name.partition(".")
-    return name if owner in ("viscous", "coulomb", "rotor") else f"{entry}_{owner}"
+    return name if owner in (*TERM_KINDS, "rotor") else f"{entry}_{owner}"
 
 
 def _representatives(

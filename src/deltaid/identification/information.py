@@ -97,7 +97,7 @@ def gather_samples(
 ) -> Information:
     """The information of samples in memory."""
     pieces = (
-        (dynamics.sparse_regressor(z[part], qd[part], qdd[part]).values, tau[part].T)
+        (dynamics.sparse_regressor(z[part], qd[part], qdd[part], tau[part]).values, tau[part].T)
         for part in (slice(i, i + WINDOW) for i in range(0, len(z), WINDOW))
     )
     return _factorise(dynamics, pieces, "samples")
@@ -150,7 +150,7 @@ def active_columns(dynamics: Dynamics) -> Int[np.ndarray, " columns"]:
 
 def _evaluated(dynamics: Dynamics, window: Window, low_pass: LowPass | None) -> _Piece:
     """Nonzero regressor entries and torques of a window, both filtered and thinned alike."""
-    values = dynamics.sparse_regressor(window.z, window.qd, window.qdd).values
+    values = dynamics.sparse_regressor(window.z, window.qd, window.qdd, window.tau).values
     tau = window.tau.T
     if low_pass is None:
         return values, tau

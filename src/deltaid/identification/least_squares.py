@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base import BaseParameters, base_parameters
 from deltaid.identification.information import (
@@ -54,7 +55,10 @@ def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 2000))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    information = gather_samples(dynamics, z, qd, qdd, np.zeros_like(z))
+    tau = np.zeros_like(z)
+    if dynamics.robot.load_drives:
+        tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
+    information = gather_samples(dynamics, z, qd, qdd, tau)
     return base_parameters(information, dynamics.layout)
 
 

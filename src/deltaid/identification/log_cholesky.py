@@ -1,7 +1,8 @@
 """The paper's parametrisation (Sec. V): x(π) is consistent for every π, so nothing constrains π.
 
 For each body M̄ = e^{2α} UᵀU with U upper triangular, its diagonal (e^{d₁}, e^{d₂}, e^{d₃}, 1),
-products s and last column t, eqs. (12)–(14); friction and rotor coefficients are e^β. The map is
+products s and last column t, eqs. (12)–(14); friction and rotor coefficients are e^β, and
+constant offsets of friction, which may have either sign, are β times their size. The map is
 built as that product and read off, entry by entry; nothing of (14) is typed again. A completed
 diagonal entry (a mass that torques cannot see) has its factor fixed to one, as the paper does with
 α of the upper arm. Rows are ordered so that completed ones come last. A small share of the prior is
@@ -43,9 +44,10 @@ class LogCholesky:
         for body in reduction.layout.bodies:
             for name, value in self._body_entries(body).items():
                 entries[reduction.names.index(name)] = value
+        scale = self._signed()
         for i, name in enumerate(reduction.names):
             if name.split(".")[0] not in reduction.layout.bodies:
-                entries[i] = ca.exp(self._pi[i])
+                entries[i] = scale[name] * self._pi[i] if name in scale else ca.exp(self._pi[i])
         self._x = entries + INTERIOR * ca.DM(reduction.prior)
 
     def x(self, pi: Vector) -> Vector:
@@ -64,15 +66,20 @@ class LogCholesky:
             IdentificationError: x is not consistent.
         """
         reduction, pi = self.reduction, np.empty(len(x))
-        inner = x - INTERIOR * reduction.prior
+        inner, scale = x - INTERIOR * reduction.prior, self._signed()
         p = reduction.A @ inner + reduction.p_0
         for body in reduction.layout.bodies:
             for name, value in self._body_coordinates(body, p).items():
                 pi[reduction.names.index(name)] = value
         for i, name in enumerate(reduction.names):
             if name.split(".")[0] not in reduction.layout.bodies:
-                pi[i] = np.log(inner[i])
+                pi[i] = inner[i] / scale[name] if name in scale else np.log(inner[i])
         return pi
+
+    def _signed(self) -> dict[str, float]:
+        """Coefficients of either sign, linear in π, with their typical size."""
+        layout = self.reduction.layout
+        return {layout.names[i]: size for i, size in layout.signed.items()}
 
     @cached_property
     def _functions(self) -> ca.Function:

@@ -68,7 +68,7 @@ class Source(_Part):
     sha256: str
     samples: int
     rate_hz: float
-    cutoff_hz: float | None
+    cutoff_hz: float | None = None
     used_samples: int
 
 
@@ -80,8 +80,8 @@ class Fit(_Part):
     """
 
     objective: float
-    lower_bound: float | None
-    duality_gap: float | None
+    lower_bound: float | None = None
+    duality_gap: float | None = None
     gamma: float
     status: str
     iterations: int

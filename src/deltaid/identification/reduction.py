@@ -3,8 +3,9 @@
 The free variables x are entries of the bodies' pseudo-inertia matrices (12), friction coefficients
 and rotor inertias. p = A x + p_0. Physical consistency of x is: every block M_b(x), affine in x, is
 positive definite. A block is a principal part of a body's M̄ whose entries hang together, or a
-single coefficient. Diagonal entries that are neither free nor visible in any torque are left out of
-the blocks and completed afterwards, because they can always be made large enough.
+single coefficient; constant offsets of friction are in no block, for they may have either sign.
+Diagonal entries that are neither free nor visible in any torque are left out of the blocks and
+completed afterwards, because they can always be made large enough.
 """
 
 from dataclasses import dataclass
@@ -100,7 +101,11 @@ def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -
     """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
     margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
     first = 10 * len(layout.bodies)
-    margins |= {name: float(p[i]) for i, name in enumerate(layout.names) if i >= first}
+    for i in range(first, len(p)):
+        name, value = layout.names[i], float(p[i])
+        if i not in layout.signed:
+            # A share of the drive's own torque stays below one as well.
+            margins[name] = min(value, 1 - value) if name.startswith("load.") else value
     worst = min(margins, key=lambda name: margins[name])
     return worst, margins[worst]
 
@@ -147,12 +152,13 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
         completed[body] = tuple(sorted(hidden))
         blocks += _body_blocks(body, index, M, completed[body])
     for i in range(10 * len(layout.bodies), len(p_reg)):
-        blocks.append(
-            Block(layout.names[i], np.array([[len(names)]]), np.zeros((1, 1)), p_reg[i] * np.eye(1))
-        )
+        size = layout.signed[i] if i in layout.signed else float(p_reg[i])
+        if i not in layout.signed:
+            at = np.array([[len(names)]])
+            blocks.append(Block(layout.names[i], at, np.zeros((1, 1)), size * np.eye(1)))
         names.append(layout.names[i])
         values.append(p_reg[i])
-        scale.append(p_reg[i])
+        scale.append(size)
         columns.append(np.eye(len(p_reg))[i])
     return Reduction(
         layout=layout,

@@ -98,7 +98,7 @@ def build_regularizer(name: RegularizerName, reduction: Reduction) -> Regularize
 
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
-    """|p_reg|, and for entries that are zero there m·ℓ or m·ℓ² of their body."""
+    """|p_reg|, and for entries that are zero there m·ℓ or m·ℓ² of their body, or their own size."""
     return parameter_scale(reduction.layout, reduction.p_reg)
 
 
@@ -107,6 +107,8 @@ def parameter_scale(
 ) -> Float[np.ndarray, " parameters"]:
     """The same for any prior."""
     scale = np.abs(p_reg)
+    for i, size in layout.signed.items():
+        scale[i] = size
     for body in layout.bodies:
         part = layout.body(body)
         m, second_moments = scale[part][0], 0.5 * p_reg[part][4:7].sum()

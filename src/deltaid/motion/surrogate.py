@@ -38,7 +38,8 @@ def surrogate_parameters(
     """True parameters away from the prior, each body still physically consistent.
 
     Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
-    scales its masses and sizes by about ± spread and keeps its symmetry; friction as in Sec. VII.
+    scales its masses and sizes by about ± spread and keeps its symmetry; viscous and Coulomb
+    friction as in Sec. VII, what else the laws have away from its prior.
     """
     p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
@@ -47,6 +48,8 @@ def surrogate_parameters(
         p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
     for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
         p[columns] = [values[joint] for joint in robot.friction_joints]
+    more = slice(layout.coulomb.stop, layout.friction.stop)
+    p[more] *= np.exp(spread * rng.uniform(-1, 1, more.stop - more.start))
     p[layout.rotor] *= np.exp(spread * rng.uniform(-1, 1, len(robot.rotor_drives)))
     return p
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from deltaid.robot.friction import TERM_KINDS, Friction, FrictionTerm, friction_terms
 from deltaid.robot.inertia import (
     PSEUDO_INERTIA_ENTRIES,
     inertia_parameters,
@@ -168,13 +169,6 @@ class Body(_Part):
         return with_thickness(inertia_parameters(M))
 
 
-class Friction(_Part):
-    """Prior friction of one joint: torque or force = viscous · v + coulomb · sign(v)."""
-
-    viscous: Positive = Field(description="N m s/rad, or N s/m in a sliding joint")
-    coulomb: Positive = Field(description="N m, or N in a sliding joint")
-
-
 class DriveLimits(_Part):
     """What one drive can do; degrees, seconds and newton metres."""
 
@@ -251,6 +245,21 @@ class RobotDescription(_Part):
         return tuple(joint for joint in self.joints if joint in self.friction)
 
     @property
+    def friction_terms(self) -> tuple[FrictionTerm, ...]:
+        """All terms of all friction laws in the order of p: by kind, then by joint."""
+        terms = [
+            term
+            for joint in self.friction_joints
+            for term in friction_terms(joint, self.friction[joint], sliding=joint == "slide")
+        ]
+        return tuple(sorted(terms, key=lambda term: TERM_KINDS.index(term.kind)))
+
+    @property
+    def load_drives(self) -> tuple[str, ...]:
+        """Names of the drives whose friction depends on their own torque."""
+        return tuple(term.joint for term in self.friction_terms if term.kind == "load")
+
+    @property
     def rotor_drives(self) -> tuple[str, ...]:
         """Names of the drives with a rotor inertia of their own, in the order of the drives."""
         return tuple(drive for drive in self.drives if drive in self.rotor_inertia)
@@ -259,6 +268,9 @@ class RobotDescription(_Part):
     def _check(self) -> "RobotDescription":
         _exactly("bodies", self.bodies, self.body_names)
         _among("friction", self.friction, self.joints)
+        for joint, law in self.friction.items():
+            if law.load is not None and joint not in self.drives:
+                raise ValueError(f"friction.{joint} has a load term, which only drives can have")
         _among("rotor_inertia", self.rotor_inertia, self.drives)
         _among("drive_limits", self.drive_limits, self.drives)
         if not np.any(self.gravity):
