@@ -10,6 +10,7 @@ added, x = (…)(π) + ε x_reg, which keeps x as far from the edge as the conic
 search the same set.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -168,7 +169,11 @@ def _sorted(i: int, j: int) -> tuple[int, int]:
     return (i, j) if i <= j else (j, i)
 
 
-def solve_log_cholesky(objective: Objective, reduction: Reduction) -> Solution:
+def solve_log_cholesky(
+    objective: Objective,
+    reduction: Reduction,
+    visit: Callable[[Vector], None] = lambda _: None,
+) -> Solution:
     """A minimum of J(π), eq. (15), by a trust-region Newton method with exact Hessians.
 
     Starts at the prior, π₀ = argmin ‖p(π) − p_reg‖ (Sec. VIII B), which the Cholesky factor gives
@@ -177,6 +182,9 @@ def solve_log_cholesky(objective: Objective, reduction: Reduction) -> Solution:
     relaxed tenfold at a time to the γ asked for. The solution's bound is −∞: this route has no
     certificate of its own.
 
+    Args:
+        visit: called with π after every iteration.
+
     Raises:
         IdentificationError: the pattern of free entries has no Cholesky factor.
     """
@@ -184,13 +192,14 @@ def solve_log_cholesky(objective: Objective, reduction: Reduction) -> Solution:
     pi, iterations, message = chart.pi(reduction.prior), 0, ""
     for gamma in _relaxation(objective.gamma):
         last = gamma == objective.gamma
-        problem = _Unconstrained(replace(objective, gamma=gamma), chart)
+        problem = Unconstrained(replace(objective, gamma=gamma), chart)
         result = optimize.minimize(
             problem.value,
             pi,
             method="trust-exact",
             jac=problem.gradient,
             hess=problem.hessian,
+            callback=visit,
             options={"gtol": _GRADIENT, "maxiter": _LAST_ITERATIONS if last else _ITERATIONS},
         )
         pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
@@ -204,7 +213,7 @@ def _relaxation(gamma: float) -> list[float]:
     return [gamma * 10.0**k for k in range(steps, -1, -1)]
 
 
-class _Unconstrained:
+class Unconstrained:
     """J(π)/γ with gradient and Hessian; keeps the last point, which all three share."""
 
     def __init__(self, objective: Objective, chart: LogCholesky) -> None:

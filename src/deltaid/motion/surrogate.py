@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import polars as pl
@@ -10,13 +11,23 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.files import written_whole
-from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
 _COULOMB = {"drive1": 4.0, "drive2": 4.0, "drive3": 4.0, "drive4": 1.0, "slide": 5.0}
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """Task coordinates over time: a Fourier motion, or a run from rest to rest."""
+
+    def evaluate(
+        self, time: Float[np.ndarray, " samples"]
+    ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:
+        """z, ż, z̈ at times [s]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -57,7 +68,7 @@ def surrogate_parameters(
 def simulate_recording(
     dynamics: Dynamics,
     p: Parameters,
-    motion: FourierMotion,
+    motion: Motion,
     rng: np.random.Generator,
     *,
     duration: float = 10.0,
