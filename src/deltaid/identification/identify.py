@@ -35,7 +35,7 @@ from deltaid.identification.uncertainty import doubts, standard_deviations
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
-from deltaid.recording.windows import open_logs
+from deltaid.recording.windows import FilteredLog, open_logs
 from deltaid.robot.description import RobotDescription
 
 Progress = Callable[[str], None]
@@ -53,6 +53,7 @@ class Identification:
         blocks: the same for consecutive stretches of the recordings.
         reduction: the free variables.
         solution: the minimiser of (15) and its certificate.
+        recordings: the logs behind it, each with its filter.
     """
 
     model: IdentifiedModel
@@ -62,6 +63,7 @@ class Identification:
     blocks: tuple[Information, ...]
     reduction: Reduction
     solution: Solution
+    recordings: tuple[FilteredLog, ...]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -120,7 +122,9 @@ def identify(
         ),
     )
     estimate = estimate_base(base, information)
-    return Identification(model, base, estimate, information, blocks, reduction, solution)
+    return Identification(
+        model, base, estimate, information, blocks, reduction, solution, tuple(filtered)
+    )
 
 
 def build_objective(
