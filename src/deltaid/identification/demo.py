@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.identification.identify import Identification, identify
@@ -89,9 +90,19 @@ def mass_matrix_error(
     """Largest relative error of M's entries on and off the diagonal along task coordinates z."""
     q = dynamics.kinematics.inverse(z)
     M_true, M = dynamics.mass_matrix(q, truth), dynamics.mass_matrix(q, p)
-    mean = np.abs(M_true.mean(axis=0))
-    size = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
-    reference = np.where(mean > 0.05 * size, mean, size)
-    error = np.abs(M - M_true).max(axis=0) / reference
-    on = np.eye(len(mean), dtype=bool)
+    error = np.abs(M - M_true).max(axis=0) / mass_reference(M_true)
+    on = np.eye(dynamics.dof, dtype=bool)
     return float(error[on].max()), float(error[~on].max())
+
+
+def mass_reference(
+    M: Float[np.ndarray, "samples dof dof"],
+) -> Float[np.ndarray, "dof dof"]:
+    """What errors of each entry of M are compared with: its mean along the motion (Sec. VII).
+
+    Where the entry changes sign, its mean says nothing: below a twentieth of √(M_ii M_jj) that size
+    takes its place.
+    """
+    mean = np.abs(M.mean(axis=0))
+    size = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
+    return np.where(mean > 0.05 * size, mean, size)

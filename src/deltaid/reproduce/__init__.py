@@ -1,0 +1,1 @@
+"""The paper's examples, from excitation to figures, beside the paper's own numbers."""

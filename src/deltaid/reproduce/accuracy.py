@@ -1,0 +1,124 @@
+"""How far identified parameters are from the truth, in what the controller uses (Sec. VII)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.identification.demo import mass_reference
+from deltaid.motion.surrogate import Motion
+
+
+@dataclass(frozen=True)
+class DriveMotion:
+    """Samples of a motion in drive coordinates; time in s."""
+
+    time: Float[np.ndarray, " samples"]
+    q: Float[np.ndarray, "samples dof"]
+    qd: Float[np.ndarray, "samples dof"]
+    qdd: Float[np.ndarray, "samples dof"]
+
+
+@dataclass(frozen=True)
+class MotionTerms:
+    """The terms of (1) along a motion.
+
+    Attributes:
+        M: mass matrix.
+        coriolis, acceleration, gravity, friction: C q̇, M q̈, g and f [N m].
+    """
+
+    M: Float[np.ndarray, "samples dof dof"]
+    coriolis: Float[np.ndarray, "samples dof"]
+    acceleration: Float[np.ndarray, "samples dof"]
+    gravity: Float[np.ndarray, "samples dof"]
+    friction: Float[np.ndarray, "samples dof"]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Largest errors of identified terms at any time of a motion, as shares.
+
+    Attributes:
+        mass: of each entry of M, relative to its mean along the motion (Sec. VII), see
+            `identification.demo.mass_reference`.
+        coriolis, acceleration, friction: of each drive's torque C q̇, M q̈ and f, relative to the
+            largest true one of the same kind and drive.
+        coefficients: relative errors of the friction coefficients, with sign.
+        definite: at how many samples M has a Cholesky factor.
+        samples: how many there are.
+    """
+
+    mass: Float[np.ndarray, "dof dof"]
+    coriolis: Float[np.ndarray, " dof"]
+    acceleration: Float[np.ndarray, " dof"]
+    friction: Float[np.ndarray, " dof"]
+    coefficients: Float[np.ndarray, " coefficients"]
+    definite: int
+    samples: int
+
+    @property
+    def mass_diagonal(self) -> float:
+        """Largest relative error of an entry on M's diagonal."""
+        return float(np.diag(self.mass).max())
+
+    @property
+    def mass_off_diagonal(self) -> float:
+        """Largest relative error of an entry off M's diagonal."""
+        return float(self.mass[~np.eye(len(self.mass), dtype=bool)].max())
+
+    @property
+    def friction_coefficients(self) -> float:
+        """Largest relative error of a friction coefficient."""
+        return float(np.abs(self.coefficients).max())
+
+
+def drive_motion(
+    dynamics: Dynamics, motion: Motion, time: Float[np.ndarray, " samples"]
+) -> DriveMotion:
+    """A motion sampled at some times.
+
+    Raises:
+        KinematicsError: the motion leaves the workspace.
+    """
+    return DriveMotion(time, *dynamics.kinematics.drive_motion(*motion.evaluate(time)))
+
+
+def motion_terms(dynamics: Dynamics, along: DriveMotion, p: Parameters) -> MotionTerms:
+    """The terms of (1) with parameters p along a motion."""
+    terms = dynamics.terms(along.q, along.qd, p)
+    return MotionTerms(
+        M=terms.M,
+        coriolis=np.einsum("nij,nj->ni", terms.C, along.qd),
+        acceleration=np.einsum("nij,nj->ni", terms.M, along.qdd),
+        gravity=terms.g,
+        friction=terms.f,
+    )
+
+
+def accuracy(dynamics: Dynamics, along: DriveMotion, truth: Parameters, p: Parameters) -> Accuracy:
+    """Errors of parameters p along a motion."""
+    true, own = motion_terms(dynamics, along, truth), motion_terms(dynamics, along, p)
+    layout = dynamics.layout
+    return Accuracy(
+        mass=np.abs(own.M - true.M).max(axis=0) / mass_reference(true.M),
+        coriolis=_share(own.coriolis, true.coriolis),
+        acceleration=_share(own.acceleration, true.acceleration),
+        friction=_share(own.friction, true.friction),
+        coefficients=p[layout.friction] / truth[layout.friction] - 1,
+        definite=_factored(own.M),
+        samples=len(along.time),
+    )
+
+
+def _share(
+    values: Float[np.ndarray, "samples dof"], true: Float[np.ndarray, "samples dof"]
+) -> Float[np.ndarray, " dof"]:
+    return np.abs(values - true).max(axis=0) / np.abs(true).max(axis=0)
+
+
+def _factored(M: Float[np.ndarray, "samples dof dof"]) -> int:
+    """How many of the matrices have a Cholesky factor: those whose leading minors are positive."""
+    minors = [np.linalg.det(M[:, :k, :k]) > 0 for k in range(1, M.shape[1] + 1)]
+    return int(np.all(minors, axis=0).sum())

@@ -1,0 +1,176 @@
+"""Why the paper's minimisation stops where it does: four ways down J(π), watched step by step.
+
+J(π) of (15) has no bad local minimum, but where an exponential e^d has run towards zero its
+gradient dies with it, and the iteration creeps along a tail. The paper starts at π(p_reg) with the
+small γ at once (Sec. VIII B) and does not name its solver, so three usual ones are tried from
+there: Newton with a trust region and exact Hessians, Levenberg–Marquardt on the residuals, and
+BFGS, which approximates the Hessian from gradients. The fourth relaxes the regulariser, as
+`identification.log_cholesky` does. The conic program says how low J can be.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy import optimize
+
+from deltaid.identification.conic import Solution, solve_conic
+from deltaid.identification.log_cholesky import LogCholesky, Unconstrained, solve_log_cholesky
+from deltaid.identification.objective import Objective
+from deltaid.identification.reduction import Reduction
+from deltaid.identification.regularizer import Vector
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
+
+Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]
+WAYS: tuple[Way, ...] = ("newton", "levenberg-marquardt", "bfgs", "relaxed")
+# A common default of optimisation libraries: done when no entry of ∇J is larger.
+USUAL_TOLERANCE = 1e-6
+_Visit = Callable[[Vector], None]
+
+
+@dataclass(frozen=True)
+class Descent:
+    """One way down, one entry a step.
+
+    Attributes:
+        way: which method.
+        seconds: since its start.
+        objective: J.
+        gradient: largest entry of |∇J| with respect to π.
+        usual: the first step at which the gradient is below the usual tolerance; None if never.
+        at_usual, at_end: free variables x there and at the last step.
+        smallest: the smallest exponential of the last step, relative to its value at the prior.
+        smallest_name: whose it is.
+        distance: of the last step from the global optimum, √Σ((x − x*)/scale)².
+    """
+
+    way: Way
+    seconds: Float[np.ndarray, " steps"]
+    objective: Float[np.ndarray, " steps"]
+    gradient: Float[np.ndarray, " steps"]
+    usual: int | None
+    at_usual: Vector | None
+    at_end: Vector
+    smallest: float
+    smallest_name: str
+    distance: float
+
+
+@dataclass(frozen=True)
+class Descents:
+    """All ways down one objective, beside the global optimum and its certificate."""
+
+    gamma: float
+    conic: Solution
+    conic_seconds: float
+    ways: tuple[Descent, ...]
+
+
+def descend(objective: Objective, reduction: Reduction, iterations: int = 1000) -> Descents:
+    """Run all ways on one objective with the paper's regulariser.
+
+    Raises:
+        IdentificationError: the conic program did not converge.
+    """
+    began = time.perf_counter()
+    best = solve_conic(objective, reduction)
+    seconds = time.perf_counter() - began
+    chart = LogCholesky(reduction)
+    chart.x(chart.pi(reduction.prior))  # builds the map, which no method shall be charged for
+    ways = tuple(_watched(way, objective, chart, best, iterations) for way in WAYS)
+    return Descents(objective.gamma, best, seconds, ways)
+
+
+def _watched(
+    way: Way, objective: Objective, chart: LogCholesky, best: Solution, iterations: int
+) -> Descent:
+    path, stamps = [chart.pi(chart.reduction.prior)], [0.0]
+    began = time.perf_counter()
+
+    def visit(pi: Vector) -> None:
+        stamps.append(time.perf_counter() - began)
+        path.append(np.array(pi))
+
+    _run(way, objective, chart, iterations, visit)
+    problem = Unconstrained(objective, chart)
+    gamma, reduction = objective.gamma, chart.reduction
+    gradient = np.array([gamma * np.abs(problem.gradient(pi)).max() for pi in path])
+    below = np.flatnonzero(gradient < USUAL_TOLERANCE)
+    usual = int(below[0]) if below.size else None
+    end = chart.x(path[-1])
+    name, smallest = _smallest(reduction, path[-1] - path[0])
+    return Descent(
+        way=way,
+        seconds=np.array(stamps),
+        objective=np.array([gamma * problem.value(pi) for pi in path]),
+        gradient=gradient,
+        usual=usual,
+        at_usual=None if usual is None else chart.x(path[usual]),
+        at_end=end,
+        smallest=smallest,
+        smallest_name=name,
+        distance=float(np.linalg.norm((end - best.x) / reduction.scale)),
+    )
+
+
+def _run(
+    way: Way, objective: Objective, chart: LogCholesky, iterations: int, visit: _Visit
+) -> None:
+    """Minimise J/γ from π(p_reg), calling `visit` after every step."""
+    problem, start = Unconstrained(objective, chart), chart.pi(chart.reduction.prior)
+    if way == "relaxed":
+        solve_log_cholesky(objective, chart.reduction, visit)
+    elif way == "levenberg-marquardt":
+        _levenberg_marquardt(objective, chart, iterations, visit)
+    else:
+        newton = way == "newton"
+        optimize.minimize(
+            problem.value,
+            start,
+            method="trust-exact" if newton else "BFGS",
+            jac=problem.gradient,
+            hess=problem.hessian if newton else None,
+            callback=visit,
+            options={"gtol": 1e-6, "maxiter": iterations},
+        )
+
+
+def _levenberg_marquardt(
+    objective: Objective, chart: LogCholesky, iterations: int, visit: _Visit
+) -> None:
+    """J/γ as a sum of squares, ‖L x(π) − l‖² and a constant."""
+    data, prior, weight = objective.data, objective.regularizer.quadratic, objective.gamma**-0.5
+    L = np.vstack([weight * data.R, prior.D])
+    l = np.append(weight * data.b, prior.D @ prior.x_reg)
+    still = np.zeros(chart.reduction.size)
+
+    def slopes(pi: Vector) -> np.ndarray:
+        visit(pi)  # once a step: rejected steps ask for residuals only
+        return L @ chart.derivatives(pi, still)[1]
+
+    optimize.least_squares(
+        lambda pi: L @ chart.x(pi) - l,
+        chart.pi(chart.reduction.prior),
+        jac=slopes,
+        method="lm",
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+        max_nfev=iterations,
+    )
+
+
+def _smallest(reduction: Reduction, change: Vector) -> tuple[str, float]:
+    """The exponential of π that has shrunk most since the start, and to which share."""
+    diagonal = {name for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items() if i == j}
+    bodies = reduction.layout.bodies
+    exponents = [
+        k
+        for k, name in enumerate(reduction.names)
+        if name.split(".")[0] not in bodies or name.split(".")[1] in diagonal
+    ]
+    k = min(exponents, key=lambda k: change[k])
+    return reduction.names[k], float(np.exp(change[k]))

@@ -1,0 +1,42 @@
+"""How accuracy depends on γ_p/γ_τ, the weight of the regularisation against the data."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.errors import IdentificationError
+from deltaid.identification.conic import solve_conic
+from deltaid.identification.identify import Identification, build_objective
+from deltaid.reproduce.accuracy import Accuracy, DriveMotion, accuracy
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """Accuracy of the global optimum at one γ."""
+
+    gamma: float
+    objective: float
+    accuracy: Accuracy
+
+
+def sweep(
+    dynamics: Dynamics,
+    identification: Identification,
+    along: DriveMotion,
+    truth: Parameters,
+    gammas: np.ndarray,
+) -> tuple[SweepPoint, ...]:
+    """The same data and prior fitted with other γ. A γ without a certified optimum is left out."""
+    settings, reduction = identification.model.settings, identification.reduction
+    objective = build_objective(identification.information, reduction, settings)
+    points = []
+    for gamma in gammas:
+        try:
+            solution = solve_conic(replace(objective, gamma=float(gamma)), reduction)
+        except IdentificationError:
+            continue
+        p = reduction.parameters(solution.x)
+        result = accuracy(dynamics, along, truth, p)
+        points.append(SweepPoint(float(gamma), solution.objective, result))
+    return tuple(points)
