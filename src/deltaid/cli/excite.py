@@ -63,13 +63,16 @@ def excite(
     starts: Annotated[int, typer.Option(help="Number of starts.", min=1)] = 8,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
     plot: Annotated[Path | None, typer.Option(help="PNG or SVG picture of the motion.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page with figures of the motion, works offline.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Optimise a motion for identification: at rest at both ends, within all limits.
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.cli.output import positive, print_json, progress
+    from deltaid.cli.output import positive, print_json, progress, require_report
     from deltaid.dynamics.dynamics import compiled
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
@@ -98,6 +101,8 @@ def excite(
     for path in (output, verify_out, plot):
         if path is not None:
             require_writable(path, [Path(robot)])
+    if report is not None:
+        require_report(report, [Path(robot)])
     description = load_robot(robot)
     with progress(as_json) as say, _stop_on_interrupt() as stop:
         say("preparing the robot")
@@ -119,10 +124,16 @@ def excite(
         from deltaid.files import write_bytes
 
         write_bytes(plot, plot_run(exciter, result.run, picture))
+    if report is not None:
+        from deltaid.report.excitation import excitation_page
+        from deltaid.report.page import write_page
+
+        write_page(excitation_page(exciter, result), report)
     if as_json:
         print_json(_as_dictionary(exciter, result))
     else:
-        _print(exciter, result, [path for path in (output, verify_out, plot) if path])
+        files = [path for path in (output, verify_out, plot, report) if path]
+        _print(exciter, result, files)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import TorqueError
+    from deltaid.recording.log import Log
 
 
 class Method(StrEnum):
@@ -59,10 +60,20 @@ def identify(
     cutoff: Annotated[
         float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
     ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page with figures of all results, works offline.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
-    from deltaid.cli.output import positive, print_json, print_warnings, progress
+    from deltaid.cli.output import (
+        console,
+        positive,
+        print_json,
+        print_warnings,
+        progress,
+        require_report,
+    )
     from deltaid.files import require_writable
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import GAMMA_LIMITS, SPREAD_LIMITS, Settings
@@ -81,9 +92,11 @@ def identify(
         prior_spread=prior_spread,
         cutoff=cutoff,
     )
+    inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
     if output is not None:
-        inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
         require_writable(output, inputs)
+    if report is not None:
+        require_report(report, inputs)
     if verify is not None:
         with opened(verify):
             pass  # to miss it now, not after the fit
@@ -91,7 +104,7 @@ def identify(
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
         result = run(description, logs, columns=mapping, settings=settings, progress=say)
-        verification, doubts = None, list(result.model.warnings)
+        verification, log, doubts = None, None, list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
             verification, log = validate(result.model, verify, columns=mapping)
@@ -99,10 +112,28 @@ def identify(
     print_warnings(doubts)
     if output is not None:
         result.model.save(output)
+    if report is not None:
+        write_report(result, log, verification, report)
     if as_json:
         print_json(as_dictionary(result, verification))
     else:
         print_result(result, verification, output)
+        if report is not None:
+            console.print(f"wrote {report}")
+
+
+def write_report(
+    result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
+) -> None:
+    """The page of a result, with a recording that it has been verified on."""
+    from deltaid.identification.validation import model_filter
+    from deltaid.report.identification import Verification, identification_page
+    from deltaid.report.page import write_page
+
+    verification = None
+    if log is not None and error is not None:
+        verification = Verification(log, model_filter(result.model, log), error)
+    write_page(identification_page(result, verification), path)
 
 
 def as_dictionary(result: "Identification", verification: "TorqueError | None") -> dict:

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
@@ -12,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from deltaid.errors import DeltaidError
+from deltaid.files import require_writable
 from deltaid.report.numbers import number, with_uncertainty
 from deltaid.report.numbers import percent as percent  # for the commands
 
@@ -92,6 +94,13 @@ def positive(
     low, high = limits
     if not low <= value <= high:
         raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)
+
+
+def require_report(path: Path, inputs: Sequence[Path]) -> None:
+    """Refuse before any work a report that could not be written or would replace an input."""
+    if path.suffix.lower() != ".html":
+        raise DeltaidError("must end in .html", where=f"--report {path}")
+    require_writable(path, inputs)
 
 
 def value_cells(parameter: "Parameter") -> tuple[str, str]:

@@ -8,6 +8,7 @@ import typer
 if TYPE_CHECKING:
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import TorqueError
+    from deltaid.recording.log import Log
 
 
 def register(app: typer.Typer) -> None:
@@ -21,24 +22,43 @@ def validate(
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page with figures of the comparison, works offline.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare a model's torques with a recording, drive by drive."""
-    from deltaid.cli.output import console, print_json, print_warnings, progress
+    from deltaid.cli.output import console, print_json, print_warnings, progress, require_report
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.validation import validate as run
     from deltaid.recording.columns import load_mapping
 
+    if report is not None:
+        require_report(report, [model, log, *([columns] if columns else [])])
     mapping = load_mapping(columns) if columns else None
     identified = IdentifiedModel.load(model)
     with progress(as_json) as say:
         say(f"comparing with {log}")
         error, surveyed = run(identified, log, columns=mapping)
+        if report is not None:
+            say(f"writing {report}")
+            write_report(identified, surveyed, error, report)
     print_warnings([f"{log}: {text}" for text in surveyed.warnings])
     if as_json:
         print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
     else:
         console.print(error_table(identified, error))
+        if report is not None:
+            console.print(f"wrote {report}")
+
+
+def write_report(model: "IdentifiedModel", log: "Log", error: "TorqueError", path: Path) -> None:
+    """The page of a comparison."""
+    from deltaid.identification.validation import model_filter
+    from deltaid.report.page import write_page
+    from deltaid.report.validation import validation_page
+
+    write_page(validation_page(model, log, model_filter(model, log), error), path)
 
 
 def error_dictionary(error: "TorqueError") -> dict:

@@ -1,0 +1,203 @@
+"""A robot moving along its recorded or planned motion, in three dimensions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.skeleton import Skeleton
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log
+from deltaid.recording.windows import windows
+from deltaid.report import style
+from deltaid.report.page import Figure
+from deltaid.report.workspace import outline
+
+_FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
+_SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
+_COLORS = {
+    "base": style.PRIOR,
+    "U": style.SERIES[0],
+    "S": style.SERIES[5],
+    "P": style.SERIES[1],
+    "TU": style.SERIES[2],
+    "TL": style.SERIES[4],
+    "EE": style.SERIES[3],
+}
+_NAMES = {
+    "base": "base",
+    "U": "upper arms",
+    "S": "struts",
+    "P": "platform",
+    "TU": "telescope, upper part",
+    "TL": "telescope, lower part",
+    "EE": "end effector",
+}
+_WIDTHS = {"U": 8, "P": 6, "S": 3}
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Task coordinates over time, evenly spaced in time."""
+
+    time: Float[np.ndarray, " samples"]
+    z: Float[np.ndarray, "samples dof"]
+
+
+def recorded_motion(kinematics: Kinematics, log: Log, low_pass: LowPass | None) -> Motion:
+    """The first minute of a recording."""
+    time, z = [], []
+    margin = len(low_pass.smooth) // 2 if low_pass else 0
+    for window in windows(log, kinematics, low_pass):
+        inner = slice(margin, len(window.time) - margin)
+        time.append(window.time[inner])
+        z.append(window.z[inner])
+        if time[-1][-1] - time[0][0] > _SEEN:
+            break
+    return Motion(np.concatenate(time), np.concatenate(z))
+
+
+def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
+    """The robot along the stretch of a few seconds in which its platform travels farthest."""
+    seen = _liveliest(motion)
+    every = np.linspace(seen.start, seen.stop - 1, min(_FRAMES, seen.stop - seen.start))
+    chosen = every.astype(int)
+    skeleton = Skeleton(kinematics.robot, kinematics.mechanism)
+    shapes = skeleton.evaluate(motion.z[chosen])
+    moving = [name for name in skeleton.bodies if name != "base"]
+    still = _still(kinematics, motion, seen)
+    traces = [_lines("base", _of(skeleton, shapes[0], "base")), *still]
+    first = len(traces)
+    traces += [_lines(name, _of(skeleton, shapes[0], name)) for name in moving]
+    frames = [
+        go.Frame(
+            name=f"{motion.time[k]:.2f}",
+            traces=list(range(first, len(traces))),
+            data=[
+                go.Scatter3d(dict(zip("xyz", _of(skeleton, shape, name), strict=True)))
+                for name in moving
+            ],
+        )
+        for k, shape in zip(chosen, shapes, strict=True)
+    ]
+    figure = go.Figure(traces, frames=frames)
+    span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
+    _controls(figure, frames, round(1000 * span / max(len(chosen) - 1, 1)))
+    _scene(figure, np.concatenate([shapes.reshape(-1, 3), motion.z[:, :3]]))
+    return Figure(figure, caption)
+
+
+def _liveliest(motion: Motion) -> slice:
+    """Samples of the stretch in which the platform point travels farthest."""
+    steps = np.linalg.norm(np.diff(motion.z[:, :3], axis=0), axis=1)
+    travelled = np.append(0.0, np.cumsum(steps))
+    interval = (motion.time[-1] - motion.time[0]) / max(len(motion.time) - 1, 1)
+    length = min(len(motion.time), int(_SECONDS / interval) + 1) if interval > 0 else 1
+    start = int(np.argmax(travelled[length - 1 :] - travelled[: len(travelled) - length + 1]))
+    return slice(start, start + length)
+
+
+def _still(kinematics: Kinematics, motion: Motion, seen: slice) -> list[go.Scatter3d]:
+    """What does not move: the workspace, the whole path, and the part of it that is shown."""
+    every = max(1, len(motion.z) // _PATH)
+    parts = [
+        ("workspace", outline(kinematics.robot.workspace), {"color": style.PRIOR, "width": 1}),
+        ("path", motion.z[::every, :3], {"color": style.PRIOR, "width": 2}),
+        ("path shown", motion.z[seen, :3][::5], {"color": style.RESIDUAL, "width": 4}),
+    ]
+    return [
+        go.Scatter3d(
+            dict(zip("xyz", points.astype(np.float32).T, strict=True)),
+            name=name,
+            mode="lines",
+            line=line,
+            hoverinfo="skip",
+        )
+        for name, points, line in parts
+    ]
+
+
+def _of(
+    skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"], body: str
+) -> Float[np.ndarray, "3 points"]:
+    """One line through all segments of a body, with gaps (NaN) between them."""
+    own = [i for i, segment in enumerate(skeleton.segments) if segment.body == body]
+    ends = np.concatenate([shape[own], np.full((len(own), 1, 3), np.nan)], axis=1)
+    return ends.reshape(-1, 3).T.astype(np.float32)
+
+
+def _lines(body: str, points: Float[np.ndarray, "3 points"]) -> go.Scatter3d:
+    return go.Scatter3d(
+        dict(zip("xyz", points, strict=True)),
+        name=_NAMES.get(body, body),
+        mode="lines",
+        line={"color": _COLORS.get(body, style.PRIOR), "width": _WIDTHS.get(body, 5)},
+        hoverinfo="skip",
+    )
+
+
+def _controls(figure: go.Figure, frames: list[go.Frame], pause: int) -> None:
+    def settings(duration: int, **more: object) -> dict:
+        frame = {"duration": duration, "redraw": True}
+        return {"frame": frame, "transition": {"duration": 0}, "mode": "immediate", **more}
+
+    buttons = [
+        {"label": "▶ Play", "method": "animate", "args": [None, settings(pause, fromcurrent=True)]},
+        {"label": "❚❚ Pause", "method": "animate", "args": [[None], settings(0)]},
+    ]
+    steps = [
+        {"label": frame.name, "method": "animate", "args": [[frame.name], settings(0)]}
+        for frame in frames
+    ]
+    figure.update_layout(
+        updatemenus=[
+            {
+                "type": "buttons",
+                "direction": "right",
+                "buttons": buttons,
+                "showactive": False,
+                "x": 0,
+                "xanchor": "left",
+                "y": 0,
+                "yanchor": "top",
+                "pad": {"t": 62},
+                "font": {"color": "#24292f"},
+                "bgcolor": "#ffffff",
+            }
+        ],
+        sliders=[
+            {
+                "steps": steps,
+                "x": 0,
+                "len": 1.0,
+                "pad": {"t": 8, "b": 10, "l": 5, "r": 5},
+                "currentvalue": {"prefix": "time ", "suffix": " s", "font": {"size": 12}},
+                "font": {"size": 10},
+                "ticklen": 0,
+                "tickwidth": 0,
+                "minorticklen": 0,
+            }
+        ],
+    )
+
+
+def _scene(figure: go.Figure, points: Float[np.ndarray, "points 3"]) -> None:
+    """Fixed ranges of equal scale around everything that is drawn."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    axes = {
+        f"{name}axis": {"range": [low[i] - margin, high[i] + margin], "title": f"{name} [m]"}
+        for i, name in enumerate("xyz")
+    }
+    figure.update_layout(
+        height=640,
+        margin={"l": 0, "r": 0, "t": 60, "b": 110},
+        scene={
+            **axes,
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 1.25, "y": 1.25, "z": 0.35}, "center": {"z": -0.05}},
+        },
+        uirevision="kept",
+    )

@@ -1,0 +1,131 @@
+"""Measured and predicted torques of a recording, condensed for figures in constant memory.
+
+Filtered signals are thinned to the rate that the cut-off allows, which loses nothing. Where that is
+still more than a figure can show, each stretch of equal length is represented by its sample of
+largest residual, so that no outlier disappears; figures that count samples use an even thinning.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy import signal
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.identification.torque_error import Prediction, predict
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log
+
+# Points over time that a figure draws quickly and a file holds easily.
+_SHOWN = 20_000
+_SEGMENT = 1024  # samples of a spectrum's segment
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Torques over time, residuals to count, and mean spectra of one recording.
+
+    Attributes:
+        time [s], measured, predicted [N m]: samples to draw over time, through the filter.
+        stretch: how many (thinned) samples each of them stands for.
+        speed [rad/s], residual [N m]: evenly thinned samples, to draw over speed and count.
+        frequency [Hz], measured_density, residual_density [N m/√Hz]: amplitude spectra of the
+            torque as recorded and of what the model leaves of it.
+        cutoff: of the filter [Hz], None without one.
+    """
+
+    time: Float[np.ndarray, " shown"]
+    measured: Float[np.ndarray, "shown dof"]
+    predicted: Float[np.ndarray, "shown dof"]
+    stretch: int
+    speed: Float[np.ndarray, "counted dof"]
+    residual: Float[np.ndarray, "counted dof"]
+    frequency: Float[np.ndarray, " frequencies"]
+    measured_density: Float[np.ndarray, "frequencies dof"]
+    residual_density: Float[np.ndarray, "frequencies dof"]
+    cutoff: float | None
+
+
+def compare(dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | None) -> Comparison:
+    """What figures need to know of a model's torques along a recording; reads it once."""
+    thinned = low_pass.decimation if low_pass else 1
+    stretch = max(1, -(-log.samples // (thinned * _SHOWN)))
+    scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
+    spectrum = _Spectrum(log.rate)
+    shown, counted = [], []
+    for rows in _stretches(_thinned(dynamics, p, log, low_pass, spectrum), stretch):
+        residual = np.abs(rows[:, :, 1] - rows[:, :, 2]) / scale
+        worst = residual.max(axis=2).argmax(axis=1)
+        shown.append(rows[np.arange(len(rows)), worst])
+        counted.append(rows[:, 0])
+    shown, counted = np.concatenate(shown), np.concatenate(counted)
+    frequency, measured, residual = spectrum.densities()
+    return Comparison(
+        time=shown[:, 0, 0],
+        measured=shown[:, 1],
+        predicted=shown[:, 2],
+        stretch=stretch,
+        speed=counted[:, 3],
+        residual=counted[:, 1] - counted[:, 2],
+        frequency=frequency,
+        measured_density=measured,
+        residual_density=residual,
+        cutoff=low_pass.cutoff if low_pass else None,
+    )
+
+
+def _thinned(
+    dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | None, spectrum: "_Spectrum"
+) -> Iterator[Float[np.ndarray, "samples 4 dof"]]:
+    """Time (in every drive's column), measured, predicted and speed, at the filter's own rate."""
+    step = low_pass.decimation if low_pass else 1
+    for part in predict(dynamics, p, log, low_pass):
+        spectrum.add(part)
+        time = np.repeat(part.time[:, None], dynamics.dof, axis=1)
+        rows = (time, part.filtered_measured, part.filtered_predicted, part.speed)
+        yield np.stack([row[::step] for row in rows], axis=1)
+
+
+def _stretches(
+    blocks: Iterator[Float[np.ndarray, "samples 4 dof"]], length: int
+) -> Iterator[Float[np.ndarray, "stretches length 4 dof"]]:
+    """The same samples in stretches of equal length; what is left at the end makes short ones."""
+    rest = None
+    for block in blocks:
+        rows = block if rest is None else np.concatenate([rest, block])
+        whole = len(rows) // length * length
+        rest = rows[whole:]
+        if whole:
+            yield rows[:whole].reshape(-1, length, *rows.shape[1:])
+    if rest is not None and len(rest):
+        yield rest[None]
+
+
+class _Spectrum:
+    """Welch's spectra of torque and residual, averaged over the windows of a recording."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._length, self._segments = rate, 0, 0
+        self._power: np.ndarray = np.zeros(0)
+
+    def add(self, part: Prediction) -> None:
+        """Take in consecutive samples as recorded; a last window too short for a segment is left
+        out."""
+        samples = len(part.time)
+        if not self._length:
+            self._length = min(_SEGMENT, samples)
+        if samples < self._length:
+            return
+        both = np.stack([part.measured, part.measured - part.predicted])
+        _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
+        segments = 2 * samples // self._length - 1  # they overlap by a half
+        total = self._segments + segments
+        before = self._power if self._segments else np.zeros_like(power)
+        self._power = (before * self._segments + power * segments) / total
+        self._segments = total
+
+    def densities(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Frequencies without zero, and the roots of both power densities."""
+        measured, residual = np.sqrt(self._power)[:, 1:]
+        return np.fft.rfftfreq(self._length, 1 / self._rate)[1:], measured, residual

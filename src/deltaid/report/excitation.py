@@ -1,0 +1,180 @@
+"""The page of `deltaid excite`: the motion, its limits, and what it will tell."""
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from deltaid.excitation.excite import Excitation, Exciter
+from deltaid.report import style
+from deltaid.report.animation import Motion, animation
+from deltaid.report.numbers import interval, number, percent
+from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
+
+_SAMPLES = 2000
+
+
+def excitation_page(exciter: Exciter, result: Excitation) -> Page:
+    """Everything about an optimised motion, at the robot's prior."""
+    robot, run, settings = exciter.dynamics.robot, result.run, exciter.settings
+    fullest = max(result.limits, key=lambda limit: limit.share, default=None)
+    periods = f"{run.repeats} periods" if run.repeats > 1 else "1 period"
+    facts = [
+        Fact("duration", f"{run.duration:.4g} s", f"{periods} of {run.motion.period:.3g} s"),
+        Fact(
+            f"criterion {settings.criterion}",
+            number(result.criterion_after),
+            f"{number(result.criterion_before)} before",
+        ),
+        Fact("base parameters", str(len(result.predictions)), "made visible"),
+    ]
+    if fullest is not None:
+        facts.append(Fact("fullest limit", f"{100 * fullest.share:.1f} %", fullest.name))
+    return Page(
+        title=robot.title or robot.name,
+        subtitle="Motion for identification, from rest to rest within all limits",
+        facts=tuple(facts),
+        sections=(
+            Section("Motion", (_animation(exciter, result), _over_time(exciter, result))),
+            Section("Limits", (_limits(result),)),
+            Section("What it will tell", _predictions(exciter, result)),
+            Section("Search", (_starts(result), _settings(exciter))),
+        ),
+    )
+
+
+def _animation(exciter: Exciter, result: Excitation) -> Figure:
+    time = np.linspace(0, result.run.duration, max(_SAMPLES, int(50 * result.run.duration)))
+    z, *_ = result.run.evaluate(time)
+    return animation(
+        exciter.dynamics.kinematics,
+        Motion(time, z),
+        "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
+        "The distance of the two struts in a pair is not part of the description and drawn as it "
+        "looks usual.",
+    )
+
+
+def _over_time(exciter: Exciter, result: Excitation) -> Figure:
+    run, dynamics = result.run, exciter.dynamics
+    time = np.linspace(0, run.duration, _SAMPLES)
+    z, zd, zdd = run.evaluate(time)
+    q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
+    drives, torque = dynamics.robot.drives, exciter.preview(run, _SAMPLES)
+    rows = [
+        ("platform [m]", z[:, :3], ("x", "y", "z"), "dash"),
+        ("angle [deg]", np.rad2deg(q), drives, "solid"),
+        ("speed [deg/s]", np.rad2deg(qd), drives, "solid"),
+        ("torque [N m]", torque, drives, "solid"),
+    ]
+    figure = make_subplots(rows=len(rows), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    for row, (title, values, names, dash) in enumerate(rows, 1):
+        for i, name in enumerate(names):
+            figure.add_scatter(
+                x=time.astype(np.float32),
+                y=values[:, i].astype(np.float32),
+                name=name,
+                legendgroup=name,
+                showlegend=row <= 2,
+                mode="lines",
+                line={"color": style.SERIES[i], "width": 1.4, "dash": dash},
+                hovertemplate=f"{name} %{{y:.4g}} at %{{x:.4g}} s<extra></extra>",
+                row=row,
+                col=1,
+            )
+        figure.update_yaxes(title_text=title, row=row, col=1)
+    for edge in (run.ramp, run.duration - run.ramp):
+        figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
+    figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
+    figure.update_layout(height=880)
+    return Figure(
+        figure,
+        "Platform point, drive angles, drive speeds, and the torques that the prior predicts. "
+        "Dotted lines are the ends of the ramps from and to rest.",
+    )
+
+
+def _limits(result: Excitation) -> Figure:
+    names = [style.label(limit.name) for limit in result.limits]
+    figure = go.Figure()
+    figure.add_bar(
+        x=[100 * limit.share for limit in result.limits],
+        y=names,
+        orientation="h",
+        marker={"color": style.SERIES[0]},
+        hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
+    )
+    figure.add_vline(x=100, line={"color": style.LIMIT, "width": 1.5})
+    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
+    figure.update_xaxes(title_text="largest use over the whole run [%]", rangemode="tozero")
+    figure.update_layout(height=22 * len(names) + 100, margin={"t": 20}, bargap=0.35)
+    return Figure(figure, "Largest use of every limit over the whole run; the line is the limit.")
+
+
+def _predictions(exciter: Exciter, result: Excitation) -> tuple[Text, Table]:
+    noise = percent(exciter.settings.torque_noise)
+    rows = tuple(
+        (
+            p.formula,
+            number(p.value),
+            f"{p.std:.2g}",
+            interval(p.value, p.std),
+            p.unit,
+            percent(p.std / abs(p.value)) if abs(p.value) > p.std else "—",
+        )
+        for p in result.predictions
+    )
+    return (
+        Text(
+            f"Standard deviations that least squares will reach on this motion when the torque "
+            f"noise is {noise} of each drive's largest torque and samples come at "
+            f"{exciter.settings.rate:g} Hz, if the robot is what the prior says."
+        ),
+        Table(
+            ("base parameter", "prior", "predicted ±", "95 % interval", "unit", "share"),
+            rows,
+            "Predicted standard deviation of every base parameter; the share is of the prior, and "
+            "is left out where the deviation is larger than the value.",
+        ),
+    )
+
+
+def _starts(result: Excitation) -> Table:
+    rows = tuple(
+        (
+            str(a.seed),
+            number(a.before),
+            number(a.after),
+            f"{100 * a.use:.1f}",
+            str(a.evaluations),
+            f"{a.seconds:.1f}",
+            "yes" if a.feasible else "no",
+        )
+        for a in result.optimum.accounts
+    )
+    columns = (
+        "start",
+        "before",
+        "after",
+        "fullest limit [%]",
+        "evaluations",
+        "seconds",
+        "feasible",
+    )
+    return Table(columns, rows, "Objective of the search at each start's beginning and end.")
+
+
+def _settings(exciter: Exciter) -> Table:
+    s = exciter.settings
+    rows = (
+        ("criterion", s.criterion),
+        ("harmonics", str(s.harmonics)),
+        ("longest period [s]", number(s.duration)),
+        ("repeats", str(s.repeats)),
+        ("weight of speed", number(s.velocity_weight)),
+        ("weighed by the prior", "yes" if s.weigh_prior else "no"),
+        ("torque noise, share of the largest torque", percent(s.torque_noise)),
+        ("rate [Hz]", number(s.rate)),
+        ("starts", str(s.starts)),
+        ("seed", str(s.seed)),
+    )
+    return Table(("setting", "value"), rows)

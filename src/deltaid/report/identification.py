@@ -1,0 +1,152 @@
+"""The page of `deltaid identify`: the model, how well it predicts, and what it rests on."""
+
+from dataclasses import dataclass
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.identification.identify import Identification
+from deltaid.identification.model import Fit, IdentifiedModel
+from deltaid.identification.torque_error import TorqueError
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log
+from deltaid.report.animation import animation, recorded_motion
+from deltaid.report.bodies import body_section
+from deltaid.report.comparison import compare
+from deltaid.report.information import information_section
+from deltaid.report.numbers import number, percent
+from deltaid.report.page import Fact, Page, Section, Table
+from deltaid.report.parameters import parameter_section
+from deltaid.report.provenance import file_names, provenance_section
+from deltaid.report.torques import torque_blocks
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A recording that the model has not seen, and the model's torque errors on it."""
+
+    log: Log
+    low_pass: LowPass | None
+    error: TorqueError
+
+
+def identification_page(result: Identification, verification: Verification | None = None) -> Page:
+    """Everything about an identified model.
+
+    Reads its recordings once more, in constant memory.
+    """
+    model = result.model
+    dynamics = compiled(model.robot)
+    recordings = result.recordings
+    sections = [
+        torque_section(dynamics, model, log, low_pass, _title(log, len(recordings)))
+        for log, low_pass in recordings
+    ]
+    warnings = list(model.warnings)
+    if verification is not None:
+        log = verification.log
+        sections.append(torque_section(dynamics, model, log, verification.low_pass, "Verification"))
+        warnings += [f"{log.path.name}: {text}" for text in log.warnings]
+    errors = error_table(model, verification.error if verification else None)
+    sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))
+    verified = f", verified on {verification.log.path.name}" if verification else ""
+    return Page(
+        title=model.robot.title or model.robot.name,
+        subtitle=f"Dynamic model identified from {file_names(model)}{verified}",
+        facts=(*_error_facts(model, verification), *_fit_facts(model)),
+        sections=(
+            *sections,
+            motion_section(dynamics, *recordings[0]),
+            parameter_section(model),
+            body_section(model, dynamics.kinematics),
+            information_section(result),
+            provenance_section(model, "Data and settings"),
+        ),
+        warnings=tuple(warnings),
+    )
+
+
+def torque_section(
+    dynamics: Dynamics, model: IdentifiedModel, log: Log, low_pass: LowPass | None, title: str
+) -> Section:
+    """All figures of torques along one recording."""
+    comparison = compare(dynamics, model.p, log, low_pass)
+    return Section(title, torque_blocks(comparison, model.robot.drives))
+
+
+def motion_section(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Section:
+    """The robot on a recorded motion."""
+    figure = animation(
+        dynamics.kinematics,
+        recorded_motion(dynamics.kinematics, log, low_pass),
+        f"The robot on the recorded motion of {log.path.name}, in real time: the liveliest seconds "
+        "of its first minute. Drag to turn the view. The distance of the two struts in a pair is "
+        "not part of the description and drawn as it looks usual.",
+    )
+    return Section("Motion", (figure,))
+
+
+def error_table(model: IdentifiedModel, verification: TorqueError | None) -> Table:
+    """Torque errors per drive, on the model's own recordings and on another one."""
+    columns = ("drive", "rms [N m]", "share", "unfiltered rms [N m]")
+    kinds: list[Fit | TorqueError] = [model.fit]
+    if verification is not None:
+        columns += ("verification rms [N m]", "share", "unfiltered rms [N m]")
+        kinds.append(verification)
+    rows = tuple(
+        (
+            drive,
+            *(
+                cell
+                for error in kinds
+                for cell in (
+                    number(error.rms[i], 3),
+                    percent(error.nrmse[i]),
+                    number(error.rms_unfiltered[i], 3),
+                )
+            ),
+        )
+        for i, drive in enumerate(model.robot.drives)
+    )
+    return Table(
+        columns,
+        rows,
+        "Root mean square of measured minus predicted torque, also as a share of the measured "
+        "torque's own root mean square. Unfiltered is against the torque as recorded, with all "
+        "its noise.",
+    )
+
+
+def _title(log: Log, count: int) -> str:
+    return "Torques" if count == 1 else f"Torques: {log.path.name}"
+
+
+def _error_facts(model: IdentifiedModel, verification: Verification | None) -> tuple[Fact, ...]:
+    facts = []
+    for i, drive in enumerate(model.robot.drives):
+        note = f"{number(model.fit.rms[i], 2)} N m rms"
+        if verification is not None:
+            note = f"{note}; verification {percent(float(verification.error.nrmse[i]))}"
+        facts.append(Fact(f"{drive}, torque error", percent(model.fit.nrmse[i]), note))
+    return tuple(facts)
+
+
+def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
+    fit = model.fit
+    gap = fit.duality_gap
+    optimum = (
+        Fact("optimum", "not certified", "this regulariser is not convex")
+        if gap is None
+        else Fact("duality gap", f"{gap:.1e}", f"of an objective of {fit.objective:.2e}")
+    )
+    return (
+        optimum,
+        Fact(
+            "base parameters",
+            str(fit.base_parameters),
+            f"condition {number(fit.base_condition, 3)}",
+        ),
+        Fact(
+            "physical consistency",
+            "all bodies" if model.consistent else "violated",
+            f"{len(model.consistency)} bodies, friction positive",
+        ),
+    )

@@ -1,0 +1,118 @@
+"""What the data determines: base parameters, their intervals, condition and correlations."""
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.identification.base import symbol
+from deltaid.identification.identify import Identification
+from deltaid.identification.information import triangle
+from deltaid.report import style
+from deltaid.report.numbers import interval, number, with_uncertainty
+from deltaid.report.page import Figure, Section, Table, Text
+
+
+def information_section(result: Identification) -> Section:
+    """Base parameters with their intervals, singular values and correlations."""
+    base = result.base
+    R = _scaled_factor(result)
+    visible = len(base.layout.names) - len(base.invisible)
+    return Section(
+        "Base parameters",
+        (
+            Text(
+                f"Of {len(base.layout.names)} parameters {visible} show in torques at all, and of "
+                f"these the motion determines {base.rank} combinations, the base parameters. "
+                "Their values here come from weighted least squares alone, without prior and "
+                "without physical consistency. The condition number of the base regressor, its "
+                f"columns scaled to unit length, is {number(base.condition, 3)}."
+            ),
+            _table(result),
+            _singular_values(R),
+            _correlations(result, R),
+        ),
+    )
+
+
+def _table(result: Identification) -> Table:
+    base, estimate = result.base, result.base_estimate
+    units = [base.layout.units[group.representative] for group in base.groups]
+    rows = tuple(
+        (
+            str(i + 1),
+            formula,
+            with_uncertainty(value, std)[0],
+            interval(value, std),
+            unit,
+        )
+        for i, (formula, value, std, unit) in enumerate(
+            zip(base.formulas, estimate.values, estimate.std, units, strict=True)
+        )
+    )
+    return Table(
+        ("", "base parameter", "value", "95 % interval", "unit"),
+        rows,
+        "Combinations of parameters that the torques determine, each named by its first term.",
+    )
+
+
+def _scaled_factor(result: Identification) -> Float[np.ndarray, "base base"]:
+    """Triangular factor of the weighted base regressor, columns of unit length."""
+    information = result.information
+    columns = [group.representative for group in result.base.groups]
+    at = np.searchsorted(information.columns, columns)
+    Y = information.weighted(information.torque_max**-2.0)[:, at]
+    return triangle(Y / np.linalg.norm(Y, axis=0))
+
+
+def _singular_values(R: Float[np.ndarray, "base base"]) -> Figure:
+    values = np.linalg.svd(R, compute_uv=False)
+    figure = go.Figure()
+    figure.add_scatter(
+        x=np.arange(1, len(values) + 1),
+        y=values,
+        mode="lines+markers",
+        line={"color": style.SERIES[0], "width": 1},
+        marker={"size": 6},
+        hovertemplate="singular value %{x}: %{y:.3g}<extra></extra>",
+    )
+    figure.update_yaxes(type="log", exponentformat="power", title_text="singular value")
+    figure.update_xaxes(title_text="number")
+    figure.update_layout(height=330, margin={"t": 20})
+    return Figure(
+        figure,
+        "Singular values of the base regressor, rows weighted by the drives' largest torques and "
+        "columns scaled to unit length. A small one is a combination that the motion hardly "
+        f"excites; largest over smallest is {number(values[0] / values[-1], 3)}.",
+    )
+
+
+def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> Figure:
+    """Correlations (RᵀR)⁻¹ of the estimates, scaled to a unit diagonal."""
+    inverse = solve_triangular(R, np.eye(len(R)))
+    rows = inverse / np.linalg.norm(inverse, axis=1, keepdims=True)
+    layout = result.base.layout
+    names = [
+        style.label(symbol(layout.names[group.representative])) for group in result.base.groups
+    ]
+    figure = go.Figure(
+        go.Heatmap(
+            z=(rows @ rows.T).astype(np.float32),
+            x=names,
+            y=names,
+            zmin=-1,
+            zmax=1,
+            colorscale="RdBu",
+            colorbar={"thickness": 10, "len": 0.9, "outlinewidth": 0},
+            hovertemplate="%{y} and %{x}: %{z:.2f}<extra></extra>",
+        )
+    )
+    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1, tickfont={"size": 9})
+    figure.update_xaxes(tickmode="linear", dtick=1, tickangle=-90, tickfont={"size": 9})
+    figure.update_layout(height=16 * len(names) + 150, margin={"t": 10})
+    return Figure(
+        figure,
+        "Correlation of the base parameters' estimates, each named by its first term. Deep colours "
+        "off the diagonal are pairs that this motion hardly tells apart.",
+    )

@@ -1,0 +1,103 @@
+"""Parameters of a model: prior, value, interval, and which of data and prior decided."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from deltaid.identification.model import IdentifiedModel, Parameter
+from deltaid.report import style
+from deltaid.report.numbers import interval, number, with_uncertainty
+from deltaid.report.page import Figure, Section, Table, Text
+
+_NONE = "—"
+_DECIDED = {
+    "data": "the data",
+    "prior": "from the prior",
+    "fixed": "held by the description",
+    "consistency": "lower bound, from consistency",
+}
+
+
+def parameter_section(model: IdentifiedModel) -> Section:
+    """Every parameter that is not zero by structure, as a table and beside its prior."""
+    parameters = tuple(p for p in model.parameters if p.determined_by != "structure")
+    return Section(
+        "Parameters",
+        (
+            Text(
+                "The data decides a parameter when it shrinks the prior's standard deviation to "
+                "less than a half. All others are marked “from the prior”: their value is mostly "
+                "what the description said, and no interval is given for them because the data "
+                "supports none. What the data does determine about them are combinations, which "
+                "the base parameters below show."
+            ),
+            _chart(parameters),
+            _table(parameters),
+        ),
+    )
+
+
+def _table(parameters: tuple[Parameter, ...]) -> Table:
+    rows = tuple(
+        (
+            parameter.name,
+            number(parameter.prior),
+            *_value(parameter),
+            parameter.unit,
+            _DECIDED.get(parameter.determined_by, parameter.determined_by),
+        )
+        for parameter in parameters
+    )
+    return Table(
+        ("parameter", "prior", "identified", "95 % interval", "unit", "decided by"),
+        rows,
+        "Inertias and first moments are about the origin of the body's link frame. Parameters "
+        "that are zero by structure are left out.",
+    )
+
+
+def _value(parameter: Parameter) -> tuple[str, str]:
+    """Value and interval; only what the data decided has one."""
+    if parameter.determined_by == "data":
+        return with_uncertainty(parameter.value, parameter.std)[0], interval(
+            parameter.value, parameter.std
+        )
+    bound = "≥ " if parameter.determined_by == "consistency" else ""
+    return bound + number(parameter.value), _NONE
+
+
+def _chart(parameters: tuple[Parameter, ...]) -> Figure:
+    shown = [p for p in parameters if p.prior != 0]
+    figure = go.Figure()
+    for kind, name, color, symbol in (
+        ("data", "identified, with 95 % interval", style.IDENTIFIED, "circle"),
+        ("prior", "from the prior, no interval", style.PRIOR, "circle-open"),
+        ("fixed", "held by the description", style.PRIOR, "line-ns-open"),
+        ("consistency", "lower bound", style.PRIOR, "triangle-right-open"),
+    ):
+        own = [p for p in shown if p.determined_by == kind]
+        if not own:
+            continue
+        size = np.array([abs(p.prior) for p in own]) / 100
+        change = np.array([p.value - p.prior for p in own]) / size
+        spread = 1.96 * np.array([p.std for p in own]) / size
+        figure.add_scatter(
+            x=change,
+            y=[style.label(p.name) for p in own],
+            error_x={"array": spread, "thickness": 1.6, "width": 3} if kind == "data" else None,
+            name=name,
+            mode="markers",
+            marker={"color": color, "symbol": symbol, "size": 8},
+            hovertemplate="%{y}: %{x:+.3g} % of the prior<extra></extra>",
+        )
+    names = [style.label(p.name) for p in shown]
+    figure.update_yaxes(
+        categoryorder="array", categoryarray=names, autorange="reversed", tickmode="linear", dtick=1
+    )
+    figure.update_xaxes(title_text="difference from the prior [% of the prior]")
+    figure.update_layout(height=19 * len(names) + 130)
+    left_out = len(parameters) - len(shown)
+    return Figure(
+        figure,
+        "Difference between identified value and prior as a share of the prior; zero is the prior."
+        + (f" {left_out} with a prior of zero are in the table only." if left_out else ""),
+    )

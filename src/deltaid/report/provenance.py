@@ -1,0 +1,70 @@
+"""Where a model comes from: recordings, settings, what the fit reached, version."""
+
+from deltaid.identification.model import IdentifiedModel
+from deltaid.report.numbers import number, percent
+from deltaid.report.page import Section, Table, Text
+
+
+def provenance_section(model: IdentifiedModel, title: str) -> Section:
+    """Sources, fit and settings of a model."""
+    return Section(title, (_sources(model), _fit(model), _settings(model), *_origins(model)))
+
+
+def file_names(model: IdentifiedModel) -> str:
+    """The logs that a model comes from, as a list in words."""
+    return ", ".join(source.log for source in model.sources)
+
+
+def _sources(model: IdentifiedModel) -> Table:
+    rows = tuple(
+        (
+            source.log,
+            str(source.samples),
+            f"{source.rate_hz:.6g}",
+            f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
+            str(source.used_samples),
+            source.sha256,
+        )
+        for source in model.sources
+    )
+    columns = ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256")
+    return Table(columns, rows, "Recordings that the model was identified from.")
+
+
+def _fit(model: IdentifiedModel) -> Table:
+    fit = model.fit
+    rows = [
+        ("objective J", f"{fit.objective:.4e}"),
+        ("certified lower bound", f"{fit.lower_bound:.4e}" if fit.lower_bound else "none"),
+        ("duality gap", f"{fit.duality_gap:.1e}" if fit.duality_gap is not None else "none"),
+        ("weight of the prior γ", f"{fit.gamma:.2e}"),
+        ("solver's status", fit.status),
+        ("iterations", str(fit.iterations)),
+        ("free parameters", str(fit.optimization_variables)),
+        ("base parameters", str(fit.base_parameters)),
+        ("condition of the base regressor", number(fit.base_condition)),
+        ("torque noise, share of the largest torque", percent(fit.noise_level)),
+    ]
+    return Table(("fit", "result"), tuple(rows))
+
+
+def _settings(model: IdentifiedModel) -> Table:
+    rows = tuple(
+        (name.replace("_", " "), "by rule" if value is None else _shown(value))
+        for name, value in model.settings.model_dump().items()
+    )
+    return Table(
+        ("setting", "value"), (*rows, ("deltaid version", model.deltaid)), "Settings of the fit."
+    )
+
+
+def _shown(value: object) -> str:
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def _origins(model: IdentifiedModel) -> tuple[Text | Table, ...]:
+    """Where the description's numbers come from, as far as it says so."""
+    rows = tuple(model.robot.sources.items())
+    if not rows:
+        return ()
+    return (Table(("number of the description", "source"), rows, "Sources of the description."),)

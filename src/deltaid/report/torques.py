@@ -1,0 +1,220 @@
+"""Figures of torques: measured and predicted over time, and four views of what is left."""
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+from scipy import stats
+
+from deltaid.report import style
+from deltaid.report.comparison import Comparison
+from deltaid.report.page import Figure
+
+_SPEED_BINS, _RESIDUAL_BINS = 30, 60
+_SCATTER = 2500  # points a drive
+
+
+def torque_blocks(comparison: Comparison, drives: tuple[str, ...]) -> tuple[Figure, ...]:
+    """All figures of one recording."""
+    return (
+        over_time(comparison, drives),
+        over_speed(comparison, drives),
+        histogram(comparison, drives),
+        spectrum(comparison, drives),
+    )
+
+
+def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
+    """Measured and predicted torque, and below each drive's the residual, with one time axis."""
+    n = len(drives)
+    figure = make_subplots(
+        rows=2 * n,
+        cols=1,
+        shared_xaxes=True,
+        row_heights=[2.2, 1.0] * n,
+        vertical_spacing=0.22 / (2 * n),
+    )
+    time = c.time.astype(np.float32)
+    for i, drive in enumerate(drives):
+        for name, values, color, row in (
+            ("measured", c.measured[:, i], style.MEASURED, 2 * i + 1),
+            ("predicted", c.predicted[:, i], style.PREDICTED, 2 * i + 1),
+            ("residual", c.measured[:, i] - c.predicted[:, i], style.RESIDUAL, 2 * i + 2),
+        ):
+            figure.add_scatter(
+                x=time,
+                y=values.astype(np.float32),
+                name=name,
+                legendgroup=name,
+                showlegend=i == 0,
+                mode="lines",
+                line={"color": color, "width": 1.2},
+                hovertemplate=f"{drive} {name} %{{y:.4g}} N m at %{{x:.4g}} s<extra></extra>",
+                row=row,
+                col=1,
+            )
+        figure.update_yaxes(title_text=f"{drive} [N m]", row=2 * i + 1, col=1)
+        figure.update_yaxes(title_text="residual", row=2 * i + 2, col=1)
+    figure.update_xaxes(title_text="time [s]", row=2 * n, col=1)
+    figure.update_layout(height=280 * n + 90, dragmode="zoom", hovermode="closest")
+    shown = (
+        "All samples at the rate that the filter's cut-off allows are drawn."
+        if c.cutoff and c.stretch == 1
+        else "All samples are drawn."
+        if c.stretch == 1
+        else f"Of every {c.stretch} samples the one with the largest residual is drawn."
+    )
+    filtered = f" after the low-pass of {c.cutoff:.3g} Hz" if c.cutoff else ""
+    return Figure(
+        figure,
+        f"Torque of each drive{filtered}, measured and predicted by the model, and the residual "
+        f"(measured minus predicted). Drag to zoom; the time axes move together, a double click "
+        f"shows everything again. {shown}",
+    )
+
+
+def over_speed(c: Comparison, drives: tuple[str, ...]) -> Figure:
+    """Residual over the drive's speed: what friction leaves shows here."""
+    figure = _grid(drives)
+    keep = slice(None, None, max(1, -(-len(c.speed) // _SCATTER)))
+    for i, (row, col) in enumerate(_cells(drives)):
+        speed, residual = c.speed[:, i], c.residual[:, i]
+        figure.add_scatter(
+            x=speed[keep].astype(np.float32),
+            y=residual[keep].astype(np.float32),
+            name="residual",
+            legendgroup="residual",
+            showlegend=i == 0,
+            mode="markers",
+            marker={"color": style.RESIDUAL, "size": 3, "opacity": 0.35},
+            row=row,
+            col=col,
+        )
+        centre, mean, spread = _binned(speed, residual)
+        figure.add_scatter(
+            x=centre,
+            y=mean,
+            error_y={"array": spread, "thickness": 1, "width": 2},
+            name="mean and standard deviation",
+            legendgroup="binned",
+            showlegend=i == 0,
+            mode="lines+markers",
+            line={"color": style.LIMIT, "width": 1.5},
+            marker={"size": 4},
+            row=row,
+            col=col,
+        )
+    _axes(figure, drives, "speed [rad/s]", "residual [N m]")
+    return Figure(
+        figure,
+        "Residual over the speed of its drive, with mean and standard deviation in intervals of "
+        "speed. A mean that leaves zero is a friction law that does not fit.",
+    )
+
+
+def histogram(c: Comparison, drives: tuple[str, ...]) -> Figure:
+    """How residuals are distributed, against a normal distribution of equal spread."""
+    figure = _grid(drives)
+    for i, (row, col) in enumerate(_cells(drives)):
+        residual = c.residual[:, i]
+        share, edges = np.histogram(residual, bins=_RESIDUAL_BINS, density=True)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        figure.add_bar(
+            x=middle,
+            y=share,
+            width=np.diff(edges),
+            name="residual",
+            legendgroup="residual",
+            showlegend=i == 0,
+            marker={"color": style.RESIDUAL, "opacity": 0.7, "line": {"width": 0}},
+            row=row,
+            col=col,
+        )
+        figure.add_scatter(
+            x=middle,
+            y=stats.norm.pdf(middle, residual.mean(), max(float(residual.std()), 1e-300)),
+            name="normal distribution",
+            legendgroup="normal",
+            showlegend=i == 0,
+            mode="lines",
+            line={"color": style.PRIOR, "width": 2},
+            row=row,
+            col=col,
+        )
+    _axes(figure, drives, "residual [N m]", "density [1/(N m)]")
+    figure.update_layout(bargap=0)
+    return Figure(
+        figure,
+        "Distribution of the residuals, and the normal distribution of the same mean and spread.",
+    )
+
+
+def spectrum(c: Comparison, drives: tuple[str, ...]) -> Figure:
+    """Amplitude spectra of the torque as recorded and of the residual."""
+    figure = _grid(drives)
+    for i, (row, col) in enumerate(_cells(drives)):
+        for name, density, color in (
+            ("measured", c.measured_density, style.MEASURED),
+            ("residual", c.residual_density, style.RESIDUAL),
+        ):
+            figure.add_scatter(
+                x=c.frequency.astype(np.float32),
+                y=density[:, i].astype(np.float32),
+                name=name,
+                legendgroup=name,
+                showlegend=i == 0,
+                mode="lines",
+                line={"color": color, "width": 1.2},
+                row=row,
+                col=col,
+            )
+    if c.cutoff:
+        figure.add_vline(x=c.cutoff, line={"color": style.PRIOR, "dash": "dot"})
+    _axes(figure, drives, "frequency [Hz]", "density [N m/√Hz]")
+    figure.update_xaxes(type="log")
+    figure.update_yaxes(type="log", exponentformat="power")
+    dotted = f" The dotted line is the filter's cut-off of {c.cutoff:.3g} Hz." if c.cutoff else ""
+    return Figure(
+        figure,
+        "Amplitude spectral density (Welch's mean over segments) of the torque as recorded, and of "
+        f"what the model does not explain of it.{dotted}",
+    )
+
+
+def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Centres of speed intervals with enough samples, mean and standard deviation in each."""
+    if np.ptp(speed) == 0:
+        return speed[:0], speed[:0], speed[:0]
+    mean, edges, _ = stats.binned_statistic(speed, residual, "mean", _SPEED_BINS)
+    spread, *_ = stats.binned_statistic(speed, residual, "std", edges)
+    count, *_ = stats.binned_statistic(speed, residual, "count", edges)
+    enough = count >= 5
+    return (0.5 * (edges[1:] + edges[:-1]))[enough], mean[enough], spread[enough]
+
+
+def _grid(drives: tuple[str, ...]) -> go.Figure:
+    """One panel a drive, two in a row."""
+    rows = -(-len(drives) // 2)
+    figure = make_subplots(
+        rows=rows,
+        cols=2,
+        subplot_titles=drives,
+        horizontal_spacing=0.12,
+        vertical_spacing=0.3 / rows,
+    )
+    figure.update_layout(height=260 * rows + 100)
+    figure.update_annotations(font_size=13)
+    return figure
+
+
+def _cells(drives: tuple[str, ...]) -> list[tuple[int, int]]:
+    return [(i // 2 + 1, i % 2 + 1) for i in range(len(drives))]
+
+
+def _axes(figure: go.Figure, drives: tuple[str, ...], x: str, y: str) -> None:
+    """Titles at the outer axes only; legend above the panels' titles."""
+    for i, (row, col) in enumerate(_cells(drives)):
+        if i + 2 >= len(drives):
+            figure.update_xaxes(title_text=x, row=row, col=col)
+        if col == 1:
+            figure.update_yaxes(title_text=y, row=row, col=col)
+    figure.update_layout(legend={"y": 1.0, "yanchor": "bottom", "yref": "container"})

@@ -1,0 +1,40 @@
+"""The page of `deltaid validate`: a model's torques on a recording it has not seen."""
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.model import IdentifiedModel
+from deltaid.identification.torque_error import TorqueError
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log
+from deltaid.report.identification import error_table, motion_section, torque_section
+from deltaid.report.numbers import number, percent
+from deltaid.report.page import Fact, Page, Section
+from deltaid.report.parameters import parameter_section
+from deltaid.report.provenance import file_names, provenance_section
+
+
+def validation_page(
+    model: IdentifiedModel, log: Log, low_pass: LowPass | None, error: TorqueError
+) -> Page:
+    """How well a model predicts a recording, and where the model comes from."""
+    dynamics = compiled(model.robot)
+    torques = torque_section(dynamics, model, log, low_pass, "Torques")
+    return Page(
+        title=model.robot.title or model.robot.name,
+        subtitle=f"Model identified from {file_names(model)}, compared with {log.path.name}",
+        facts=tuple(
+            Fact(
+                f"{drive}, torque error",
+                percent(float(error.nrmse[i])),
+                f"{number(float(error.rms[i]), 2)} N m rms; identification "
+                f"{percent(model.fit.nrmse[i])}",
+            )
+            for i, drive in enumerate(model.robot.drives)
+        ),
+        sections=(
+            Section(torques.title, (error_table(model, error), *torques.blocks)),
+            motion_section(dynamics, log, low_pass),
+            parameter_section(model),
+            provenance_section(model, "The model"),
+        ),
+        warnings=(*(f"{log.path.name}: {text}" for text in log.warnings), *model.warnings),
+    )
