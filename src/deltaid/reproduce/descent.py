@@ -22,6 +22,7 @@ from deltaid.identification.log_cholesky import LogCholesky, Unconstrained, solv
 from deltaid.identification.objective import Objective
 from deltaid.identification.reduction import Reduction
 from deltaid.identification.regularizer import Vector
+from deltaid.reproduce.accuracy import Accuracy
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]
@@ -41,7 +42,7 @@ class Descent:
         objective: J.
         gradient: largest entry of |∇J| with respect to π.
         usual: the first step at which the gradient is below the usual tolerance; None if never.
-        at_usual, at_end: free variables x there and at the last step.
+        at_usual, at_end: how far the parameters are from the truth there and at the last step.
         smallest: the smallest exponential of the last step, relative to its value at the prior.
         smallest_name: whose it is.
         distance: of the last step from the global optimum, √Σ((x − x*)/scale)².
@@ -52,8 +53,8 @@ class Descent:
     objective: Float[np.ndarray, " steps"]
     gradient: Float[np.ndarray, " steps"]
     usual: int | None
-    at_usual: Vector | None
-    at_end: Vector
+    at_usual: Accuracy | None
+    at_end: Accuracy
     smallest: float
     smallest_name: str
     distance: float
@@ -69,8 +70,17 @@ class Descents:
     ways: tuple[Descent, ...]
 
 
-def descend(objective: Objective, reduction: Reduction, iterations: int = 1000) -> Descents:
+def descend(
+    objective: Objective,
+    reduction: Reduction,
+    judge: Callable[[Vector], Accuracy],
+    iterations: int = 1000,
+) -> Descents:
     """Run all ways on one objective with the paper's regulariser.
+
+    Args:
+        judge: how far free variables x are from the truth.
+        iterations: after which each way ends.
 
     Raises:
         IdentificationError: the conic program did not converge.
@@ -80,12 +90,17 @@ def descend(objective: Objective, reduction: Reduction, iterations: int = 1000) 
     seconds = time.perf_counter() - began
     chart = LogCholesky(reduction)
     chart.x(chart.pi(reduction.prior))  # builds the map, which no method shall be charged for
-    ways = tuple(_watched(way, objective, chart, best, iterations) for way in WAYS)
+    ways = tuple(_watched(way, objective, chart, best, judge, iterations) for way in WAYS)
     return Descents(objective.gamma, best, seconds, ways)
 
 
 def _watched(
-    way: Way, objective: Objective, chart: LogCholesky, best: Solution, iterations: int
+    way: Way,
+    objective: Objective,
+    chart: LogCholesky,
+    best: Solution,
+    judge: Callable[[Vector], Accuracy],
+    iterations: int,
 ) -> Descent:
     path, stamps = [chart.pi(chart.reduction.prior)], [0.0]
     began = time.perf_counter()
@@ -94,7 +109,8 @@ def _watched(
         stamps.append(time.perf_counter() - began)
         path.append(np.array(pi))
 
-    _run(way, objective, chart, iterations, visit)
+    with np.errstate(over="ignore", invalid="ignore"):  # steps tried and rejected
+        _run(way, objective, chart, iterations, visit)
     problem = Unconstrained(objective, chart)
     gamma, reduction = objective.gamma, chart.reduction
     gradient = np.array([gamma * np.abs(problem.gradient(pi)).max() for pi in path])
@@ -108,8 +124,8 @@ def _watched(
         objective=np.array([gamma * problem.value(pi) for pi in path]),
         gradient=gradient,
         usual=usual,
-        at_usual=None if usual is None else chart.x(path[usual]),
-        at_end=end,
+        at_usual=None if usual is None else judge(chart.x(path[usual])),
+        at_end=judge(end),
         smallest=smallest,
         smallest_name=name,
         distance=float(np.linalg.norm((end - best.x) / reduction.scale)),

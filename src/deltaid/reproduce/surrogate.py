@@ -9,6 +9,7 @@ objective stop; and how all of it depends on γ.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,20 +20,21 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.excitation.run import Run
-from deltaid.identification.identify import Identification, build_objective, identify
+from deltaid.identification.identify import build_objective, identify
 from deltaid.identification.model import Method, Settings
+from deltaid.identification.reduction import Reduction
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.reproduce.accuracy import (
     Accuracy,
     DriveMotion,
-    MotionTerms,
     accuracy,
     drive_motion,
     motion_terms,
 )
 from deltaid.reproduce.descent import Descents, descend
 from deltaid.reproduce.nominal import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
-from deltaid.reproduce.sweep import SweepPoint, sweep
+from deltaid.reproduce.surrogate_result import Fit, Reproduction, SurrogateSettings, Sweep
+from deltaid.reproduce.sweep import sweep
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
@@ -41,109 +43,6 @@ Progress = Callable[[str], None]
 METHODS: tuple[Method, ...] = ("conic", "log-cholesky")
 # Start values of the verification motion: as many seeds on as anybody will ask starts for.
 _VERIFICATION_OFFSET = 100_000
-
-
-@dataclass(frozen=True)
-class SurrogateSettings:
-    """How much of Sec. VII to do.
-
-    Attributes:
-        seed: of motions, regularisations and noise.
-        starts: of each motion's optimisation.
-        harmonics, duration, repeats: of the motions, see `excitation.ExcitationSettings`. With the
-            default ones a recording lasts about 40 s; in 10 s, friction and the small inertia of
-            the fourth drive drown in 2 % of noise.
-        noise: of the noisy recordings.
-        rate: sampling rate [Hz].
-        points: in pictures and in the sweep, over one period of the motion.
-        gammas: γ_p/γ_τ of the sweep.
-        descent_gamma: γ_p/γ_τ of the comparison of minimisers. The paper does not state its own.
-        iterations: of each of them.
-    """
-
-    seed: int = 0
-    starts: int = 4
-    harmonics: int = 8
-    duration: float = 20.0
-    repeats: int = 2
-    noise: SensorNoise = SensorNoise()
-    rate: float = 1000.0
-    points: int = 500
-    gammas: tuple[float, ...] = tuple(float(g) for g in 10.0 ** np.arange(-14.0, -0.9, 0.5))
-    descent_gamma: float = 1e-10
-    iterations: int = 1000
-
-
-@dataclass(frozen=True)
-class Fit:
-    """One identification and how far it is from the truth.
-
-    Attributes:
-        prior: 'RG1' or 'RG2'.
-        noisy: with noise.
-        method: which solver.
-        identification: the result.
-        seconds: from the file to the model.
-        accuracy, verified: along the motion of the data, and along the other one.
-        terms: along one period of the motion, for pictures.
-    """
-
-    prior: str
-    noisy: bool
-    method: Method
-    identification: Identification
-    seconds: float
-    accuracy: Accuracy
-    verified: Accuracy
-    terms: MotionTerms
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """Accuracy over γ for one prior and recording, along one period of the motion."""
-
-    prior: str
-    noisy: bool
-    points: tuple[SweepPoint, ...]
-
-
-@dataclass(frozen=True)
-class Reproduction:
-    """Everything Sec. VII shows, and more.
-
-    Attributes:
-        settings: what was asked for.
-        dynamics: of the robot.
-        nominal: the description whose prior is the truth.
-        truth: its parameters.
-        priors: the descriptions with RG1 and RG2.
-        run, verification: the motions.
-        period: one period of the identification motion, for pictures.
-        terms: the true terms along it.
-        recordings: by file name.
-        fits, descents, sweeps: the results; descents by prior, without noise.
-        seconds: of the whole.
-    """
-
-    settings: SurrogateSettings
-    dynamics: Dynamics
-    nominal: RobotDescription
-    truth: Parameters
-    priors: dict[str, RobotDescription]
-    run: Run
-    verification: Run
-    period: DriveMotion
-    terms: MotionTerms
-    recordings: dict[str, pl.DataFrame]
-    fits: tuple[Fit, ...]
-    descents: dict[str, Descents]
-    sweeps: tuple[Sweep, ...]
-    seconds: float
-
-    def fit(self, prior: str, *, noisy: bool, method: Method = "conic") -> Fit:
-        """One of the fits."""
-        wanted = (prior, noisy, method)
-        return next(f for f in self.fits if (f.prior, f.noisy, f.method) == wanted)
 
 
 @dataclass(frozen=True)
@@ -183,7 +82,7 @@ def reproduce_surrogate(
                 rng,
                 duration=motion.duration,
                 rate=settings.rate,
-                noise=settings.noise if noisy else None,
+                noise=SensorNoise(settings.torque_noise) if noisy else None,
             )
     scene = _Scene(
         dynamics=dynamics,
@@ -205,7 +104,7 @@ def reproduce_surrogate(
         terms=motion_terms(dynamics, scene.period, truth),
         recordings=recordings,
         fits=fits,
-        descents=_descents(fits, settings, progress),
+        descents=_descents(scene, fits, settings, progress),
         sweeps=_sweeps(scene, fits, settings, progress),
         seconds=time.perf_counter() - began,
     )
@@ -287,7 +186,7 @@ def _fit(
 
 
 def _descents(
-    fits: tuple[Fit, ...], settings: SurrogateSettings, progress: Progress
+    scene: _Scene, fits: tuple[Fit, ...], settings: SurrogateSettings, progress: Progress
 ) -> dict[str, Descents]:
     """All minimisers on the recording without noise, from either prior."""
     descents = {}
@@ -298,8 +197,13 @@ def _descents(
         result = fit.identification
         asked = Settings(gamma=settings.descent_gamma)
         objective = build_objective(result.information, result.reduction, asked)
-        descents[fit.prior] = descend(objective, result.reduction, settings.iterations)
+        judge = partial(_judged, scene, result.reduction)
+        descents[fit.prior] = descend(objective, result.reduction, judge, settings.iterations)
     return descents
+
+
+def _judged(scene: _Scene, reduction: Reduction, x: np.ndarray) -> Accuracy:
+    return accuracy(scene.dynamics, scene.period, scene.truth, reduction.parameters(x))
 
 
 def _sweeps(

@@ -1,0 +1,182 @@
+"""Results of `reproduce surrogate` as numbers and files that others can go on with."""
+
+import json
+from pathlib import Path
+
+from deltaid.errors import DeltaidError
+from deltaid.excitation.run import Run
+from deltaid.files import require_writable, written_whole
+from deltaid.motion.surrogate import write_recording
+from deltaid.reproduce.accuracy import Accuracy
+from deltaid.reproduce.descent import Descent, Descents
+from deltaid.reproduce.paper import CLAIMS
+from deltaid.reproduce.surrogate_result import Fit, Reproduction, Sweep
+from deltaid.robot.load import save_yaml
+
+RESULTS = "results.json"
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make a folder and find out whether it can be written to, before a long computation.
+
+    Raises:
+        DeltaidError: it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DeltaidError(
+            f"cannot be made: {error.strerror or error}",
+            where=str(folder),
+            cure="give the name of a folder that exists or can be made",
+        ) from None
+    require_writable(folder / RESULTS)
+
+
+def write_files(result: Reproduction, folder: Path) -> tuple[Path, ...]:
+    """Write results.json, descriptions, recordings and models; each file whole or not at all.
+
+    Raises:
+        DeltaidError: a file cannot be written.
+    """
+    written = []
+    for name, robot in {"nominal": result.nominal, **result.priors}.items():
+        written.append(folder / f"{name}.yaml")
+        save_yaml(robot, written[-1])
+    for name, recording in result.recordings.items():
+        written.append(folder / name)
+        write_recording(recording, written[-1])
+    for fit in result.fits:
+        if fit.method == "conic":
+            written.append(folder / model_name(fit))
+            fit.identification.model.save(written[-1])
+    written.append(folder / RESULTS)
+    with written_whole(written[-1]) as file:
+        json.dump(as_dictionary(result), file, indent=1, allow_nan=False, ensure_ascii=False)
+        file.write("\n")
+    return tuple(written)
+
+
+def model_name(fit: Fit) -> str:
+    """File of an identified model: ID1 comes from RG1, ID2 from RG2."""
+    return f"{fit.prior.replace('RG', 'ID')}{'-noisy' if fit.noisy else ''}.yaml"
+
+
+def as_dictionary(result: Reproduction) -> dict:
+    """All numbers; shares, not per cent. The keys are explained in docs/cli.md."""
+    names, units = result.dynamics.layout.names, result.dynamics.layout.units
+    columns = {"nominal": result.truth}
+    for fit in result.fits:
+        reduction = fit.identification.reduction
+        if fit.method == "conic":
+            columns[fit.prior] = reduction.p_reg
+            columns[model_name(fit).removesuffix(".yaml")] = fit.identification.model.p
+    return {
+        "robot": result.nominal.name,
+        "seed": result.settings.seed,
+        "torque_noise": result.settings.torque_noise,
+        "seconds": result.seconds,
+        "motions": {
+            "identification": _motion(result.run),
+            "verification": _motion(result.verification),
+        },
+        "paper": [
+            {"quantity": c.quantity, "share": c.share, "words": c.words, "place": c.place}
+            for c in CLAIMS
+        ],
+        "fits": [_fit(fit) for fit in result.fits],
+        "minimisers": [_descents(prior, d) for prior, d in result.descents.items()],
+        "gamma_sweep": [_sweep(s, result) for s in result.sweeps],
+        "parameters": [
+            {"name": name, "unit": unit, **{key: float(p[i]) for key, p in columns.items()}}
+            for i, (name, unit) in enumerate(zip(names, units, strict=True))
+            if result.truth[i] != 0
+        ],
+    }
+
+
+def _motion(run: Run) -> dict:
+    return {
+        "duration": run.duration,
+        "period": run.motion.period,
+        "periods": run.repeats,
+        "ramp": run.ramp,
+    }
+
+
+def _fit(fit: Fit) -> dict:
+    reached = fit.identification.model.fit
+    return {
+        "prior": fit.prior,
+        "noise": fit.noisy,
+        "method": fit.method,
+        **_accuracy(fit.accuracy),
+        "verification": _accuracy(fit.verified),
+        "objective": reached.objective,
+        "duality_gap": reached.duality_gap,
+        "gamma": reached.gamma,
+        "noise_level": reached.noise_level,
+        "iterations": reached.iterations,
+        "status": reached.status,
+        "seconds": fit.seconds,
+    }
+
+
+def _accuracy(a: Accuracy) -> dict:
+    return {
+        "mass_diagonal": a.mass_diagonal,
+        "mass_off_diagonal": a.mass_off_diagonal,
+        "mass": a.mass.tolist(),
+        "coriolis": a.coriolis.tolist(),
+        "acceleration": a.acceleration.tolist(),
+        "friction": a.friction.tolist(),
+        "friction_coefficients": a.coefficients.tolist(),
+        "cholesky_succeeds": a.definite,
+        "samples": a.samples,
+    }
+
+
+def _descents(prior: str, descents: Descents) -> dict:
+    return {
+        "prior": prior,
+        "gamma": descents.gamma,
+        "conic": {
+            "objective": descents.conic.objective,
+            "duality_gap": descents.conic.duality_gap,
+            "seconds": descents.conic_seconds,
+        },
+        "ways": [_descent(way) for way in descents.ways],
+    }
+
+
+def _descent(way: Descent) -> dict:
+    return {
+        "way": way.way,
+        "steps": len(way.objective) - 1,
+        "seconds": float(way.seconds[-1]),
+        "objective": float(way.objective[-1]),
+        "gradient": float(way.gradient[-1]),
+        "distance": way.distance,
+        "smallest_exponential": {"name": way.smallest_name, "share": way.smallest},
+        "accuracy": _accuracy(way.at_end),
+        "usual_tolerance": None
+        if way.usual is None or way.at_usual is None
+        else {
+            "step": way.usual,
+            "objective": float(way.objective[way.usual]),
+            "accuracy": _accuracy(way.at_usual),
+        },
+    }
+
+
+def _sweep(sweep: Sweep, result: Reproduction) -> dict:
+    chosen = result.fit(sweep.prior, noisy=sweep.noisy).identification.model.fit.gamma
+    return {
+        "prior": sweep.prior,
+        "noise": sweep.noisy,
+        "chosen_gamma": chosen,
+        "points": [
+            {"gamma": p.gamma, "objective": p.objective, **_accuracy(p.accuracy)}
+            for p in sweep.points
+        ],
+    }

@@ -1,0 +1,118 @@
+"""What reproducing Sec. VII is asked for, and what it finds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.excitation.run import Run
+from deltaid.identification.identify import Identification
+from deltaid.identification.model import Method
+from deltaid.reproduce.accuracy import Accuracy, DriveMotion, MotionTerms
+from deltaid.reproduce.descent import Descents
+from deltaid.reproduce.sweep import SweepPoint
+from deltaid.robot.description import RobotDescription
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """How much of Sec. VII to do.
+
+    Attributes:
+        seed: of motions, regularisations and noise.
+        starts: of each motion's optimisation.
+        harmonics, duration, repeats: of the motions, see `excitation.ExcitationSettings`. With the
+            default ones a recording lasts about 40 s; in 10 s, friction and the small inertia of
+            the fourth drive drown in 2 % of noise.
+        torque_noise: of the noisy recordings, a share of each drive's largest torque.
+        rate: sampling rate [Hz].
+        points: in pictures and in the sweep, over one period of the motion.
+        gammas: γ_p/γ_τ of the sweep.
+        descent_gamma: γ_p/γ_τ of the comparison of minimisers. The paper does not state its own.
+        iterations: of each of them.
+    """
+
+    seed: int = 0
+    starts: int = 4
+    harmonics: int = 8
+    duration: float = 20.0
+    repeats: int = 2
+    torque_noise: float = 0.02
+    rate: float = 1000.0
+    points: int = 500
+    gammas: tuple[float, ...] = tuple(float(g) for g in 10.0 ** np.arange(-14.0, -0.9, 0.5))
+    descent_gamma: float = 1e-10
+    iterations: int = 1000
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One identification and how far it is from the truth.
+
+    Attributes:
+        prior: 'RG1' or 'RG2'.
+        noisy: with noise.
+        method: which solver.
+        identification: the result.
+        seconds: from the file to the model.
+        accuracy, verified: along the motion of the data, and along the other one.
+        terms: along one period of the motion, for pictures.
+    """
+
+    prior: str
+    noisy: bool
+    method: Method
+    identification: Identification
+    seconds: float
+    accuracy: Accuracy
+    verified: Accuracy
+    terms: MotionTerms
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Accuracy over γ for one prior and recording, along one period of the motion."""
+
+    prior: str
+    noisy: bool
+    points: tuple[SweepPoint, ...]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Everything Sec. VII shows, and more.
+
+    Attributes:
+        settings: what was asked for.
+        dynamics: of the robot.
+        nominal: the description whose prior is the truth.
+        truth: its parameters.
+        priors: the descriptions with RG1 and RG2.
+        run, verification: the motions.
+        period: one period of the identification motion, for pictures.
+        terms: the true terms along it.
+        recordings: by file name.
+        fits, descents, sweeps: the results; descents by prior, without noise.
+        seconds: of the whole.
+    """
+
+    settings: SurrogateSettings
+    dynamics: Dynamics
+    nominal: RobotDescription
+    truth: Parameters
+    priors: dict[str, RobotDescription]
+    run: Run
+    verification: Run
+    period: DriveMotion
+    terms: MotionTerms
+    recordings: dict[str, pl.DataFrame]
+    fits: tuple[Fit, ...]
+    descents: dict[str, Descents]
+    sweeps: tuple[Sweep, ...]
+    seconds: float
+
+    def fit(self, prior: str, *, noisy: bool, method: Method = "conic") -> Fit:
+        """One of the fits."""
+        wanted = (prior, noisy, method)
+        return next(f for f in self.fits if (f.prior, f.noisy, f.method) == wanted)
