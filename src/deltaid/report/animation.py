@@ -16,23 +16,25 @@ from deltaid.report.page import Figure
 from deltaid.report.workspace import outline
 
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
+# From slightly above, as far away as the axes' titles need.
+CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
 _SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
 _COLORS = {
     "base": style.PRIOR,
     "U": style.SERIES[0],
     "S": style.SERIES[5],
-    "P": style.SERIES[1],
+    "P": style.SERIES[3],
     "TU": style.SERIES[2],
     "TL": style.SERIES[4],
-    "EE": style.SERIES[3],
+    "EE": style.SERIES[1],
 }
 _NAMES = {
     "base": "base",
     "U": "upper arms",
     "S": "struts",
     "P": "platform",
-    "TU": "telescope, upper part",
-    "TL": "telescope, lower part",
+    "TU": "upper bar",
+    "TL": "lower bar",
     "EE": "end effector",
 }
 _WIDTHS = {"U": 8, "P": 6, "S": 3}
@@ -85,7 +87,9 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     figure = go.Figure(traces, frames=frames)
     span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
     _controls(figure, frames, round(1000 * span / max(len(chosen) - 1, 1)))
-    _scene(figure, np.concatenate([shapes.reshape(-1, 3), motion.z[:, :3]]))
+    edges = outline(kinematics.robot.workspace)
+    drawn = (shapes.reshape(-1, 3), motion.z[:, :3], edges[~np.isnan(edges[:, 0])])
+    _scene(figure, np.concatenate(drawn))
     return Figure(figure, caption)
 
 
@@ -105,7 +109,7 @@ def _still(kinematics: Kinematics, motion: Motion, seen: slice) -> list[go.Scatt
     parts = [
         ("workspace", outline(kinematics.robot.workspace), {"color": style.PRIOR, "width": 1}),
         ("path", motion.z[::every, :3], {"color": style.PRIOR, "width": 2}),
-        ("path shown", motion.z[seen, :3][::5], {"color": style.RESIDUAL, "width": 4}),
+        ("path shown", motion.z[seen, :3][::5], {"color": style.SERIES[1], "width": 3}),
     ]
     return [
         go.Scatter3d(
@@ -114,6 +118,7 @@ def _still(kinematics: Kinematics, motion: Motion, seen: slice) -> list[go.Scatt
             mode="lines",
             line=line,
             hoverinfo="skip",
+            showlegend=name != "workspace",
         )
         for name, points, line in parts
     ]
@@ -162,9 +167,7 @@ def _controls(figure: go.Figure, frames: list[go.Frame], pause: int) -> None:
                 "xanchor": "left",
                 "y": 0,
                 "yanchor": "top",
-                "pad": {"t": 62},
-                "font": {"color": "#24292f"},
-                "bgcolor": "#ffffff",
+                "pad": {"t": 75},
             }
         ],
         sliders=[
@@ -173,11 +176,7 @@ def _controls(figure: go.Figure, frames: list[go.Frame], pause: int) -> None:
                 "x": 0,
                 "len": 1.0,
                 "pad": {"t": 8, "b": 10, "l": 5, "r": 5},
-                "currentvalue": {"prefix": "time ", "suffix": " s", "font": {"size": 12}},
-                "font": {"size": 10},
-                "ticklen": 0,
-                "tickwidth": 0,
-                "minorticklen": 0,
+                "currentvalue": {"prefix": "time ", "suffix": " s"},
             }
         ],
     )
@@ -193,11 +192,11 @@ def _scene(figure: go.Figure, points: Float[np.ndarray, "points 3"]) -> None:
     }
     figure.update_layout(
         height=640,
-        margin={"l": 0, "r": 0, "t": 60, "b": 110},
+        margin={"l": 0, "r": 0, "t": 60, "b": 120},
         scene={
             **axes,
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.25, "y": 1.25, "z": 0.35}, "center": {"z": -0.05}},
+            "camera": CAMERA,
         },
         uirevision="kept",
     )

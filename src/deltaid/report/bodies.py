@@ -1,14 +1,17 @@
 """Bodies as the ellipsoids of uniform density that have the same mass and moments."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import plotly.graph_objects as go
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
 from deltaid.identification.model import IdentifiedModel
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.report import style
+from deltaid.report.animation import CAMERA
 from deltaid.report.numbers import number
 from deltaid.report.page import Figure, Section, Table, Text
 from deltaid.robot.inertia import pseudo_inertia
@@ -24,9 +27,9 @@ def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
         (
             Text(
                 "Each body is drawn as the ellipsoid of uniform density that has its mass, centre "
-                "of mass and moments of inertia. Grey is the prior, orange the identified body. "
-                "Entries that the data does not determine come from the prior, so the place and "
-                "shape of a single body are less certain than what the drives feel of it."
+                "of mass and moments of inertia: in orange the identified body, in grey outlines "
+                "the prior. Entries that the data does not determine come from the prior, so the "
+                "place and shape of a single body are less certain than what the drives feel of it."
             ),
             _picture(model, kinematics),
             _masses(model),
@@ -54,11 +57,8 @@ def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:
     home[0, :3] = model.robot.workspace.inner_box[0]
     prior = np.array([parameter.prior for parameter in model.parameters])
     figure = go.Figure(_lines(Skeleton(model.robot, kinematics.mechanism), home))
-    for name, p, color, opacity in (
-        ("prior", prior, style.PRIOR, 0.45),
-        ("identified", model.p, style.IDENTIFIED, 0.6),
-    ):
-        figure.add_trace(_mesh(model, kinematics, home, p, name, color, opacity))
+    figure.add_trace(_outlines(model, kinematics, home, prior))
+    figure.add_trace(_mesh(model, kinematics, home, model.p))
     axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
     figure.update_layout(
         height=600,
@@ -66,7 +66,7 @@ def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:
         scene={
             **axes,
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.2, "y": 1.2, "z": 0.3}, "center": {"z": -0.08}},
+            "camera": CAMERA,
         },
     )
     return Figure(
@@ -81,32 +81,71 @@ def _mesh(
     kinematics: Kinematics,
     z: Float[np.ndarray, "1 dof"],
     p: Float[np.ndarray, " parameters"],
-    name: str,
-    color: str,
-    opacity: float,
 ) -> go.Mesh3d:
     """The ellipsoids of all bodies as one mesh."""
     ball = _ball()
-    faces = ConvexHull(ball).simplices
+    faces = _faces(ball)
     points, corners, labels = [], [], []
-    for k, pose in enumerate(kinematics.poses(z)):
-        own = p[model.layout.body(pose.name)]
-        centre, A = ellipsoid(own)
-        points.append(pose.r_WB[0] + (centre + ball @ A.T) @ pose.R_WB[0].T)
+    for k, (name, placed) in enumerate(_placed(model, kinematics, z, p, ball)):
+        points.append(placed)
         corners.append(faces + k * len(ball))
-        labels += [f"{pose.name}, {name}: {own[0]:.4g} kg"] * len(ball)
+        mass = p[model.layout.body(name)][0]
+        labels += [f"{style.label(name)}: {mass:.4g} kg"] * len(ball)
     vertices = np.concatenate(points).astype(np.float32)
     i, j, k = np.concatenate(corners).astype(np.int32).T
     return go.Mesh3d(
         dict(zip("xyzijk", (*vertices.T, i, j, k), strict=True)),
-        name=name,
-        color=color,
-        opacity=opacity,
+        name="identified",
+        color=style.IDENTIFIED,
+        opacity=0.7,
         showlegend=True,
         text=labels,
         hoverinfo="text",
-        lighting={"ambient": 0.6, "diffuse": 0.6, "specular": 0.1},
+        lighting={"ambient": 0.65, "diffuse": 0.5, "specular": 0.1, "roughness": 0.9},
     )
+
+
+def _outlines(
+    model: IdentifiedModel,
+    kinematics: Kinematics,
+    z: Float[np.ndarray, "1 dof"],
+    p: Float[np.ndarray, " parameters"],
+) -> go.Scatter3d:
+    """The three principal ellipses of every body's ellipsoid, as one line with gaps."""
+    angle = np.linspace(0, 2 * np.pi, 61)
+    flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    gap = np.full((1, 3), np.nan)
+    circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
+    lines = [placed for _, placed in _placed(model, kinematics, z, p, circles)]
+    return go.Scatter3d(
+        dict(zip("xyz", np.concatenate(lines).astype(np.float32).T, strict=True)),
+        name="prior",
+        mode="lines",
+        line={"color": style.PRIOR, "width": 3},
+        hoverinfo="skip",
+    )
+
+
+def _placed(
+    model: IdentifiedModel,
+    kinematics: Kinematics,
+    z: Float[np.ndarray, "1 dof"],
+    p: Float[np.ndarray, " parameters"],
+    points: Float[np.ndarray, "points 3"],
+) -> Iterator[tuple[str, Float[np.ndarray, "points 3"]]]:
+    """Points of the unit sphere on every body's ellipsoid, in the world, with the body's name."""
+    for pose in kinematics.poses(z):
+        centre, A = ellipsoid(p[model.layout.body(pose.name)])
+        yield pose.name, pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
+
+
+def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
+    """Triangles between points of a sphere, all turned outwards, which the light needs."""
+    faces = ConvexHull(ball).simplices
+    a, b, c = (ball[faces[:, k]] for k in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return faces
 
 
 def _ball() -> Float[np.ndarray, "points 3"]:
@@ -144,7 +183,7 @@ def _masses(model: IdentifiedModel) -> Table:
                 number(mass.value),
                 "the data" if mass.determined_by == "data" else "from the prior",
                 ", ".join(f"{1000 * value:.1f}" for value in centre),
-                " × ".join(f"{1000 * value:.0f}" for value in axes),
+                " × ".join(number(1000 * value, 3) for value in axes),
             )
         )
     columns = ("body", "prior mass [kg]", "mass [kg]", "mass decided by")
@@ -158,9 +197,11 @@ def _masses(model: IdentifiedModel) -> Table:
 
 def _eigenvalues(model: IdentifiedModel) -> Table:
     rows = tuple(
-        (body.body, *(f"{value:.3e}" for value in body.eigenvalues), "yes")
-        if body.eigenvalues[0] > 0
-        else (body.body, *(f"{value:.3e}" for value in body.eigenvalues), "no")
+        (
+            body.body,
+            *(number(value) for value in body.eigenvalues),
+            "yes" if body.eigenvalues[0] > 0 else "no",
+        )
         for body in model.consistency
     )
     return Table(

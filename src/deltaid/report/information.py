@@ -77,7 +77,7 @@ def _singular_values(R: Float[np.ndarray, "base base"]) -> Figure:
         marker={"size": 6},
         hovertemplate="singular value %{x}: %{y:.3g}<extra></extra>",
     )
-    figure.update_yaxes(type="log", exponentformat="power", title_text="singular value")
+    figure.update_yaxes(type="log", dtick=1, exponentformat="power", title_text="singular value")
     figure.update_xaxes(title_text="number")
     figure.update_layout(height=330, margin={"t": 20})
     return Figure(
@@ -109,7 +109,7 @@ def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> 
         )
     )
     figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1, tickfont={"size": 9})
-    figure.update_xaxes(tickmode="linear", dtick=1, tickangle=-90, tickfont={"size": 9})
+    figure.update_xaxes(tickangle=-90, tickfont={"size": 9})
     figure.update_layout(height=16 * len(names) + 150, margin={"t": 10})
     return Figure(
         figure,

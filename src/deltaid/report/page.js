@@ -27,15 +27,16 @@
   const dress = (template) => plots.forEach((plot) => Plotly.relayout(plot, { template }));
   scheme.addEventListener("change", () => dress(current()));
 
-  // Paper is white and as wide as it is; the screen's width comes back afterwards.
+  // Paper is white and no larger than it is; the screen's size comes back afterwards.
+  const resize = (plot, template, width, height) => {
+    plot.style.height = `${height}px`;
+    Plotly.relayout(plot, { template, width, height, autosize: width === null });
+  };
+  const heights = plots.map((plot) => parseFloat(plot.style.height));
   window.addEventListener("beforeprint", () =>
-    plots.forEach((plot) =>
-      Plotly.relayout(plot, { template: templates.light, width: 680, autosize: false }),
-    ),
+    plots.forEach((plot, i) => resize(plot, templates.light, 680, Math.min(heights[i], 880))),
   );
   window.addEventListener("afterprint", () =>
-    plots.forEach((plot) =>
-      Plotly.relayout(plot, { template: current(), width: null, autosize: true }),
-    ),
+    plots.forEach((plot, i) => resize(plot, current(), null, heights[i])),
   );
 })();

@@ -20,7 +20,11 @@ from deltaid.report import style
 
 # Cells longer than this may break into lines.
 _LONG = 40
-_NUMBER = re.compile(r"[<>≥≤±~−+-]?\s*\d")
+_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d")
+_NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
+# What a cell of numbers holds besides them.
+_AROUND = re.compile(r"[\s…,×≥≤±%]*")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 @dataclass(frozen=True)
@@ -32,11 +36,12 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of finished cells. Columns of numbers are set flush right."""
+    """A table of finished cells. Columns of numbers are set flush right, `muted` rows in grey."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    muted: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,8 @@ def render(page: Page) -> str:
         "json": _figure_json,
         "paragraphs": lambda text: [part for part in text.split("\n\n") if part.strip()],
         "numeric": _numeric,
+        "cell": _cell,
+        "typeset": _typeset,
         "long": lambda cell: len(cell) > _LONG,
     }
     templates = [_embedded(style.template(dark).to_plotly_json()) for dark in (False, True)]
@@ -139,4 +146,22 @@ def _embedded(value: dict) -> Markup:
 def _numeric(table: Table, column: int) -> bool:
     """Whether a column holds numbers: each filled cell starts with one."""
     cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
-    return bool(cells) and all(_NUMBER.match(cell) for cell in cells)
+    return bool(cells) and all(_STARTS.match(cell) for cell in cells)
+
+
+def _cell(text: str) -> str:
+    """A cell that holds nothing but numbers typeset, any other as it is."""
+    return _typeset(text) if _AROUND.fullmatch(_NUMBER.sub("", text)) else text
+
+
+def _typeset(text: str) -> str:
+    """Numbers with a minus sign and powers of ten: '-1.2e-05' becomes '−1.2·10⁻⁵'."""
+
+    def written(match: re.Match[str]) -> str:
+        sign, digits, exponent_sign, exponent = match.groups()
+        power = ""
+        if exponent:
+            power = "·10" + (exponent_sign.strip("+") + exponent).translate(_SUPERSCRIPTS)
+        return ("−" if sign else "") + digits + power
+
+    return _NUMBER.sub(written, text)

@@ -1,6 +1,5 @@
 """Parameters of a model: prior, value, interval, and which of data and prior decided."""
 
-import numpy as np
 import plotly.graph_objects as go
 
 from deltaid.identification.model import IdentifiedModel, Parameter
@@ -9,6 +8,7 @@ from deltaid.report.numbers import interval, number, with_uncertainty
 from deltaid.report.page import Figure, Section, Table, Text
 
 _NONE = "—"
+_FAR = 300.0  # % of the prior, beyond which a parameter would flatten all others
 _DECIDED = {
     "data": "the data",
     "prior": "from the prior",
@@ -51,7 +51,8 @@ def _table(parameters: tuple[Parameter, ...]) -> Table:
         ("parameter", "prior", "identified", "95 % interval", "unit", "decided by"),
         rows,
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
-        "that are zero by structure are left out.",
+        "that are zero by structure are left out. Grey rows are not decided by the data.",
+        frozenset(i for i, p in enumerate(parameters) if p.determined_by != "data"),
     )
 
 
@@ -67,6 +68,7 @@ def _value(parameter: Parameter) -> tuple[str, str]:
 
 def _chart(parameters: tuple[Parameter, ...]) -> Figure:
     shown = [p for p in parameters if p.prior != 0]
+    far = [p for p in shown if abs(_change(p)) > _FAR]
     figure = go.Figure()
     for kind, name, color, symbol in (
         ("data", "identified, with 95 % interval", style.IDENTIFIED, "circle"),
@@ -77,13 +79,12 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
         own = [p for p in shown if p.determined_by == kind]
         if not own:
             continue
-        size = np.array([abs(p.prior) for p in own]) / 100
-        change = np.array([p.value - p.prior for p in own]) / size
-        spread = 1.96 * np.array([p.std for p in own]) / size
         figure.add_scatter(
-            x=change,
+            x=[_change(p) for p in own],
             y=[style.label(p.name) for p in own],
-            error_x={"array": spread, "thickness": 1.6, "width": 3} if kind == "data" else None,
+            error_x={"array": [_spread(p) for p in own], "thickness": 1.6, "width": 3}
+            if kind == "data"
+            else None,
             name=name,
             mode="markers",
             marker={"color": color, "symbol": symbol, "size": 8},
@@ -93,11 +94,34 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
     figure.update_yaxes(
         categoryorder="array", categoryarray=names, autorange="reversed", tickmode="linear", dtick=1
     )
-    figure.update_xaxes(title_text="difference from the prior [% of the prior]")
-    figure.update_layout(height=19 * len(names) + 130)
-    left_out = len(parameters) - len(shown)
-    return Figure(
-        figure,
-        "Difference between identified value and prior as a share of the prior; zero is the prior."
-        + (f" {left_out} with a prior of zero are in the table only." if left_out else ""),
+    near = [abs(_change(p)) + _spread(p) for p in shown if p not in far]
+    edge = 1.1 * min(max([*near, 20.0]), _FAR)
+    figure.update_xaxes(
+        title_text="difference from the prior [% of the prior]",
+        range=[-edge, edge] if far else None,
     )
+    figure.update_layout(height=19 * len(names) + 130)
+    return Figure(figure, " ".join(_caption(len(parameters) - len(shown), far)))
+
+
+def _caption(left_out: int, far: list[Parameter]) -> list[str]:
+    sentences = [
+        "Difference between identified value and prior as a share of the prior; zero is the prior."
+    ]
+    if left_out:
+        sentences.append(f"{left_out} with a prior of zero are in the table only.")
+    if far:
+        names = ", ".join(f"{p.name} at {_change(p):+.0f} %" for p in far)
+        sentences.append(f"Beyond the edge: {names}; a double click shows everything.")
+    return sentences
+
+
+def _change(parameter: Parameter) -> float:
+    """Difference from the prior in per cent of it."""
+    return 100 * (parameter.value - parameter.prior) / abs(parameter.prior)
+
+
+def _spread(parameter: Parameter) -> float:
+    """Half the 95 % interval in per cent of the prior; nothing where the data did not decide."""
+    decided = parameter.determined_by == "data"
+    return 196 * parameter.std / abs(parameter.prior) if decided else 0.0

@@ -45,9 +45,31 @@ def template(dark: bool) -> go.layout.Template:
             "xaxis": axis,
             "yaxis": axis,
             "scene": {"xaxis": wall, "yaxis": wall, "zaxis": wall, "bgcolor": _CLEAR},
-            "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom"},
+            "legend": {
+                "orientation": "h",
+                "x": 0,
+                "xanchor": "left",
+                "y": 1,
+                "yanchor": "bottom",
+                "itemsizing": "constant",
+            },
             "margin": {"l": 56, "r": 12, "t": 40, "b": 44},
             "hoverlabel": {"font": {"family": _FONT, "size": 12}},
+            # Steps of a slider have no labels of their own; the current one is written above it.
+            "sliderdefaults": {
+                "font": {"size": 1, "color": _CLEAR},
+                "currentvalue": {"font": {"size": 13, "color": text}},
+                "bgcolor": grid,
+                "bordercolor": line,
+                "activebgcolor": line,
+                "ticklen": 0,
+                "minorticklen": 0,
+            },
+            "updatemenudefaults": {
+                "font": {"size": 13, "color": text},
+                "bgcolor": _CLEAR,
+                "bordercolor": line,
+            },
             "modebar": {"bgcolor": _CLEAR, "color": line, "activecolor": text},
         }
     )

@@ -35,10 +35,11 @@ def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
     )
     time = c.time.astype(np.float32)
     for i, drive in enumerate(drives):
-        for name, values, color, row in (
-            ("measured", c.measured[:, i], style.MEASURED, 2 * i + 1),
-            ("predicted", c.predicted[:, i], style.PREDICTED, 2 * i + 1),
-            ("residual", c.measured[:, i] - c.predicted[:, i], style.RESIDUAL, 2 * i + 2),
+        residual = c.measured[:, i] - c.predicted[:, i]
+        for name, values, color, width, row in (
+            ("measured", c.measured[:, i], style.MEASURED, 2.6, 2 * i + 1),
+            ("predicted", c.predicted[:, i], style.PREDICTED, 1.2, 2 * i + 1),
+            ("residual", residual, style.RESIDUAL, 1.0, 2 * i + 2),
         ):
             figure.add_scatter(
                 x=time,
@@ -47,7 +48,7 @@ def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
                 legendgroup=name,
                 showlegend=i == 0,
                 mode="lines",
-                line={"color": color, "width": 1.2},
+                line={"color": color, "width": width},
                 hovertemplate=f"{drive} {name} %{{y:.4g}} N m at %{{x:.4g}} s<extra></extra>",
                 row=row,
                 col=1,
@@ -170,8 +171,8 @@ def spectrum(c: Comparison, drives: tuple[str, ...]) -> Figure:
     if c.cutoff:
         figure.add_vline(x=c.cutoff, line={"color": style.PRIOR, "dash": "dot"})
     _axes(figure, drives, "frequency [Hz]", "density [N m/√Hz]")
-    figure.update_xaxes(type="log")
-    figure.update_yaxes(type="log", exponentformat="power")
+    figure.update_xaxes(type="log", dtick=1)
+    figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     dotted = f" The dotted line is the filter's cut-off of {c.cutoff:.3g} Hz." if c.cutoff else ""
     return Figure(
         figure,
@@ -217,4 +218,4 @@ def _axes(figure: go.Figure, drives: tuple[str, ...], x: str, y: str) -> None:
             figure.update_xaxes(title_text=x, row=row, col=col)
         if col == 1:
             figure.update_yaxes(title_text=y, row=row, col=col)
-    figure.update_layout(legend={"y": 1.0, "yanchor": "bottom", "yref": "container"})
+    figure.update_layout(legend={"y": 1.0, "yanchor": "top", "yref": "container"}, margin={"t": 75})
