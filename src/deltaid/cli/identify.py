@@ -28,6 +28,13 @@ class Metric(StrEnum):
     RIEMANNIAN = "riemannian"
 
 
+class Laws(StrEnum):
+    """Where the friction laws come from."""
+
+    DESCRIBED = "described"
+    CHOOSE = "choose"
+
+
 def register(app: typer.Typer) -> None:
     """Add the command."""
     app.command("identify")(identify)
@@ -63,6 +70,9 @@ def identify(
     report: Annotated[
         Path | None, typer.Option(help="HTML page with figures of all results, works offline.")
     ] = None,
+    friction: Annotated[
+        Laws, typer.Option(help="Friction laws: as described, or chosen by cross-validation.")
+    ] = Laws.DESCRIBED,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
@@ -91,6 +101,7 @@ def identify(
         gamma=gamma,
         prior_spread=prior_spread,
         cutoff=cutoff,
+        friction=friction.value,
     )
     inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
     if output is not None:
@@ -165,6 +176,11 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),
             "coulomb": model.p[layout.coulomb].tolist(),
+            "laws": {
+                joint: law.model_dump(exclude_none=True)
+                for joint, law in model.robot.friction.items()
+            },
+            "choice": model.friction_choice and model.friction_choice.model_dump(),
         },
         "consistent": model.consistent,
         "parameters": [parameter.model_dump() for parameter in model.parameters],
@@ -179,6 +195,7 @@ def print_result(
     result: "Identification", verification: "TorqueError | None", output: Path | None
 ) -> None:
     """The result as tables."""
+    from deltaid.cli.friction import choice_sentence, choice_table
     from deltaid.cli.output import console
     from deltaid.cli.validate import error_table
 
@@ -187,6 +204,10 @@ def print_result(
     console.print()
     console.print(error_table(model, verification))
     console.print()
+    if model.friction_choice is not None:
+        console.print(choice_table(model.friction_choice, model.robot))
+        console.print(choice_sentence(model.friction_choice))
+        console.print()
     for line in summary(result):
         console.print(line)
     if output is not None:

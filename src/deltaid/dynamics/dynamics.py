@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -41,6 +42,36 @@ class SparseRegressor:
     columns: np.ndarray
 
 
+@runtime_checkable
+class Regressor(Protocol):
+    """Columns that torques are explained with: those of a robot, or more of them."""
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """The robot's kinematics."""
+        ...
+
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        ...
+
+    @property
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and column of every structurally nonzero entry, drive by drive."""
+        ...
+
+    def sparse_regressor(
+        self, z: Samples, qd: Samples, qdd: Samples, tau: Samples
+    ) -> SparseRegressor:
+        """The nonzero entries at some samples; τ serves friction that depends on load."""
+        ...
+
+    def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+        """Torques of the robot at some samples."""
+        ...
+
+
 @lru_cache(maxsize=8)
 def _compiled(description: str) -> "Dynamics":
     return Dynamics(RobotDescription.model_validate_json(description))
@@ -62,13 +93,18 @@ class Dynamics:
 
     def __init__(self, robot: RobotDescription) -> None:
         self.robot = robot
-        self.kinematics = Kinematics(robot)
+        self._kinematics = Kinematics(robot)
         self.layout: ParameterLayout = parameter_layout(robot)
 
     @cached_property
     def equations(self) -> Equations:
         """The symbolic equations behind all of this."""
         return build_equations(self.robot, self.kinematics.mechanism)
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """The robot's kinematics."""
+        return self._kinematics
 
     @property
     def dof(self) -> int:
@@ -111,9 +147,13 @@ class Dynamics:
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every structurally nonzero entry of Y, drive by drive."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows), np.array(columns)
 

@@ -16,20 +16,9 @@ _REST = 1e-9
 Sign = Callable[[ca.SX], ca.SX]
 
 
-def term_factor(
-    term: FrictionTerm,
-    v: ca.SX,
-    sign: Sign,
-    load: ca.SX,
-    constants: tuple[ca.SX, ca.SX] | None = None,
-) -> ca.SX:
-    """h(v) of one term; `sign` may be smooth, `load` is the drive's own torque τ.
-
-    Args:
-        constants: exponent and speed as symbols, instead of the term's own.
-    """
+def term_factor(term: FrictionTerm, v: ca.SX, sign: Sign, load: ca.SX) -> ca.SX:
+    """h(v) of one term; `sign` may be smooth, `load` is the drive's own torque τ."""
     s = sign(v)
-    exponent, speed = constants or (ca.SX(term.exponent), ca.SX(term.speed))
     if term.kind == "viscous":
         return 0.5 * (1 + s) * v if term.one_sided else v
     if term.kind == "coulomb":
@@ -44,5 +33,5 @@ def term_factor(
         return s * ca.fabs(load)
     size = ca.sqrt(v * v + _REST**2)
     if term.kind == "power":
-        return s * size**exponent
-    return s * ca.exp(-((size / speed) ** exponent))
+        return s * size**term.exponent
+    return s * ca.exp(-((size / term.speed) ** term.exponent))

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.identification.friction_record import FrictionChoice
 from deltaid.identification.reduction import least_margin
 from deltaid.identification.regularizer import RegularizerName
 from deltaid.robot.description import RobotDescription
@@ -34,6 +35,7 @@ class Settings(_Part):
         gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
         prior_spread: relative standard deviation of the prior that this rule assumes.
         cutoff: low-pass cut-off [Hz] for logs; by rule when None.
+        friction: laws as described, or chosen by cross-validation.
     """
 
     method: Method = "conic"
@@ -41,24 +43,43 @@ class Settings(_Part):
     gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
     prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
     cutoff: Annotated[float, Field(gt=0)] | None = None
+    friction: Literal["described", "choose"] = "described"
 
 
 class Parameter(_Part):
-    """One parameter: value ± standard deviation, its prior, and which of both decided it.
+    """One parameter: value, standard deviation, 95 % interval, prior, and which of both decided it.
 
     `determined_by` is 'data' where the data shrank the prior's standard deviation to less than a
-    half, 'prior' where it did not, 'structure' for entries that the reduction holds at zero,
-    'fixed' for entries that torques show but the reduction holds at the prior (± 0), and
-    'consistency' for entries that no torque shows and that grew to keep their body consistent:
-    lower bounds, with the prior's ±.
+    half without leaning on the priors of other parameters; 'prior' where it did not; 'structure'
+    for entries that the reduction holds at zero; 'fixed' for entries that torques show but the
+    reduction holds at the prior (± 0); and 'consistency' for entries that no torque shows and that
+    grew to keep their body consistent, which are lower bounds. For 'prior' and 'consistency',
+    standard deviation and interval are the prior's own. Parameters that must be positive have
+    intervals that end at zero. `low` and `high` are missing in models of earlier versions.
     """
 
     name: str
     value: Coordinate
     std: Annotated[float, Field(ge=0)]
+    low: Coordinate | None = None
+    high: Coordinate | None = None
     unit: str
     prior: Coordinate
     determined_by: Literal["data", "prior", "structure", "fixed", "consistency"]
+
+
+class BaseParameter(_Part):
+    """A combination that torques determine: least squares without prior and consistency.
+
+    Value, standard deviation and 95 % interval.
+    """
+
+    formula: str
+    value: float
+    std: Annotated[float, Field(ge=0)]
+    low: float
+    high: float
+    unit: str
 
 
 class Source(_Part):
@@ -108,9 +129,11 @@ class IdentifiedModel(_Part):
     deltaid: str = Field(description="version that wrote the file")
     robot: RobotDescription
     parameters: tuple[Parameter, ...]
+    base_parameters: tuple[BaseParameter, ...] = ()
     consistency: tuple[Consistency, ...]
     fit: Fit
     settings: Settings
+    friction_choice: FrictionChoice | None = None
     sources: tuple[Source, ...]
     warnings: tuple[str, ...] = ()
 

@@ -26,7 +26,8 @@ TERM_KINDS: tuple[TermKind, ...] = (
     "viscous", "coulomb", "viscous_back", "coulomb_back", "offset", "power", "stribeck", "load"
 )  # fmt: skip
 
-Exponent = Annotated[float, Field(ge=0.05, le=5.0)]
+EXPONENTS = (0.05, 5.0)
+Exponent = Annotated[float, Field(ge=EXPONENTS[0], le=EXPONENTS[1])]
 
 
 class _Part(BaseModel):

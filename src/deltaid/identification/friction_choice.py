@@ -1,0 +1,317 @@
+"""Which friction law each joint needs, decided by cross-validation on the recordings themselves.
+
+1. One pass over the data factors the robot's columns together with a dictionary: every term that a
+   law may have (`robot/friction.py`), powers and Stribeck terms with a grid of their constants.
+2. The blocks of the recordings make folds of consecutive stretches. For each fold a law is fitted
+   to all others, friction coefficients positive and rigid-body columns free, and judged on the
+   fold. Nonlinear constants are chosen anew in each fold, by the data that the fit may see.
+3. Beginning with viscous and Coulomb friction everywhere, the addition that helps most is taken,
+   as long as it lowers the error on the folds by more than chance.
+4. The constants of the chosen laws are refined on finer grids, with all data; what the refined laws
+   can do without is dropped again.
+
+Everything but the passes works on triangular factors, whatever the number of samples.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.identification.friction_record import AdditionKind, FrictionChoice, FrictionTrial
+from deltaid.identification.friction_search import (
+    FrictionSearch,
+    Laws,
+    first_look,
+    prepare,
+    term_key,
+)
+from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.recording.windows import FilteredLog
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import EXPONENTS, Friction, FrictionTerm, PowerLaw, Stribeck
+
+# An addition is taken when its gain is so many times the standard error of the gain over the folds:
+# with some twenty additions tried at each step, chance alone seldom reaches it.
+_SIGNIFICANT = 3.0
+# First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
+_EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
+_SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
+_FORMS = (1.0, 2.0)
+# Refinements: how often, and the ratio of neighbours on the first grid, whose root follows.
+_TURNS, _SPACING = 4, 1.7
+
+Options = dict[AdditionKind, list[Friction]]
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An addition to one joint's law with its errors on the folds."""
+
+    joint: str
+    addition: AdditionKind
+    law: Friction
+    errors: Float[np.ndarray, " folds"]
+    gain: float
+    significance: float
+
+
+def choose_friction(
+    robot: RobotDescription,
+    filtered: Sequence[FilteredLog],
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[RobotDescription, FrictionChoice]:
+    """The robot with the friction laws that its recordings ask for, and how they were chosen.
+
+    Every joint of the description that has friction starts with its viscous and Coulomb
+    coefficients; further terms of the description are dropped, and come back if the data wants
+    them.
+
+    Raises:
+        IdentificationError: the motion does not determine the rigid-body parameters.
+    """
+    plain = _with_laws(robot, {j: _plain(law) for j, law in robot.friction.items()})
+    progress("preparing friction laws")
+    speeds, p = first_look(plain, filtered)
+    options = {
+        j: _options(law, speeds[j], drive=j in robot.drives) for j, law in plain.friction.items()
+    }
+    tried = [(j, law) for j, kinds in options.items() for laws in kinds.values() for law in laws]
+    search = prepare(plain, filtered, _further_terms(plain, tried), p)
+    progress(f"trying {len(tried)} friction laws")
+    steps, first = _extend(search, plain, options)
+    laws = dict(plain.friction) | {step.joint: step.law for step in steps}
+    search, laws = _refine(plain, filtered, laws, p, search, progress)
+    kept = _thin_out(search, plain, laws, steps)
+    laws = dict(plain.friction) | {j: _only(laws[j], kept[j]) for j in kept}
+    choice = FrictionChoice(
+        folds=len(search.folds),
+        plain_error=_share(search, _errors(search, plain, plain.friction)),
+        chosen_error=_share(search, _errors(search, plain, laws)),
+        steps=tuple(_record(s, search, useful=s.addition in kept[s.joint]) for s in steps),
+        trials=tuple(_record(t, search, useful=_beyond_chance(t, search)) for t in first),
+    )
+    return _with_laws(robot, laws), choice
+
+
+def _extend(
+    search: FrictionSearch, robot: RobotDescription, options: dict[str, Options]
+) -> tuple[list[_Trial], tuple[_Trial, ...]]:
+    """Add what helps most until nothing helps; and the trials of the first round."""
+    laws, steps, first = dict(robot.friction), [], ()
+    while True:
+        trials = _trials(search, robot, laws, options, _errors(search, robot, laws))
+        first = first or trials
+        useful = [trial for trial in trials if _beyond_chance(trial, search)]
+        if not useful:
+            return steps, first
+        best = _simplest(max(useful, key=lambda trial: trial.gain), useful)
+        steps.append(best)
+        laws[best.joint] = best.law
+        options[best.joint] = _remaining(best.law, options[best.joint], best.addition)
+
+
+def _thin_out(
+    search: FrictionSearch, robot: RobotDescription, laws: Laws, steps: Sequence[_Trial]
+) -> dict[str, set[AdditionKind]]:
+    """For each joint the additions that its law cannot do without, with the refined constants."""
+    kept: dict[str, set[AdditionKind]] = {j: set() for j in laws}
+    for step in steps:
+        kept[step.joint].add(step.addition)
+    for step in reversed(steps):
+        now = dict(laws) | {j: _only(laws[j], kept[j]) for j in kept}
+        fewer = kept[step.joint] - {step.addition}
+        without = now | {step.joint: _only(laws[step.joint], fewer)}
+        errors = _errors(search, robot, now)
+        gains = _errors(search, robot, without) - errors
+        if not _significance(gains) > _SIGNIFICANT:
+            kept[step.joint] = fewer
+    return kept
+
+
+def _options(law: Friction, speed: float, *, drive: bool) -> Options:
+    """Laws with one more term; priors of the new coefficients come from the Coulomb prior."""
+    c = law.coulomb
+
+    def more(**terms: object) -> Friction:
+        return law.model_copy(update=terms)
+
+    options: Options = {
+        "offset": [more(offset=0.1 * c)],
+        "both_ways": [more(viscous_back=law.viscous, coulomb_back=c)],
+        "power": [
+            more(power=PowerLaw(coefficient=0.3 * c / speed**e, exponent=e)) for e in _EXPONENTS
+        ],
+        "stribeck": [
+            more(stribeck=Stribeck(coefficient=0.3 * c, speed=share * speed, exponent=form))
+            for share in _SPEEDS
+            for form in _FORMS
+        ],
+    }
+    if drive:
+        options["load"] = [more(load=0.05)]
+    return options
+
+
+def _only(law: Friction, kinds: set[AdditionKind]) -> Friction:
+    """A law's viscous and Coulomb terms and of the others only those of some kinds."""
+    terms = {"both_ways": ("viscous_back", "coulomb_back")}
+    names = [name for kind in kinds for name in terms.get(kind, (kind,))]
+    return _plain(law).model_copy(update={name: getattr(law, name) for name in names})
+
+
+def _remaining(law: Friction, options: Options, taken: AdditionKind) -> Options:
+    """What may still be added to a law that has been extended.
+
+    Laws with both directions have no offset, because both say the same.
+    """
+    barred = {taken, *({"offset", "both_ways"} if taken in ("offset", "both_ways") else ())}
+    own = {
+        name: value for name in type(law).model_fields if (value := getattr(law, name)) is not None
+    }
+    return {
+        kind: [option.model_copy(update=own) for option in laws]
+        for kind, laws in options.items()
+        if kind not in barred
+    }
+
+
+def _trials(
+    search: FrictionSearch,
+    robot: RobotDescription,
+    laws: Laws,
+    options: Mapping[str, Options],
+    before: Float[np.ndarray, " folds"],
+) -> tuple[_Trial, ...]:
+    """Every addition to every joint, judged on the folds."""
+    trials = []
+    for joint, kinds in options.items():
+        for kind, variants in kinds.items():
+            columns = [search.combination({**laws, joint: law}, robot) for law in variants]
+            errors = search.errors(columns)
+            gains = before - errors
+            trials.append(
+                _Trial(
+                    joint=joint,
+                    addition=kind,
+                    law=variants[search.best(columns)],
+                    errors=errors,
+                    gain=float(gains.sum() / before.sum()) if before.sum() > 0 else 0.0,
+                    significance=_significance(gains),
+                )
+            )
+    return tuple(trials)
+
+
+def _significance(gains: Float[np.ndarray, " folds"]) -> float:
+    """Mean gain over the folds as a multiple of its standard error."""
+    if len(gains) < 2 or not np.any(gains):
+        return 0.0
+    return float(gains.mean() / max(np.std(gains, ddof=1) / np.sqrt(len(gains)), 1e-300))
+
+
+def _beyond_chance(trial: _Trial, search: FrictionSearch) -> bool:
+    """Whether a gain is more than chance and than what torques can ever tell."""
+    visible = trial.gain * _share(search, trial.errors) > NOISE_FLOOR
+    return trial.significance > _SIGNIFICANT and visible
+
+
+def _simplest(best: _Trial, useful: Sequence[_Trial]) -> _Trial:
+    """A single term for the joint in place of a law for each direction, if it is as good."""
+    singles = [
+        trial
+        for trial in useful
+        if trial.joint == best.joint
+        and trial.addition == "offset"
+        and not _significance(trial.errors - best.errors) > _SIGNIFICANT
+    ]
+    return singles[0] if best.addition == "both_ways" and singles else best
+
+
+def _errors(
+    search: FrictionSearch, robot: RobotDescription, laws: Laws
+) -> Float[np.ndarray, " folds"]:
+    return search.errors([search.combination(laws, robot)])
+
+
+def _refine(
+    robot: RobotDescription,
+    filtered: Sequence[FilteredLog],
+    laws: Laws,
+    p: Parameters,
+    search: FrictionSearch,
+    progress: Callable[[str], None],
+) -> tuple[FrictionSearch, dict[str, Friction]]:
+    """Nonlinear constants on finer and finer grids about those chosen, joint by joint."""
+    laws, spacing = dict(laws), _SPACING
+    curved = [j for j, law in laws.items() if law.power or law.stribeck]
+    for turn in range(_TURNS if curved else 0):
+        progress(f"refining the constants of friction, {turn + 1} of {_TURNS}")
+        near = {j: _near(laws[j], spacing) for j in curved}
+        everything = [(j, law) for j in laws for law in (*near.get(j, ()), laws[j])]
+        search = prepare(robot, filtered, _further_terms(robot, everything), p)
+        for joint, variants in near.items():
+            columns = [search.combination({**laws, joint: law}, robot) for law in variants]
+            laws[joint] = variants[search.best(columns)]
+        spacing **= 0.5
+    return search, laws
+
+
+def _near(law: Friction, spacing: float) -> list[Friction]:
+    """A law with its constants up to one spacing up and down."""
+    factors = [spacing**share for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    powers, stribecks = [law.power], [law.stribeck]
+    if (power := law.power) is not None:
+        powers = [
+            power.model_copy(update={"exponent": _limited(power.exponent * f)}) for f in factors
+        ]
+    if (s := law.stribeck) is not None:
+        stribecks = [
+            s.model_copy(update={"speed": s.speed * f, "exponent": _limited(s.exponent * g)})
+            for f in factors
+            for g in factors
+        ]
+    return [law.model_copy(update={"power": p, "stribeck": s}) for p in powers for s in stribecks]
+
+
+def _limited(exponent: float) -> float:
+    return float(np.clip(exponent, *EXPONENTS))
+
+
+def _further_terms(
+    robot: RobotDescription, laws: Iterable[tuple[str, Friction]]
+) -> tuple[FrictionTerm, ...]:
+    """All terms of some joints' laws but viscous and Coulomb, each once."""
+    terms = {
+        term_key(term): term
+        for joint, law in laws
+        for term in _with_laws(robot, {joint: law}).friction_terms
+        if term.kind not in ("viscous", "coulomb")
+    }
+    return tuple(terms.values())
+
+
+def _plain(law: Friction) -> Friction:
+    return Friction(viscous=law.viscous, coulomb=law.coulomb)
+
+
+def _with_laws(robot: RobotDescription, laws: Laws) -> RobotDescription:
+    return robot.model_copy(update={"friction": dict(laws)})
+
+
+def _share(search: FrictionSearch, errors: Float[np.ndarray, " folds"]) -> float:
+    """Squared errors on the folds as a root mean square share of the largest torque."""
+    return float(np.sqrt(errors.sum() / search.rows))
+
+
+def _record(trial: _Trial, search: FrictionSearch, *, useful: bool) -> FrictionTrial:
+    return FrictionTrial(
+        joint=trial.joint,
+        addition=trial.addition,
+        error=_share(search, trial.errors),
+        gain=trial.gain,
+        significance=trial.significance,
+        useful=useful,
+    )

@@ -1,0 +1,128 @@
+"""The choice of friction laws by cross-validation, on simulated recordings with noise."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.identify import Identification, identify
+from deltaid.identification.model import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+PLAIN = {"viscous": 1.2, "coulomb": 3.5}
+
+
+def robot_with(laws: dict[str, dict], name: str) -> RobotDescription:
+    data = load_robot(name).model_dump(exclude_none=True)
+    data["friction"] = {j: {**law, **laws.get(j, {})} for j, law in data["friction"].items()}
+    return RobotDescription.model_validate(data)
+
+
+def chosen(
+    folder: Path, laws: dict[str, dict], name: str, values: dict[str, float], seed: int = 0
+) -> tuple[Identification, dict[str, float]]:
+    """What comes out, knowing nothing of the laws, of a recording with them; and the truth."""
+    robot, rng = robot_with(laws, name), np.random.default_rng(seed)
+    dynamics = compiled(robot)
+    p = surrogate_parameters(robot, rng)
+    for parameter, value in values.items():
+        p[dynamics.layout.names.index(parameter)] = value
+    recording = simulate_recording(
+        dynamics,
+        p,
+        random_motion(dynamics.kinematics, rng),
+        rng,
+        duration=20.0,
+        noise=SensorNoise(torque=0.02),
+    )
+    write_recording(recording, folder / "log.csv")
+    settings = Settings(friction="choose")
+    result = identify(load_robot(name), [folder / "log.csv"], settings=settings)
+    return result, dict(zip(dynamics.layout.names, p, strict=True))
+
+
+def test_each_joint_gets_the_law_it_has_and_no_other(tmp_path):
+    laws = {
+        "drive2": {"offset": 1.0},
+        "drive3": {"stribeck": {"coefficient": 2.0, "speed": 0.3, "exponent": 1.4}},
+        "drive4": {"power": {"coefficient": 0.2, "exponent": 0.6}},
+    }
+    values = {"offset.drive2": -2.5, "stribeck.drive3": 2.0, "power.drive4": 0.2}
+    result, truth = chosen(tmp_path, laws, "irb360-6-1600", values)
+    robot = result.model.robot
+    more = {
+        j: set(law.model_dump(exclude_none=True)) - {*PLAIN} for j, law in robot.friction.items()
+    }
+    assert more == {
+        "drive1": set(),
+        "drive2": {"offset"},
+        "drive3": {"stribeck"},
+        "drive4": {"power"},
+        "slide": set(),
+    }
+    stribeck = robot.friction["drive3"].stribeck
+    assert stribeck.speed == pytest.approx(0.3, rel=0.1)
+    assert stribeck.exponent == pytest.approx(1.4, rel=0.15)
+    assert result.model.value("offset.drive2") == pytest.approx(-2.5, rel=0.02)
+    assert result.model.value("stribeck.drive3") == pytest.approx(2.0, rel=0.1)
+    speed = np.geomspace(0.3, 40, 30)
+    power = robot.friction["drive4"].power
+    found, true = (
+        coulomb + viscous * speed + coefficient * speed**exponent
+        for coulomb, viscous, coefficient, exponent in (
+            (
+                result.model.value("coulomb.drive4"),
+                result.model.value("viscous.drive4"),
+                result.model.value("power.drive4"),
+                power.exponent,
+            ),
+            (truth["coulomb.drive4"], truth["viscous.drive4"], 0.2, 0.6),
+        )
+    )
+    np.testing.assert_allclose(found, true, rtol=0.03)
+    choice = result.model.friction_choice
+    assert choice.chosen_error < 0.3 * choice.plain_error
+    saved = tmp_path / "model.yaml"
+    result.model.save(saved)
+    assert type(result.model).load(saved).friction_choice == choice
+
+
+@pytest.mark.parametrize("noise_seed", [1, 2])
+def test_plain_friction_stays_plain(tmp_path, noise_seed):
+    result, _ = chosen(tmp_path, {}, "clavel-delta3", {}, noise_seed)
+    assert all(
+        set(law.model_dump(exclude_none=True)) == {*PLAIN}
+        for law in result.model.robot.friction.values()
+    )
+    choice = result.model.friction_choice
+    assert choice.chosen_error == choice.plain_error
+    assert not choice.steps
+
+
+def test_directions_and_load(tmp_path):
+    laws = {
+        "drive1": {"viscous_back": 0.5, "coulomb_back": 2.0},
+        "drive2": {"load": 0.1},
+    }
+    values = {
+        "viscous.drive1": 0.5,
+        "coulomb.drive1": 0.8,
+        "viscous_back.drive1": 1.0,
+        "coulomb_back.drive1": 1.6,
+        "load.drive2": 0.12,
+    }
+    result, truth = chosen(tmp_path, laws, "clavel-delta3", values)
+    friction = result.model.robot.friction
+    assert not friction["drive1"].both_ways
+    assert friction["drive2"].load is not None
+    for name in values:
+        assert result.model.value(name) == pytest.approx(truth[name], rel=0.1), name
