@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from deltaid.cli import base, demo, excite, identify, robots, schema, torque, validate
+from deltaid.cli import base, demo, excite, identify, reproduce, robots, schema, torque, validate
 from deltaid.cli.output import print_error
 from deltaid.errors import DeltaidError
 
@@ -19,7 +19,7 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (demo, robots, schema, excite, identify, validate, torque, base):
+for module in (demo, robots, schema, excite, identify, validate, torque, base, reproduce):
     module.register(app)
 
 

@@ -34,12 +34,10 @@ _QUANTITIES = {
     "friction coefficients": lambda a: a.friction_coefficients,
 }
 
-MASS_DIAGONAL = Claim("M on the diagonal", 0.01, "below 1 %", "Sec. VII, text on Fig. 4")
-MASS_OFF_DIAGONAL = Claim("M off the diagonal", 0.02, "about 2 %", "Sec. VII, text on Fig. 4")
-CORIOLIS = Claim("Coriolis torque C q̇", 0.01, "less than 1 %", "Sec. VII, text on Figs. 5 and 6")
-ACCELERATION = Claim(
-    "acceleration torque M q̈", 0.01, "less than 1 %", "Sec. VII, text on Figs. 5 and 6"
-)
-FRICTION = Claim("friction coefficients", 0.022, "under 2.2 %", "Sec. VII, text on Fig. 3")
+MASS_DIAGONAL = Claim("M on the diagonal", 0.01, "below 1 %", "Sec. VII, at Fig. 4")
+MASS_OFF_DIAGONAL = Claim("M off the diagonal", 0.02, "about 2 %", "Sec. VII, at Fig. 4")
+CORIOLIS = Claim("Coriolis torque C q̇", 0.01, "less than 1 %", "Sec. VII, at Figs. 5 and 6")
+ACCELERATION = Claim("acceleration torque M q̈", 0.01, "less than 1 %", "Sec. VII, at Figs. 5 and 6")
+FRICTION = Claim("friction coefficients", 0.022, "under 2.2 %", "Sec. VII, at Fig. 3")
 
 CLAIMS = (MASS_DIAGONAL, MASS_OFF_DIAGONAL, CORIOLIS, ACCELERATION, FRICTION)

@@ -40,7 +40,6 @@ from deltaid.robot.load import load_robot
 
 Progress = Callable[[str], None]
 
-METHODS: tuple[Method, ...] = ("conic", "log-cholesky")
 # Start values of the verification motion: as many seeds on as anybody will ask starts for.
 _VERIFICATION_OFFSET = 100_000
 
@@ -91,7 +90,7 @@ def reproduce_surrogate(
         verification=drive_motion(dynamics, verification, _times(verification, settings)),
         period=_period(dynamics, run, settings.points),
     )
-    fits = _fits(scene, priors, recordings, progress)
+    fits = _fits(scene, priors, recordings, settings, progress)
     return Reproduction(
         settings=settings,
         dynamics=dynamics,
@@ -151,6 +150,7 @@ def _fits(
     scene: _Scene,
     priors: dict[str, RobotDescription],
     recordings: dict[str, pl.DataFrame],
+    settings: SurrogateSettings,
     progress: Progress,
 ) -> tuple[Fit, ...]:
     fits = []
@@ -160,7 +160,7 @@ def _fits(
             log = Path(folder) / name
             write_recording(recordings[name], log)
             for prior, robot in priors.items():
-                for method in METHODS:
+                for method in settings.methods:
                     progress(f"fitting {name} from {prior}, {method}")
                     fits.append(_fit(scene, prior, robot, log, noisy=noisy, method=method))
     return tuple(fits)

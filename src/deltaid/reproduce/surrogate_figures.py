@@ -100,7 +100,7 @@ def mass_figure(result: Reproduction) -> Figure:
 def torque_figure(
     result: Reproduction, of: Callable[[MotionTerms], np.ndarray], caption: str
 ) -> Figure:
-    """Figs. 5 and 6: one term of (1) over one period, and its error, drive by drive."""
+    """Figs. 5 and 6: one term of (1) over one period, and its difference to the nominal one."""
     drives = result.nominal.drives
     figure = make_subplots(
         rows=len(drives),
@@ -108,7 +108,7 @@ def torque_figure(
         shared_xaxes=True,
         horizontal_spacing=0.12,
         vertical_spacing=0.2 / len(drives),
-        subplot_titles=["torque [N m]", "nominal − identified [N m]"],
+        subplot_titles=["torque [N m]", "difference [N m]"],
     )
     for i, drive in enumerate(drives):
         figure.add_scatter(
@@ -130,6 +130,7 @@ def torque_figure(
             _line(figure, result, fit, error, i + 1, 2, first=own)
         figure.update_yaxes(title_text=drive, row=i + 1, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(drives))
+    figure.update_yaxes(exponentformat="power")
     figure.update_layout(height=210 * len(drives) + 120)
     above_titles(figure)
     return Figure(figure, caption)
@@ -223,4 +224,4 @@ def above_titles(figure: go.Figure) -> None:
     """Put the legend above the panels' titles."""
     figure.update_annotations(font_size=12)
     legend = {"y": 1.0, "yanchor": "top", "yref": "container"}
-    figure.update_layout(legend=legend, margin={"t": 100})
+    figure.update_layout(legend=legend, margin={"t": 115})

@@ -13,7 +13,23 @@ from deltaid.reproduce.paper import CLAIMS
 from deltaid.reproduce.surrogate_result import Fit, Reproduction, Sweep
 from deltaid.robot.load import save_yaml
 
-RESULTS = "results.json"
+RESULTS, REPORT = "results.json", "report.html"
+# Everything in the folder, with what it holds.
+FILES = {
+    REPORT: "tables and figures",
+    RESULTS: "all numbers",
+    "nominal.yaml": "the robot with the true parameters as prior",
+    "RG1.yaml": "the robot with the regularisation below the truth as prior",
+    "RG2.yaml": "the robot with the regularisation above the truth as prior",
+    "identify.csv": "recording of the motion, without noise",
+    "identify-noisy.csv": "the same with noise",
+    "verify.csv": "recording of the verification motion, without noise",
+    "verify-noisy.csv": "the same with noise",
+    "ID1.yaml": "model identified from RG1 without noise, conic",
+    "ID1-noisy.yaml": "the same with noise",
+    "ID2.yaml": "model identified from RG2 without noise, conic",
+    "ID2-noisy.yaml": "the same with noise",
+}
 
 
 def prepare_folder(folder: Path) -> None:
@@ -30,31 +46,26 @@ def prepare_folder(folder: Path) -> None:
             where=str(folder),
             cure="give the name of a folder that exists or can be made",
         ) from None
-    require_writable(folder / RESULTS)
+    for name in FILES:
+        require_writable(folder / name)
 
 
-def write_files(result: Reproduction, folder: Path) -> tuple[Path, ...]:
+def write_files(result: Reproduction, folder: Path) -> None:
     """Write results.json, descriptions, recordings and models; each file whole or not at all.
 
     Raises:
         DeltaidError: a file cannot be written.
     """
-    written = []
     for name, robot in {"nominal": result.nominal, **result.priors}.items():
-        written.append(folder / f"{name}.yaml")
-        save_yaml(robot, written[-1])
+        save_yaml(robot, folder / f"{name}.yaml")
     for name, recording in result.recordings.items():
-        written.append(folder / name)
-        write_recording(recording, written[-1])
+        write_recording(recording, folder / name)
     for fit in result.fits:
         if fit.method == "conic":
-            written.append(folder / model_name(fit))
-            fit.identification.model.save(written[-1])
-    written.append(folder / RESULTS)
-    with written_whole(written[-1]) as file:
+            fit.identification.model.save(folder / model_name(fit))
+    with written_whole(folder / RESULTS) as file:
         json.dump(as_dictionary(result), file, indent=1, allow_nan=False, ensure_ascii=False)
         file.write("\n")
-    return tuple(written)
 
 
 def model_name(fit: Fit) -> str:

@@ -17,9 +17,9 @@ Rows = tuple[tuple[str, ...], ...]
 _DEAD = 1e-3
 # Name and colour of each way down.
 WAY_LABELS: dict[Way, tuple[str, str]] = {
-    "newton": ("Newton, from π(p_reg)", style.SERIES[0]),
-    "levenberg-marquardt": ("Levenberg–Marquardt, from π(p_reg)", style.SERIES[1]),
-    "bfgs": ("BFGS, from π(p_reg)", style.SERIES[3]),
+    "newton": ("Newton from π(p_reg)", style.SERIES[0]),
+    "levenberg-marquardt": ("Levenberg–Marquardt from π(p_reg)", style.SERIES[1]),
+    "bfgs": ("BFGS from π(p_reg)", style.SERIES[3]),
     "relaxed": ("Newton, γ relaxed (deltaid)", style.SERIES[2]),
 }
 
@@ -27,7 +27,7 @@ WAY_LABELS: dict[Way, tuple[str, str]] = {
 def minimisers_section(result: Reproduction) -> Section:
     """What happens to the paper's minimisation, as text, figure and tables."""
     died = ", ".join(
-        f"{WAY_LABELS[way.way][0]} from {prior} "
+        f"{WAY_LABELS[way.way][0]} of {prior} "
         f"({way.smallest_name} at {number(way.smallest, 1)} of its start)"
         for prior, descents in result.descents.items()
         for way in descents.ways
@@ -47,9 +47,9 @@ def minimisers_section(result: Reproduction) -> Section:
                 + (f"An exponential ran towards zero with {died}.\n\n" if died else "")
                 + "The paper names Yalmip, which calls other solvers, but neither γ nor "
                 "tolerances; this shows what can happen to its problem, not what did. The conic "
-                "program "
-                "solves the same problem with a certificate. The relaxed route starts with a "
-                "strong regulariser, near whose minimum it begins, and lowers γ tenfold at a time."
+                "program solves the same problem with a certificate. The relaxed route starts "
+                "with a strong regulariser, near whose minimum it begins, and lowers γ tenfold at "
+                "a time."
             ),
             descent_figure(result),
             Table(

@@ -13,6 +13,7 @@ from deltaid.reproduce.surrogate_figures import (
     sweep_figure,
     torque_figure,
 )
+from deltaid.reproduce.surrogate_files import FILES, REPORT
 from deltaid.reproduce.surrogate_minimisers import minimisers_section
 from deltaid.reproduce.surrogate_result import Fit, Reproduction
 
@@ -108,7 +109,7 @@ def _setting(result: Reproduction) -> Section:
 
 def _comparison(result: Reproduction) -> Section:
     largest = np.abs(result.terms.coriolis).max(axis=0)
-    places = [*(claim.place for claim in CLAIMS), "Sec. VII, text on Fig. 6"]
+    places = [*(claim.place for claim in CLAIMS), "Sec. VII, at Fig. 6"]
     rows = comparison_rows(result)
     return Section(
         "The paper's numbers beside ours",
@@ -199,8 +200,8 @@ def _terms(result: Reproduction) -> Section:
                 result,
                 lambda terms: terms.coriolis,
                 "Fig. 5 of the paper for our surrogate: Coriolis and centrifugal torques C q̇ over "
-                "one period, nominal and identified from the recording with noise, and what lies "
-                "between them.",
+                "one period, nominal and identified from the recording with noise; right, nominal "
+                "minus identified.",
             ),
             torque_figure(
                 result,
@@ -254,15 +255,7 @@ def _files() -> Section:
         (
             Table(
                 ("file", "what it holds"),
-                (
-                    ("results.json", "all numbers of this page"),
-                    ("nominal.yaml", "the robot with the true parameters as prior"),
-                    ("RG1.yaml, RG2.yaml", "the robot with either regularisation as prior"),
-                    ("identify.csv, verify.csv", "recordings without noise"),
-                    ("identify-noisy.csv, verify-noisy.csv", "recordings with noise"),
-                    ("ID1.yaml, ID2.yaml", "models identified without noise, conic"),
-                    ("ID1-noisy.yaml, ID2-noisy.yaml", "models identified with noise, conic"),
-                ),
+                tuple((name, holds) for name, holds in FILES.items() if name != REPORT),
                 "deltaid identify RG1.yaml identify-noisy.csv --verify verify-noisy.csv repeats a "
                 "fit.",
             ),

@@ -27,6 +27,7 @@ class SurrogateSettings:
             the fourth drive drown in 2 % of noise.
         torque_noise: of the noisy recordings, a share of each drive's largest torque.
         rate: sampling rate [Hz].
+        methods: solvers of the fits; conic must be among them.
         points: in pictures and in the sweep, over one period of the motion.
         gammas: γ_p/γ_τ of the sweep.
         descent_gamma: γ_p/γ_τ of the comparison of minimisers. The paper does not state its own.
@@ -40,10 +41,22 @@ class SurrogateSettings:
     repeats: int = 2
     torque_noise: float = 0.02
     rate: float = 1000.0
+    methods: tuple[Method, ...] = ("conic", "log-cholesky")
     points: int = 500
     gammas: tuple[float, ...] = tuple(float(g) for g in 10.0 ** np.arange(-14.0, -0.9, 0.5))
     descent_gamma: float = 1e-10
     iterations: int = 1000
+
+
+# For a first look: with 10 s of motion the noise shows more.
+QUICK = SurrogateSettings(
+    starts=1,
+    harmonics=5,
+    duration=10.0,
+    repeats=1,
+    gammas=tuple(float(g) for g in 10.0 ** np.arange(-14.0, -0.9, 2.0)),
+    iterations=100,
+)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,160 @@
+"""The paper's surrogate: what `deltaid reproduce` promises, read from what it writes."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from command import Outcome, refused, run
+from deltaid import load_robot
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.identify import identify
+from deltaid.identification.model import IdentifiedModel
+from deltaid.reproduce.nominal import ABOVE, BELOW, nominal_robot, regularisation
+from deltaid.reproduce.surrogate_files import FILES
+from deltaid.reproduce.surrogate_result import SurrogateSettings
+from deltaid.robot.inertia import consistency
+
+# The motion and the noise of the default run; fewer points, steps and solvers.
+SETTINGS = SurrogateSettings(
+    methods=("conic",), points=100, gammas=(1e-12, 1e-8, 1e-5, 1e-2), iterations=100
+)
+STARTS = 2
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("reproduced") / "surrogate"
+
+
+@pytest.fixture(scope="module")
+def outcome(folder: Path) -> Iterator[Outcome]:
+    with patch("deltaid.reproduce.surrogate_result.QUICK", SETTINGS):
+        yield run("reproduce", "surrogate", "--quick", "--starts", STARTS, "-o", folder)
+
+
+@pytest.fixture(scope="module")
+def results(folder: Path, outcome: Outcome) -> dict:
+    assert outcome.code == 0, outcome.err
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def fits(results: dict, *, noise: bool) -> list[dict]:
+    found = [fit for fit in results["fits"] if fit["noise"] == noise and fit["method"] == "conic"]
+    assert {fit["prior"] for fit in found} == {"RG1", "RG2"}
+    return found
+
+
+def test_without_noise_the_truth_comes_out_from_both_sides(results: dict) -> None:
+    for fit in fits(results, noise=False):
+        for found in (fit, fit["verification"]):
+            assert found["mass_diagonal"] < 1e-4
+            assert found["mass_off_diagonal"] < 1e-4
+            assert max(map(abs, found["friction_coefficients"])) < 1e-4
+            assert max(found["coriolis"] + found["acceleration"]) < 1e-3
+        assert fit["duality_gap"] <= 1e-6 * fit["objective"]
+
+
+def test_with_noise_the_model_is_still_right(results: dict) -> None:
+    for fit in fits(results, noise=True):
+        for found in (fit, fit["verification"]):
+            assert found["mass_diagonal"] < 0.01
+            assert found["mass_off_diagonal"] < 0.02
+            assert max(map(abs, found["friction_coefficients"])) < 0.03
+        assert 1e-3 < fit["noise_level"] < 0.02  # white 2 %, most of it beyond the filter's cut-off
+
+
+def test_mass_matrix_is_positive_definite_along_all_motions(results: dict) -> None:
+    for fit in results["fits"]:
+        for found in (fit, fit["verification"]):
+            assert found["samples"] > 10_000
+            assert found["cholesky_succeeds"] == found["samples"]
+
+
+def test_numbers_are_those_of_the_saved_models(
+    results: dict, folder: Path, irb360: Dynamics
+) -> None:
+    # Recomputed from the model files and the recording, along the motion of the data.
+    truth = IdentifiedModel.load(folder / "ID1.yaml").p
+    log = np.genfromtxt(folder / "identify.csv", delimiter=",", names=True)
+    q = np.column_stack([log[f"q{i}"] for i in (1, 2, 3, 4)])[::20]
+    model = IdentifiedModel.load(folder / "ID2-noisy.yaml")
+    M_true, M = irb360.mass_matrix(q, truth), irb360.mass_matrix(q, model.p)
+    error = np.abs(M - M_true).max(axis=0) / np.abs(M_true.mean(axis=0))
+    fit = next(f for f in results["fits"] if f["prior"] == "RG2" and f["noise"])
+    np.testing.assert_allclose(np.diag(error), np.diag(fit["mass"]), rtol=0.05)
+    assert np.isclose(error[0, 1], fit["mass"][0][1], rtol=0.05)
+
+
+def test_files_repeat_the_fit(results: dict, folder: Path) -> None:
+    assert {path.name for path in folder.iterdir()} == set(FILES)
+    again = identify(load_robot(folder / "RG1.yaml"), [folder / "identify-noisy.csv"])
+    saved = IdentifiedModel.load(folder / "ID1-noisy.yaml")
+    np.testing.assert_allclose(again.model.p, saved.p, rtol=1e-9)
+
+
+def test_regularisations_lie_below_and_above_the_truth(results: dict) -> None:
+    for parameter in results["parameters"]:
+        below, above = (parameter[rg] / parameter["nominal"] for rg in ("RG1", "RG2"))
+        assert 0.6 <= below <= 0.8, parameter["name"]
+        assert 1.25 <= above <= 1.6, parameter["name"]
+
+
+def test_bodies_are_consistent_and_without_accidental_symmetry() -> None:
+    nominal = nominal_robot(load_robot("irb360-6-1600"))
+    rng = np.random.default_rng(3)
+    robots = [nominal, *(regularisation(nominal, "RG", share, rng) for share in (BELOW, ABOVE))]
+    for robot in robots:
+        for name, body in robot.bodies.items():
+            p = body.prior_parameters()
+            assert consistency(p) > 0, name
+            if name != "P":  # only its mass shows
+                assert len(set(np.round(p[4:7], 12))) == 3, name
+            moments = {f"mc{axis}": p[1 + k] for k, axis in enumerate("xyz")}
+            assert all((value != 0) == (entry in body.free) for entry, value in moments.items())
+
+
+def test_other_minimisers_end_above_the_certified_optimum(results: dict) -> None:
+    for descents in results["minimisers"]:
+        best = descents["conic"]
+        assert best["duality_gap"] <= 1e-6 * best["objective"]
+        ends = {way["way"]: way["objective"] for way in descents["ways"]}
+        assert set(ends) == {"newton", "levenberg-marquardt", "bfgs", "relaxed"}
+        assert min(ends.values()) >= best["objective"] * (1 - 1e-9)
+        assert ends["relaxed"] < 1.1 * best["objective"]
+        assert max(ends.values()) > 1.5 * best["objective"]
+
+
+def test_errors_grow_with_gamma_without_noise(results: dict) -> None:
+    for sweep in results["gamma_sweep"]:
+        gammas = [point["gamma"] for point in sweep["points"]]
+        assert gammas == list(SETTINGS.gammas)
+        errors = [point["mass_diagonal"] for point in sweep["points"]]
+        if sweep["noise"]:
+            assert errors[-1] > 10 * errors[0]
+            assert 1e-9 < sweep["chosen_gamma"] < 1e-6
+        else:
+            assert errors == sorted(errors)
+            assert errors[0] < 1e-6
+
+
+def test_table_and_report_hold_the_papers_numbers_beside_ours(
+    outcome: Outcome, results: dict, folder: Path
+) -> None:
+    lines = {line.split("  ")[0]: line for line in outcome.out.splitlines()}
+    assert "below 1 %" in lines["M on the diagonal"]
+    assert "under 2.2 %" in lines["friction coefficients"]
+    samples = results["fits"][0]["samples"]
+    assert lines["Cholesky succeeds"].count(f"{samples} of {samples}") == 4
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    for figure in ("Fig. 3", "Fig. 4", "Fig. 5", "Fig. 6"):
+        assert f"{figure} of the paper" in text
+
+
+def test_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    message = refused("reproduce", "surrogate", "-o", tmp_path / "taken", folder=tmp_path)
+    assert "taken" in message
