@@ -88,7 +88,7 @@ def test_each_joint_gets_the_law_it_has_and_no_other(tmp_path):
             (truth["coulomb.drive4"], truth["viscous.drive4"], 0.2, 0.6),
         )
     )
-    np.testing.assert_allclose(found, true, rtol=0.03)
+    np.testing.assert_allclose(found, true, rtol=0.05)
     choice = result.model.friction_choice
     assert choice.chosen_error < 0.3 * choice.plain_error
     saved = tmp_path / "model.yaml"

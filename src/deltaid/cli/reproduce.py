@@ -1,20 +1,19 @@
 """`deltaid reproduce`: the paper's examples, from excitation to figures."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from deltaid.reproduce.surrogate_result import Reproduction
 
 
 class Example(StrEnum):
     """Which of the paper's examples."""
 
     SURROGATE = "surrogate"
+    IRB360 = "irb360"
 
 
 def register(app: typer.Typer) -> None:
@@ -23,7 +22,12 @@ def register(app: typer.Typer) -> None:
 
 
 def reproduce(
-    example: Annotated[Example, typer.Argument(help="surrogate: the test model of Sec. VII.")],
+    example: Annotated[
+        Example,
+        typer.Argument(
+            help="surrogate: the test model of Sec. VII; irb360: the industrial robot of Sec. VIII."
+        ),
+    ],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for report, results, models and logs.")
     ],
@@ -38,6 +42,12 @@ def reproduce(
 
     The folder is made if it does not exist; files in it are replaced.
     """
+    run = _surrogate if example is Example.SURROGATE else _irb360
+    run(output, seed=seed, starts=starts, quick=quick, as_json=as_json)
+
+
+def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
+    """Sec. VII."""
     from deltaid.cli.output import print_json, progress
     from deltaid.report.page import write_page
     from deltaid.reproduce.surrogate import reproduce_surrogate
@@ -47,31 +57,68 @@ def reproduce(
         prepare_folder,
         write_files,
     )
-    from deltaid.reproduce.surrogate_page import surrogate_page
+    from deltaid.reproduce.surrogate_page import (
+        comparison_columns,
+        comparison_rows,
+        surrogate_page,
+    )
     from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
 
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
-    prepare_folder(output)
+    prepare_folder(folder)
     with progress(as_json) as say:
         result = reproduce_surrogate(settings, progress=say)
         say("writing")
-        write_files(result, output)
-        write_page(surrogate_page(result), output / REPORT)
+        write_files(result, folder)
+        write_page(surrogate_page(result), folder / REPORT)
     if as_json:
         print_json(as_dictionary(result))
-    else:
-        _print(result, output)
-
-
-def _print(result: "Reproduction", folder: Path) -> None:
-    from deltaid.cli.output import console, table
-    from deltaid.reproduce.surrogate_page import comparison_columns, comparison_rows
-
-    columns, rows = comparison_columns(result), comparison_rows(result)
-    console.print(table("Sec. VII, simulated here: certified optimum (conic)", columns, rows))
-    console.print()
-    console.print(
+        return
+    _print(
+        "Sec. VII, simulated here: certified optimum (conic)",
+        comparison_columns(result),
+        comparison_rows(result),
         "ID1 and ID2 start from regularisations below and above the truth (RG1, RG2); the column "
-        "“the paper” holds its own numbers, all others are simulated here"
+        "“the paper” holds its own numbers, all others are simulated here",
+        folder,
     )
+
+
+def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
+    """Sec. VIII."""
+    from deltaid.cli.output import print_json, progress
+    from deltaid.report.page import write_page
+    from deltaid.reproduce.irb360 import reproduce_irb360
+    from deltaid.reproduce.irb360_files import as_dictionary, write_files
+    from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
+    from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
+    from deltaid.reproduce.surrogate_files import REPORT, prepare_folder
+
+    settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
+    prepare_folder(folder)
+    with progress(as_json) as say:
+        result = reproduce_irb360(settings, progress=say)
+        say("writing")
+        write_files(result, folder)
+        write_page(irb360_page(result), folder / REPORT)
+    if as_json:
+        print_json(as_dictionary(result))
+        return
+    _print(
+        "Sec. VIII with a simulated stand-in for the machine",
+        rms_columns(result),
+        rms_rows(result),
+        "rows “the paper” hold its own numbers, of its own machine; all others are simulated here",
+        folder,
+    )
+
+
+def _print(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], note: str, folder: Path
+) -> None:
+    from deltaid.cli.output import console, table
+
+    console.print(table(title, columns, rows))
+    console.print()
+    console.print(note)
     console.print(f"wrote {folder}/report.html, results.json, models, robots and recordings")

@@ -1,5 +1,6 @@
 """A surrogate robot with known truth (Sec. VII) and recordings of it as a drive would log them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -11,6 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.files import written_whole
+from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
@@ -74,10 +76,14 @@ def simulate_recording(
     duration: float = 10.0,
     rate: float = 1000.0,
     noise: SensorNoise | None = None,
+    unmodelled: Callable[[Samples], Samples] | None = None,
 ) -> pl.DataFrame:
     """Time, measured angles and measured torques of a motion: columns t, q1…, tau1….
 
     Without noise the velocities and accelerations are recorded as well.
+
+    Args:
+        unmodelled: torques that no model of the robot has, a function of the drive speeds q̇.
 
     Raises:
         KinematicsError: the motion leaves the workspace.
@@ -86,6 +92,8 @@ def simulate_recording(
     z, zd, zdd = motion.evaluate(time)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = dynamics.torque(z, qd, qdd, p)
+    if unmodelled is not None:
+        tau = tau + unmodelled(qd)
     columns: dict[str, Float[np.ndarray, " samples"]] = {"t": time}
     if noise is None:
         columns |= _named("q", q) | _named("qd", qd) | _named("qdd", qdd) | _named("tau", tau)

@@ -8,7 +8,7 @@ the telescope's slide, of which Sec. VII gives no value, it is that of Sec. VIII
 
 import numpy as np
 
-from deltaid.robot.description import ExplicitInertia, InertiaTensor, RobotDescription
+from deltaid.robot.description import ExplicitInertia, RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
@@ -42,7 +42,9 @@ def nominal_robot(robot: RobotDescription) -> RobotDescription:
         update={
             "name": f"{robot.name}-nominal",
             "bodies": {
-                name: robot.bodies[name].model_copy(update={"prior": _explicit(_body(*values))})
+                name: robot.bodies[name].model_copy(
+                    update={"prior": ExplicitInertia.of(_body(*values))}
+                )
                 for name, values in _BODIES.items()
             },
             "friction": {j: Friction(viscous=v, coulomb=c) for j, (v, c) in _FRICTION.items()},
@@ -64,7 +66,7 @@ def regularisation(
     for body, given in nominal.bodies.items():
         G = np.diag(np.sqrt(rng.uniform(*share, 4)))
         prior = inertia_parameters(G @ pseudo_inertia(given.prior_parameters()) @ G)
-        bodies[body] = given.model_copy(update={"prior": _explicit(prior)})
+        bodies[body] = given.model_copy(update={"prior": ExplicitInertia.of(prior)})
     friction = {
         joint: Friction(
             viscous=law.viscous * rng.uniform(*share), coulomb=law.coulomb * rng.uniform(*share)
@@ -88,13 +90,3 @@ def _body(
     M = np.diag([*second_moments, mass])
     M[:3, 3] = M[3, :3] = first_moment
     return inertia_parameters(M)
-
-
-def _explicit(p: np.ndarray) -> ExplicitInertia:
-    m, x, y, z, *inertia = (float(value) for value in p)
-    names = ("xx", "yy", "zz", "xy", "yz", "xz")
-    return ExplicitInertia(
-        mass=m,
-        first_moment=(x, y, z),
-        inertia=InertiaTensor(**dict(zip(names, inertia, strict=True))),
-    )

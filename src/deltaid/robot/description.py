@@ -119,6 +119,14 @@ class ExplicitInertia(_Part):
             [self.mass, *self.first_moment, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float
         )
 
+    @classmethod
+    def of(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
+        """A body from its ten inertia parameters."""
+        m, x, y, z, *inertia = (float(value) for value in p)
+        names = ("xx", "yy", "zz", "xy", "yz", "xz")
+        tensor = InertiaTensor(**dict(zip(names, inertia, strict=True)))
+        return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
+
 
 class Body(_Part):
     """A body's prior and which of its ten parameters the identification may change.
