@@ -2,12 +2,13 @@
 
 import numpy as np
 import plotly.graph_objects as go
+from jaxtyping import Bool, Float
 from plotly.subplots import make_subplots
 
 from deltaid.excitation.excite import Excitation, Exciter
 from deltaid.report import style
 from deltaid.report.animation import Motion, animation
-from deltaid.report.numbers import interval, number, percent
+from deltaid.report.numbers import WIDTH, interval, number, percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
 
 _SAMPLES = 2000
@@ -60,15 +61,24 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
     drives, torque = dynamics.robot.drives, exciter.preview(run, _SAMPLES)
+    axes = dict(zip("xyz", style.SERIES[4:], strict=True))
+    turns = dict(zip(drives, style.SERIES, strict=False))
     rows = [
-        ("platform [m]", z[:, :3], ("x", "y", "z"), "dash"),
-        ("angle [deg]", np.rad2deg(q), drives, "solid"),
-        ("speed [deg/s]", np.rad2deg(qd), drives, "solid"),
-        ("torque [N m]", torque, drives, "solid"),
+        ("platform [m]", z[:, :3], axes),
+        ("angle [deg]", np.rad2deg(q), turns),
+        ("speed [deg/s]", np.rad2deg(qd), turns),
+        ("torque [N m]", torque, turns),
     ]
-    figure = make_subplots(rows=len(rows), cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    for row, (title, values, names, dash) in enumerate(rows, 1):
-        for i, name in enumerate(names):
+    figure = make_subplots(
+        rows=len(rows),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.03,
+        specs=[[{"secondary_y": True}]] * len(rows),
+    )
+    for row, (title, values, colors) in enumerate(rows, 1):
+        right = _of_another_size(values) if colors is turns else np.zeros(3, dtype=bool)
+        for i, (name, color) in enumerate(colors.items()):
             figure.add_scatter(
                 x=time.astype(np.float32),
                 y=values[:, i].astype(np.float32),
@@ -76,12 +86,16 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
                 legendgroup=name,
                 showlegend=row <= 2,
                 mode="lines",
-                line={"color": style.SERIES[i], "width": 1.4, "dash": dash},
+                line={"color": color, "width": 1.4},
                 hovertemplate=f"{name} %{{y:.4g}} at %{{x:.4g}} s<extra></extra>",
                 row=row,
                 col=1,
+                secondary_y=bool(right[i]),
             )
-        figure.update_yaxes(title_text=title, row=row, col=1)
+            if right[i]:
+                own = {"title_text": name, "color": color, "showgrid": False, "tickmode": "auto"}
+                figure.update_yaxes(own, row=row, col=1, secondary_y=True)
+        figure.update_yaxes(title_text=title, row=row, col=1, secondary_y=False)
     for edge in (run.ramp, run.duration - run.ramp):
         figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
     figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
@@ -89,8 +103,16 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
     return Figure(
         figure,
         "Platform point, drive angles, drive speeds, and the torques that the prior predicts. "
-        "Dotted lines are the ends of the ramps from and to rest.",
+        "A drive whose numbers are of another size has its own axis on the right. Dotted lines are "
+        "the ends of the ramps from and to rest.",
     )
+
+
+def _of_another_size(values: Float[np.ndarray, "samples drives"]) -> Bool[np.ndarray, " drives"]:
+    """Which columns are so much larger or smaller than most that one of both would look flat."""
+    sizes = np.abs(values).max(axis=0)
+    usual = np.median(sizes)
+    return (sizes > 5 * usual) | (sizes < 0.2 * usual)
 
 
 def _limits(result: Excitation) -> Figure:
@@ -117,7 +139,7 @@ def _predictions(exciter: Exciter, result: Excitation) -> tuple[Text, Table]:
             p.formula,
             number(p.value),
             f"{p.std:.2g}",
-            interval(p.value, p.std),
+            interval(p.value, WIDTH * p.std),
             p.unit,
             percent(p.std / abs(p.value)) if abs(p.value) > p.std else "—",
         )

@@ -9,7 +9,7 @@ from deltaid.identification.base import symbol
 from deltaid.identification.identify import Identification
 from deltaid.identification.information import triangle
 from deltaid.report import style
-from deltaid.report.numbers import interval, number, with_uncertainty
+from deltaid.report.numbers import WIDTH, interval, number, with_uncertainty
 from deltaid.report.page import Figure, Section, Table, Text
 
 
@@ -43,7 +43,7 @@ def _table(result: Identification) -> Table:
             str(i + 1),
             formula,
             with_uncertainty(value, std)[0],
-            interval(value, std),
+            interval(value, WIDTH * std),
             unit,
         )
         for i, (formula, value, std, unit) in enumerate(

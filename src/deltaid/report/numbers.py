@@ -2,6 +2,9 @@
 
 import math
 
+# Half the 95 % interval of a normal distribution, in standard deviations.
+WIDTH = 1.96
+
 
 def number(value: float, digits: int = 4) -> str:
     """A number to so many significant digits."""
@@ -24,12 +27,12 @@ def percent(value: float) -> str:
     return f"{100 * value:.2g} %"
 
 
-def interval(value: float, std: float) -> str:
-    """The interval of 95 %, value ± 1.96 standard deviations, as 'low … high'."""
-    if not std > 0 or not math.isfinite(std):
+def interval(value: float, half: float) -> str:
+    """An interval of value ± half its width as 'low … high', two digits of half of it."""
+    if not half > 0 or not math.isfinite(half):
         return number(value)
-    low, high = value - 1.96 * std, value + 1.96 * std
-    place = 1 - math.floor(math.log10(std))
+    low, high = value - half, value + half
+    place = 1 - math.floor(math.log10(half))
     if max(abs(low), abs(high)) >= 1e5 or place > 7 or place < 0:
         return f"{low:.3g} … {high:.3g}"
     return f"{low:.{place}f} … {high:.{place}f}"

@@ -10,7 +10,7 @@
   const current = () => templates[scheme.matches ? "dark" : "light"];
   const config = { responsive: true, displaylogo: false };
 
-  const plots = [...document.querySelectorAll(".plot")];
+  const plots = [...document.querySelectorAll(".drawing")];
   const drawn = plots.map((plot) => {
     const data = plot.querySelector("script");
     const { data: traces, layout, frames } = read(data);
@@ -21,6 +21,10 @@
       frames: frames || [],
       config,
     });
+  });
+  // An animation that is paused ends with a rejection without a reason; that is no error.
+  window.addEventListener("unhandledrejection", (event) => {
+    if (event.reason === undefined) event.preventDefault();
   });
   Promise.all(drawn).then(() => document.documentElement.classList.add("drawn"));
 

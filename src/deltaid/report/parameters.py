@@ -4,7 +4,7 @@ import plotly.graph_objects as go
 
 from deltaid.identification.model import IdentifiedModel, Parameter
 from deltaid.report import style
-from deltaid.report.numbers import interval, number, with_uncertainty
+from deltaid.report.numbers import WIDTH, interval, number, with_uncertainty
 from deltaid.report.page import Figure, Section, Table, Text
 
 _NONE = "—"
@@ -60,7 +60,7 @@ def _value(parameter: Parameter) -> tuple[str, str]:
     """Value and interval; only what the data decided has one."""
     if parameter.determined_by == "data":
         return with_uncertainty(parameter.value, parameter.std)[0], interval(
-            parameter.value, parameter.std
+            parameter.value, WIDTH * parameter.std
         )
     bound = "≥ " if parameter.determined_by == "consistency" else ""
     return bound + number(parameter.value), _NONE
@@ -124,4 +124,4 @@ def _change(parameter: Parameter) -> float:
 def _spread(parameter: Parameter) -> float:
     """Half the 95 % interval in per cent of the prior; nothing where the data did not decide."""
     decided = parameter.determined_by == "data"
-    return 196 * parameter.std / abs(parameter.prior) if decided else 0.0
+    return 100 * WIDTH * parameter.std / abs(parameter.prior) if decided else 0.0

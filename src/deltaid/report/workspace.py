@@ -8,7 +8,7 @@ from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 _ANGLES = np.linspace(0.0, 2 * np.pi, 73)
 _LIFTED = np.full((1, 3), np.nan)
 
-Line = Float[np.ndarray, "points 3"]
+Line = Float[np.ndarray, "_ 3"]
 
 
 def outline(workspace: Cylinder | Hemisphere | Box) -> Line:

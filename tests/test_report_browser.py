@@ -1,0 +1,203 @@
+"""The report in headless Chromium: it draws, moves, fits, goes dark, prints, and asks nobody."""
+
+import shutil
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from command import run
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+
+ARGUMENTS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+)  # fmt: skip
+# What Chromium says about its own speed when Plotly reads pixels back; nothing is wrong then.
+BROWSERS_OWN = ("willReadFrequently", "GPU stall due to ReadPixels")
+PAGES = ("identify", "validate", "excite")
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One report of each command."""
+    folder = tmp_path_factory.mktemp("reports")
+    assert run("demo", "--keep", folder).code == 0
+    robot, log, verify = (folder / name for name in ("robot.yaml", "identify.csv", "verify.csv"))
+    pages = {name: folder / f"{name}.html" for name in PAGES}
+    commands = (
+        ("identify", robot, log, "--verify", verify, "--report", pages["identify"]),
+        ("validate", folder / "model.yaml", verify, "--report", pages["validate"]),
+        ("excite", "clavel-delta3", "--starts", 1, "--duration", 3, "--report", pages["excite"]),
+    )
+    assert [run(*command).code for command in commands] == [0, 0, 0]
+    return pages
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+class Visit:
+    """A report opened from disk, with all that it said and asked for."""
+
+    def __init__(self, browser, path: Path, width: int = 1280, scheme: str = "light") -> None:
+        viewport = {"width": width, "height": 900}
+        self.context = browser.new_context(viewport=viewport, color_scheme=scheme)
+        self.page = self.context.new_page()
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.page.on("console", lambda message: self._hear(message.type, message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html.drawn", timeout=60_000, state="attached")
+
+    def _hear(self, kind: str, text: str) -> None:
+        harmless = any(own in text for own in BROWSERS_OWN)
+        if kind in ("error", "warning") and not harmless:
+            self.said.append(f"{kind}: {text}")
+
+    def __enter__(self) -> "Visit":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.context.close()
+
+    def fits(self) -> bool:
+        """Whether nothing makes the page wider than the window."""
+        return self.page.evaluate(
+            "document.scrollingElement.scrollWidth <= window.innerWidth && [...document"
+            ".querySelectorAll('.drawing')].every((p) => p._fullLayout.width <= p.clientWidth + 1)"
+        )
+
+    def brightness(self, selector: str, style: str = "color") -> float:
+        """Of a colour of the first such element: 0 black, 1 white."""
+        color = self.page.locator(selector).first.evaluate(
+            "(element, style) => getComputedStyle(element)[style]", style
+        )
+        return float(np.mean([float(v) for v in color[color.index("(") + 1 : -1].split(",")[:3]]))
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_everything_is_drawn_and_nothing_is_asked_for(
+    browser, reports: dict[str, Path], name: str
+) -> None:
+    with Visit(browser, reports[name]) as visit:
+        page = visit.page
+        expected = page.locator(".drawing").count()
+        assert expected >= {"identify": 13, "validate": 6, "excite": 3}[name]
+        assert page.locator(".js-plotly-plot svg.main-svg").count() >= expected
+        assert page.locator(".no-webgl").count() == 0
+        flat = page.evaluate(
+            "[...document.querySelectorAll('.drawing')].filter((d) => !d.querySelector('canvas'))"
+            ".map((d) => d.querySelectorAll('.trace path, .cartesianlayer image').length)"
+        )
+        assert min(flat) > 0
+        solid = page.locator(".drawing").filter(has=page.locator("canvas"))
+        assert solid.count() == (2 if name == "identify" else 1) == expected - len(flat)
+        for i in range(solid.count()):
+            assert _inked(solid.nth(i).locator("canvas").screenshot()) > 0.003
+        assert visit.fits()
+        assert visit.said == []
+        assert visit.asked == [reports[name].as_uri()]
+
+
+def test_the_robot_moves_while_playing_and_stops(browser, reports: dict[str, Path]) -> None:
+    with Visit(browser, reports["identify"]) as visit:
+        page = visit.page
+        plot = page.locator(".drawing").filter(has=page.locator(".updatemenu-button"))
+        assert plot.count() == 1
+        arms = "p => [...p._fullData.find((t) => t.name === 'upper arms').z].filter(isFinite)"
+        before, seen = plot.evaluate(arms), plot.screenshot()
+        plot.locator(".updatemenu-button", has_text="Play").click()
+        page.wait_for_timeout(1500)
+        plot.locator(".updatemenu-button", has_text="Pause").click()
+        page.wait_for_timeout(500)
+        stopped = plot.evaluate(arms)
+        page.wait_for_timeout(500)
+        assert np.abs(np.subtract(stopped, before)).max() > 0.01
+        assert _changed(seen, plot.screenshot()) > 0.001
+        assert plot.evaluate(arms) == stopped
+        assert visit.said == []
+
+
+def test_time_axes_zoom_together(browser, reports: dict[str, Path]) -> None:
+    with Visit(browser, reports["validate"]) as visit:
+        plot = visit.page.locator(".drawing").first
+        panel = plot.locator(".nsewdrag").first
+        box = panel.bounding_box()
+        assert box is not None
+        middle = box["y"] + box["height"] / 2
+        visit.page.mouse.move(box["x"] + 0.4 * box["width"], middle)
+        visit.page.mouse.down()
+        visit.page.mouse.move(box["x"] + 0.6 * box["width"], middle, steps=5)
+        visit.page.mouse.up()
+        visit.page.wait_for_timeout(300)
+        ranges = plot.evaluate(
+            """p => Object.keys(p._fullLayout).filter((k) => /^xaxis[0-9]*$/.test(k))
+                .map((k) => p._fullLayout[k].range)"""
+        )
+        assert len(ranges) == 8
+        assert ranges == [ranges[0]] * 8
+        low, high = ranges[0]
+        assert 7 < low < 9 < 11 < high < 13
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_phone_scrolls_only_downwards(browser, reports: dict[str, Path], name: str) -> None:
+    with Visit(browser, reports[name], width=390) as visit:
+        assert visit.fits()
+        tables = visit.page.locator(".scroll")
+        assert any(
+            tables.nth(i).evaluate("box => box.scrollWidth > box.clientWidth")
+            for i in range(tables.count())
+        )
+        assert visit.said == []
+
+
+def test_dark_light_and_paper(browser, reports: dict[str, Path]) -> None:
+    with Visit(browser, reports["excite"], scheme="dark") as visit:
+        tick = ".drawing .xtick text"
+        assert visit.brightness("body", "backgroundColor") < 60
+        assert visit.brightness("body") > 190
+        assert visit.brightness(tick, "fill") > 190
+        assert visit.page.pdf()[:4] == b"%PDF"
+        visit.page.wait_for_timeout(300)
+        assert visit.brightness(tick, "fill") > 190
+        assert visit.fits()
+        visit.page.emulate_media(color_scheme="light")
+        visit.page.wait_for_timeout(300)
+        assert visit.brightness("body", "backgroundColor") > 240
+        assert visit.brightness(tick, "fill") < 70
+        visit.page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+        visit.page.wait_for_timeout(300)
+        widths = "[...document.querySelectorAll('.drawing')].map((p) => p._fullLayout.width)"
+        assert visit.page.evaluate(widths) == [680] * 3
+        assert visit.said == []
+
+
+def _pixels(png: bytes) -> np.ndarray:
+    return imread(BytesIO(png), format="png")[:, :, :3]
+
+
+def _inked(png: bytes) -> float:
+    """Share of pixels that are coloured, not grey."""
+    pixels = _pixels(png)
+    return float(np.mean(np.ptp(pixels, axis=2) > 0.2))
+
+
+def _changed(before: bytes, after: bytes) -> float:
+    """Share of pixels that differ between two pictures of one size."""
+    return float(np.mean(np.abs(_pixels(before) - _pixels(after)).max(axis=2) > 0.1))
