@@ -56,7 +56,7 @@ def rms_rows(result: Irb360) -> Rows:
         ("the paper: drive 4 retuned", (None, None, None, RMS_RETUNED)),
     ]
     rows = [
-        (name, "its own", *("–" if v is None else number(v, 2) for v in values))
+        (name, "its own", *("—" if v is None else number(v, 2) for v in values))
         for name, values in paper
     ]
     for motion in ("slow", "fast"):
@@ -131,32 +131,25 @@ def _table_one(result: Irb360) -> Section:
         for name in (SIMPLE, GEOM)
         if (candidate := result.candidate(name)).identification is not None
     }
-    names = result.dynamics.layout.names
-    rows, muted = [], []
-    for k, (name, printed) in enumerate(TABLE.items()):
+    rows = []
+    for name, printed in TABLE.items():
         cells = [name + (" *" if name in DETERMINED else ""), *(number(v, 3) for v in printed)]
-        truth = result.truth[names.index(name)]
-        cells.append(number(truth, 3))
-        from_prior = []
-        for model in models.values():
-            parameter = model.parameters[model.layout.names.index(name)]
-            from_prior.append(parameter.determined_by != "data")
-            mark = " (prior)" if from_prior[-1] else ""
-            cells.append(number(parameter.value, 3) + mark)
-        if all(from_prior):
-            muted.append(k)
-        rows.append(tuple(cells))
-    columns = ("", *(f"paper: {c}" for c in COLUMNS), "stand-in", *(f"here: {n}" for n in models))
+        found = [m.parameters[m.layout.names.index(name)] for m in models.values()]
+        origin = {parameter.determined_by for parameter in found}
+        cells += [number(parameter.value, 3) for parameter in found]
+        rows.append((*cells, ", ".join(sorted(origin))))
+    columns = ("", *(f"paper: {c}" for c in COLUMNS), *(f"here: {n}" for n in models), "from")
     return Section(
         "Table I",
         (
             Text(
-                "SI units. The truth of the stand-in is the paper's column ID geom. Of the entries "
-                "marked “prior” the torques determine nothing by themselves: they stay near the "
-                "regularisation, and base parameters, mass matrix and torques are right all the "
-                "same. This is why the paper's two columns of identified values differ."
+                "SI units. The truth of the stand-in is the paper's column ID geom. Entries that "
+                "come “from the prior” are not determined by torques alone: they stay near "
+                "the regularisation, while base parameters, mass matrix and torques are right all "
+                "the same. This is why the paper's two columns of identified values differ, and "
+                "ours."
             ),
-            Table(columns, tuple(rows), _DETERMINED_TEXT, frozenset(muted)),
+            Table(columns, tuple(rows), _DETERMINED_TEXT),
             _friction_table(result),
         ),
     )
@@ -175,7 +168,7 @@ def _friction_table(result: Irb360) -> Table:
     for joint, values in FRICTION.items():
         for kind, value in zip(("viscous", "coulomb"), values, strict=True):
             at = names.index(f"{kind}.{joint}")
-            truth = "not this law" if joint == "drive4" else number(result.truth[at], 4)
+            truth = "—" if joint == "drive4" else number(result.truth[at], 4)
             rows.append(
                 (names[at], number(value, 4), truth, *(number(float(f.p[at]), 4) for f in fits))
             )
@@ -183,7 +176,12 @@ def _friction_table(result: Irb360) -> Table:
     found = (number(float(f.p[at]), 3) for f in fits)
     rows.append(("rotor.drive4", number(ROTOR, 3), number(result.truth[at], 3), *found))
     columns = ("", "the paper", "stand-in", *(f"here: {f.name}" for f in fits))
-    return Table(columns, tuple(rows), "Friction and the fourth motor's inertia, Sec. VIII B.")
+    return Table(
+        columns,
+        tuple(rows),
+        "Friction and the fourth motor's inertia, Sec. VIII B. Drive 4 of the stand-in has another "
+        "law.",
+    )
 
 
 def _rms_table(result: Irb360) -> Table:
