@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import IdentificationError
 from deltaid.identification.base import BaseParameters, base_parameters
 from deltaid.identification.conic import Solution, solve_conic
-from deltaid.identification.information import Information, gather, merge
+from deltaid.identification.friction_choice import choose_friction
+from deltaid.identification.information import Information, gather, merge, places_of
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import solve_log_cholesky
 from deltaid.identification.model import (
     Fit,
     IdentifiedModel,
-    Parameter,
     Settings,
     Source,
     eigenvalues,
@@ -28,10 +30,17 @@ from deltaid.identification.objective import (
     default_gamma,
     noise_level,
 )
+from deltaid.identification.places import Places
 from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import build_regularizer, prior_scale
+from deltaid.identification.regularizer import build_regularizer
+from deltaid.identification.scatter import Groups
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.identification.uncertainty import doubts, standard_deviations
+from deltaid.identification.uncertainty import (
+    doubts,
+    judged_base,
+    judged_parameters,
+    uncertainty,
+)
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
@@ -39,6 +48,9 @@ from deltaid.recording.windows import FilteredLog, open_logs
 from deltaid.robot.description import RobotDescription
 
 Progress = Callable[[str], None]
+
+# How often load-dependent friction is fitted again at most, and when its shares have settled.
+_LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-6
 
 
 @dataclass(frozen=True)
@@ -81,7 +93,7 @@ def identify(
         robot: the description with geometry, priors and reductions.
         logs: CSV or Parquet files.
         columns: names and units of their columns, if not the default ones.
-        settings: method, regulariser, γ, filter.
+        settings: method, regulariser, γ, filter, friction laws.
         progress: called with a sentence before each stage.
 
     Raises:
@@ -89,29 +101,30 @@ def identify(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings = settings or Settings()
+    filtered = open_logs(logs, compiled(robot).kinematics, columns, settings.cutoff, progress)
+    choice = None
+    if settings.friction == "choose":
+        robot, choice = choose_friction(robot, filtered, progress)
     dynamics = compiled(robot)
-    filtered = open_logs(logs, dynamics.kinematics, columns, settings.cutoff, progress)
-    parts = []
-    for log, low_pass in filtered:
-        progress(f"evaluating {log.samples} samples of {log.path}")
-        parts.append(gather(dynamics, log, low_pass))
+    parts, places, reduction, objective, solution = _fitted(dynamics, filtered, settings, progress)
     blocks = tuple(block for part in parts for block in part)
     information = merge(blocks)
-    progress("fitting")
     base = base_parameters(information, dynamics.layout)
-    reduction = build_reduction(robot, information.columns)
-    objective = build_objective(information, reduction, settings)
-    solution = solve(objective, reduction, settings)
+    estimate = estimate_base(base, information, groups=Groups(blocks, places.sums))
+    p, spread = reduction.parameters(solution.x), settings.prior_spread
+    uncertain = uncertainty(objective, reduction, information, base, estimate.noise)
     progress("comparing torques")
-    errors = [torque_error(dynamics, reduction.parameters(solution.x), *one) for one in filtered]
+    errors = [torque_error(dynamics, p, *one) for one in filtered]
     used = [sum(block.samples for block in part) for part in parts]
     model = IdentifiedModel(
         deltaid=version("deltaid"),
         robot=robot,
-        parameters=_parameters(reduction, solution, objective, information, settings),
-        consistency=eigenvalues(dynamics.layout, reduction.parameters(solution.x)),
+        parameters=judged_parameters(p, reduction, uncertain, information.columns, spread),
+        base_parameters=judged_base(base, estimate),
+        consistency=eigenvalues(dynamics.layout, p),
         fit=_fit(solution, objective, information, base, reduction, _mean(errors, used)),
         settings=settings,
+        friction_choice=choice,
         sources=tuple(
             _source(log, low_pass, count)
             for (log, low_pass), count in zip(filtered, used, strict=True)
@@ -121,9 +134,42 @@ def identify(
             *doubts(reduction, solution, objective, information),
         ),
     )
-    estimate = estimate_base(base, information)
     return Identification(
         model, base, estimate, information, blocks, reduction, solution, tuple(filtered)
+    )
+
+
+def _fitted(
+    dynamics: Dynamics, filtered: Sequence[FilteredLog], settings: Settings, progress: Progress
+) -> tuple[list[tuple[Information, ...]], Places, Reduction, Objective, Solution]:
+    """Blocks of each recording, places of all of them, and the fit.
+
+    Friction that depends on load sees the torques of the fit before, beginning with the prior,
+    until its coefficients stay as they are.
+
+    Raises:
+        IdentificationError: they do not, or the fit fails.
+    """
+    robot, layout = dynamics.robot, dynamics.layout
+    shares = [layout.names.index(f"load.{drive}") for drive in robot.load_drives]
+    load = prior_parameters(robot) if shares else None
+    for _ in range(_LOAD_ROUNDS):
+        parts, places = [], places_of(dynamics, [log for log, _ in filtered])
+        for log, low_pass in filtered:
+            progress(f"evaluating {log.samples} samples of {log.path}")
+            parts.append(gather(dynamics, log, low_pass, places, load))
+        information = merge(block for part in parts for block in part)
+        progress("fitting")
+        reduction = build_reduction(robot, information.columns)
+        objective = build_objective(information, reduction, settings)
+        solution = solve(objective, reduction, settings)
+        p = reduction.parameters(solution.x)
+        if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+            return parts, places, reduction, objective, solution
+        load = p
+    raise IdentificationError(
+        "friction that depends on load does not settle: the recording cannot tell it from the rest",
+        cure="leave the load term out of the friction law",
     )
 
 
@@ -149,41 +195,6 @@ def solve(objective: Objective, reduction: Reduction, settings: Settings) -> Sol
         return solution
     bound = solve_conic(objective, reduction).bound
     return Solution(solution.x, solution.objective, bound, solution.iterations, solution.status)
-
-
-def _parameters(
-    reduction: Reduction,
-    solution: Solution,
-    objective: Objective,
-    information: Information,
-    settings: Settings,
-) -> tuple[Parameter, ...]:
-    layout, p = reduction.layout, reduction.parameters(solution.x)
-    std, prior_std = standard_deviations(objective, reduction, solution, information)
-    spread = settings.prior_spread * prior_scale(reduction)
-    free = np.any(reduction.A != 0, axis=1)
-    rows = []
-    for i, name in enumerate(layout.names):
-        if free[i]:
-            by, deviation = ("data" if std[i] < 0.5 * prior_std[i] else "prior"), std[i]
-        elif p[i] != 0 and i in information.columns:
-            by, deviation = "fixed", 0.0
-        elif p[i] != 0:
-            by = "prior" if np.isclose(p[i], reduction.p_reg[i], rtol=1e-9) else "consistency"
-            deviation = spread[i]
-        else:
-            by, deviation = "structure", 0.0
-        rows.append(
-            Parameter(
-                name=name,
-                value=float(p[i]),
-                std=float(deviation),
-                unit=layout.units[i],
-                prior=float(reduction.p_reg[i]),
-                determined_by=by,
-            )
-        )
-    return tuple(rows)
 
 
 def _fit(

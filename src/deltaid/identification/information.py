@@ -6,7 +6,7 @@ of chunks stack and factor again (tall-skinny QR), so memory stays constant, res
 chunks, logs and machines, and no digits are lost to normal equations.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -14,11 +14,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import lapack
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
+from deltaid.identification.places import Chunk, Places
 from deltaid.recording.filter import LowPass, apply
 from deltaid.recording.log import Log
-from deltaid.recording.windows import WINDOW, Window, windows
+from deltaid.recording.windows import WINDOW, windows
 
 # Entries of a matrix that is factored at once. Above 8192 OpenBLAS divides each column's step among
 # threads, which for matrices this narrow takes longer, and very much longer where other work shares
@@ -67,29 +68,40 @@ class Information:
         return np.linalg.norm(self.factors[:, :, -1], axis=1) / np.sqrt(self.samples)
 
 
-def gather(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> tuple[Information, ...]:
+def gather(
+    regressor: Regressor,
+    log: Log,
+    low_pass: LowPass | None,
+    places: Places | None = None,
+    load: Parameters | None = None,
+) -> tuple[Information, ...]:
     """The information of one log, in consecutive blocks of equal length, read in constant memory.
 
     With a filter, the same filter goes over torques and regressor, and what remains is thinned to
     the rate that the cut-off allows. `merge` puts the blocks together; apart they tell how much
-    results change from one stretch of the recording to the next.
+    results change from one stretch of the recording to the next. `places`, if given, takes in
+    every sample as well.
+
+    Friction that depends on load sees the torques that parameters `load` predict. Without them it
+    sees the measured ones, whose noise then stands on both sides of the equation.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere.
     """
-    samples = (
-        _evaluated(dynamics, w, low_pass) for w in windows(log, dynamics.kinematics, low_pass)
-    )
-    lost, thinned = (len(low_pass.first), low_pass.decimation) if low_pass else (0, 1)
-    length = max(1, -(-(log.samples - lost) // (thinned * BLOCKS)))
+    of_drive = _columns_of_drives(regressor)
+    rows = regressor.regressor_pattern[0]
+
+    def chunks(values: np.ndarray, tau: np.ndarray) -> list[Chunk]:
+        return [(at, np.vstack([values[rows == i], tau[i]])) for i, at in enumerate(of_drive)]
+
+    samples = _samples(regressor, log, low_pass, places, chunks, load)
     return tuple(
-        _factorise(dynamics, (piece for _, piece in block), str(log.path))
-        for _, block in groupby(_numbered(samples, length), key=lambda numbered: numbered[0])
+        _factorise(regressor, block, str(log.path)) for block in _blocks(samples, log, low_pass)
     )
 
 
 def gather_samples(
-    dynamics: Dynamics,
+    regressor: Regressor,
     z: Float[np.ndarray, "samples dof"],
     qd: Float[np.ndarray, "samples dof"],
     qdd: Float[np.ndarray, "samples dof"],
@@ -97,10 +109,10 @@ def gather_samples(
 ) -> Information:
     """The information of samples in memory."""
     pieces = (
-        (dynamics.sparse_regressor(z[part], qd[part], qdd[part], tau[part]).values, tau[part].T)
+        (regressor.sparse_regressor(z[part], qd[part], qdd[part], tau[part]).values, tau[part].T)
         for part in (slice(i, i + WINDOW) for i in range(0, len(z), WINDOW))
     )
-    return _factorise(dynamics, pieces, "samples")
+    return _factorise(regressor, pieces, "samples")
 
 
 def merge(parts: Iterable[Information]) -> Information:
@@ -119,42 +131,92 @@ def merge(parts: Iterable[Information]) -> Information:
 
 
 def whitened(
-    dynamics: Dynamics,
+    regressor: Regressor,
     log: Log,
     low_pass: LowPass | None,
     whitening: Float[np.ndarray, "dof dof"],
-) -> Float[np.ndarray, "augmented augmented"]:
-    """Factor of W^½ [Ȳ, τ̄] with W = Σ⁻¹ full over the drives of a sample; `whitening` is Σ^-½.
+    places: Places | None = None,
+) -> tuple[Float[np.ndarray, "rank augmented"], ...]:
+    """Factors of W^½ [Ȳ, τ̄] with W = Σ⁻¹ full over the drives of a sample; `whitening` is Σ^-½.
 
-    A second pass over the log, because rows of different drives are mixed.
+    One factor a block, as in `gather`. A second pass over the log, because rows of different drives
+    are mixed.
     """
-    columns = active_columns(dynamics)
-    rows, entries = dynamics.regressor_pattern
+    columns = active_columns(regressor)
+    rows, entries = regressor.regressor_pattern
     position = {column: k for k, column in enumerate(columns)}
     where = np.array([position[c] for c in entries])
-    factor = np.zeros((0, len(columns) + 1))
-    for window in windows(log, dynamics.kinematics, low_pass):
-        values, tau = _evaluated(dynamics, window, low_pass)
-        full = np.zeros((dynamics.dof, len(columns) + 1, values.shape[1]))
+    everything = np.arange(len(columns) + 1)
+
+    def mixed(values: np.ndarray, tau: np.ndarray) -> Float[np.ndarray, "dof augmented samples"]:
+        full = np.zeros((regressor.dof, len(everything), values.shape[1]))
         full[rows, where] = values
         full[:, -1] = tau
-        mixed = np.einsum("ij,jks->kis", whitening, full).reshape(len(columns) + 1, -1)
-        factor = _chunk_triangle(np.hstack([factor.T, mixed]))
-    return factor
+        return np.einsum("ij,jks->iks", whitening, full)
+
+    def chunks(values: np.ndarray, tau: np.ndarray) -> list[Chunk]:
+        return [(everything, drive) for drive in mixed(values, tau)]
+
+    factors = []
+    for block in _blocks(_samples(regressor, log, low_pass, places, chunks), log, low_pass):
+        factor = np.zeros((0, len(everything)))
+        for values, tau in block:
+            factor = _chunk_triangle(np.hstack([factor.T, *mixed(values, tau)]))
+        factors.append(factor)
+    return tuple(factors)
 
 
-def active_columns(dynamics: Dynamics) -> Int[np.ndarray, " columns"]:
+def places_of(regressor: Regressor, logs: Iterable[Log]) -> Places:
+    """Empty places over the range that recordings cover together."""
+    return Places(logs, regressor.dof, len(active_columns(regressor)) + 1)
+
+
+def active_columns(regressor: Regressor) -> Int[np.ndarray, " columns"]:
     """Parameters whose column of Y is not zero by structure, in the order of p."""
-    return np.unique(dynamics.regressor_pattern[1])
+    return np.unique(regressor.regressor_pattern[1])
 
 
-def _evaluated(dynamics: Dynamics, window: Window, low_pass: LowPass | None) -> _Piece:
-    """Nonzero regressor entries and torques of a window, both filtered and thinned alike."""
-    values = dynamics.sparse_regressor(window.z, window.qd, window.qdd, window.tau).values
-    tau = window.tau.T
-    if low_pass is None:
-        return values, tau
-    return tuple(apply(low_pass.smooth, x, low_pass.decimation) for x in (values, tau))  # pyright: ignore[reportReturnType]
+def _columns_of_drives(regressor: Regressor) -> list[Int[np.ndarray, " rows"]]:
+    """For each drive, which columns of [Y, τ] its nonzero entries and its torque stand in."""
+    columns = active_columns(regressor)
+    rows, entries = regressor.regressor_pattern
+    return [
+        np.append(np.searchsorted(columns, entries[rows == i]), len(columns))
+        for i in range(regressor.dof)
+    ]
+
+
+def _samples(
+    regressor: Regressor,
+    log: Log,
+    low_pass: LowPass | None,
+    places: Places | None,
+    chunks: Callable[[np.ndarray, np.ndarray], Iterable[Chunk]],
+    load: Parameters | None = None,
+) -> Iterator[_Piece]:
+    """Nonzero regressor entries and torques, both filtered and thinned alike, window by window."""
+    for window in windows(log, regressor.kinematics, low_pass):
+        motion = (window.z, window.qd, window.qdd)
+        seen = window.tau if load is None else regressor.torque(*motion, load)
+        values, tau, z = regressor.sparse_regressor(*motion, seen).values, window.tau.T, window.z
+        if low_pass is not None:
+            values = apply(low_pass.smooth, values, low_pass.decimation)
+            tau = apply(low_pass.smooth, tau, low_pass.decimation)
+            half = len(low_pass.smooth) // 2
+            z = z[half : len(z) - half : low_pass.decimation]
+        if places is not None:
+            places.add(z, chunks(values, tau))
+        yield values, tau
+
+
+def _blocks(
+    samples: Iterator[_Piece], log: Log, low_pass: LowPass | None
+) -> Iterator[Iterator[_Piece]]:
+    """The samples of each block of a log, all blocks of equal length but the last."""
+    lost, thinned = (len(low_pass.first), low_pass.decimation) if low_pass else (0, 1)
+    length = max(1, -(-(log.samples - lost) // (thinned * BLOCKS)))
+    for _, block in groupby(_numbered(samples, length), key=lambda numbered: numbered[0]):
+        yield (piece for _, piece in block)
 
 
 def _numbered(pieces: Iterable[_Piece], length: int) -> Iterator[tuple[int, _Piece]]:
@@ -171,14 +233,13 @@ def _numbered(pieces: Iterable[_Piece], length: int) -> Iterator[tuple[int, _Pie
 
 
 def _factorise(
-    dynamics: Dynamics,
+    regressor: Regressor,
     pieces: Iterable[_Piece],
     where: str,
 ) -> Information:
-    columns = active_columns(dynamics)
-    rows, entries = dynamics.regressor_pattern
-    n, dof = len(columns), dynamics.dof
-    of_drive = [np.searchsorted(columns, entries[rows == i]) for i in range(dof)]
+    columns, of_drive = active_columns(regressor), _columns_of_drives(regressor)
+    rows = regressor.regressor_pattern[0]
+    n, dof = len(columns), regressor.dof
     factors = np.zeros((dof, n + 1, n + 1))
     samples, torque_max = 0, np.zeros(dof)
     for values, tau in pieces:
@@ -186,7 +247,7 @@ def _factorise(
             chunk = np.vstack([values[rows == i], tau[i]])
             widened = np.zeros((chunk.shape[0], n + 1))
             R = _chunk_triangle(chunk)
-            widened[: len(R), np.append(of_drive[i], n)] = R
+            widened[: len(R), of_drive[i]] = R
             factors[i] = triangle(np.vstack([factors[i], widened]))
         samples += tau.shape[1]
         torque_max = np.maximum(torque_max, np.abs(tau).max(axis=1, initial=0.0))

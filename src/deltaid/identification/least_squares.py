@@ -5,7 +5,7 @@ p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The wei
 (Gauss–Markov, of least variance when the noise is white in time).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base import BaseParameters, base_parameters
@@ -24,9 +24,11 @@ from deltaid.identification.information import (
     gather,
     gather_samples,
     merge,
+    places_of,
     triangle,
     whitened,
 )
+from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.columns import ColumnMapping
@@ -37,13 +39,24 @@ LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Least-squares values of the base parameters with their standard deviations."""
+    """Least-squares values of the base parameters and how far they can be trusted.
+
+    Attributes:
+        method: the weight.
+        values: p_B.
+        std: their standard deviations.
+        interval: half the widths of their 95 % intervals.
+        full: a vector p with these base parameters: representatives carry the values, the rest is
+            zero.
+        noise: what standard deviations and intervals come from.
+    """
 
     method: LeastSquaresMethod
     values: Float[np.ndarray, " base"]
     std: Float[np.ndarray, " base"]
+    interval: Float[np.ndarray, " base"]
     full: Float[np.ndarray, " parameters"]
-    """A vector p with these base parameters: representatives carry the values, the rest is zero."""
+    noise: Noise
 
 
 def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
@@ -80,10 +93,10 @@ def identify_base(
         IdentificationError: the motion does not determine the base parameters.
     """
     filtered = open_logs(logs, dynamics.kinematics, columns, cutoff)
-    information = merge([block for one in filtered for block in gather(dynamics, *one)])
+    information, groups = gather_groups(dynamics, filtered)
     base = base_parameters(information, dynamics.layout)
     if method != "gauss-markov":
-        return base, estimate_base(base, information, method)
+        return base, estimate_base(base, information, method, groups)
     first = estimate_base(base, information, "weighted")
     covariance = _residual_covariance(dynamics, first, filtered)
     try:
@@ -95,37 +108,64 @@ def identify_base(
             cure="use weighted least squares",
         ) from None
     whitening = solve_triangular(L, np.eye(dynamics.dof), lower=True)
-    factors = [whitened(dynamics, *one, whitening) for one in filtered]
-    return base, estimate_gauss_markov(base, information, triangle(np.vstack(factors)))
+    return base, estimate_gauss_markov(base, information, dynamics, filtered, whitening)
+
+
+def gather_groups(
+    regressor: Regressor,
+    filtered: Sequence[FilteredLog],
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Information, Groups]:
+    """The information of some recordings together, and in groups.
+
+    Raises:
+        IdentificationError: the regressor is not finite somewhere.
+    """
+    places = places_of(regressor, [log for log, _ in filtered])
+    blocks = []
+    for log, low_pass in filtered:
+        progress(f"evaluating {log.samples} samples of {log.path}")
+        blocks += gather(regressor, log, low_pass, places)
+    return merge(blocks), Groups(tuple(blocks), places.sums)
 
 
 def estimate_base(
     base: BaseParameters,
     information: Information,
     method: Literal["ordinary", "weighted"] = "weighted",
+    groups: Groups | None = None,
 ) -> BaseEstimate:
-    """Ordinary (W = I) or weighted (W = diag(τ_max)⁻²) least squares, with standard deviations.
+    """Ordinary (W = I) or weighted (W = diag(τ_max)⁻²) least squares, with intervals.
 
-    Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
+    With groups of the samples, intervals come from the scatter between these (`scatter`). Without,
+    the noise is taken to be white: Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
     """
     dof = len(information.factors)
     weights = np.ones(dof) if method == "ordinary" else information.torque_max**-2.0
-    rows = information.samples * dof
-    return _least_squares(base, information, information.weighted(weights), method, rows)
+    sums = groups.weighted(weights) if groups else {}
+    return _least_squares(base, information, information.weighted(weights), method, sums)
 
 
 def estimate_gauss_markov(
     base: BaseParameters,
     information: Information,
-    whitened: Float[np.ndarray, "augmented augmented"],
+    regressor: Regressor,
+    filtered: Sequence[FilteredLog],
+    whitening: Float[np.ndarray, "dof dof"],
 ) -> BaseEstimate:
     """Gauss–Markov estimate: W = Σ⁻¹ with the covariance Σ of the drives' residuals.
 
     Args:
-        whitened: factor of Σ^-½ [Ȳ, τ̄], from `information.whitened`.
+        filtered: the recordings, which are read once more.
+        whitening: Σ^-½.
     """
-    rows = information.samples * len(information.factors)
-    return _least_squares(base, information, whitened, "gauss-markov", rows)
+    places = places_of(regressor, [log for log, _ in filtered])
+    factors = [f for one in filtered for f in whitened(regressor, *one, whitening, places)]
+    sums = {
+        "time": np.stack([factor.T @ factor for factor in factors]),
+        "place": places.sums.sum(axis=1),
+    }
+    return _least_squares(base, information, triangle(np.vstack(factors)), "gauss-markov", sums)
 
 
 def _least_squares(
@@ -133,7 +173,7 @@ def _least_squares(
     information: Information,
     factor: Float[np.ndarray, "augmented augmented"],
     method: LeastSquaresMethod,
-    rows: int,
+    sums: dict[str, Sums],
 ) -> BaseEstimate:
     columns = [group.representative for group in base.groups]
     at = np.searchsorted(information.columns, columns)
@@ -142,11 +182,19 @@ def _least_squares(
     projected = Q.T @ factor[:, -1]
     values = solve_triangular(R, projected) / norms
     residual = np.linalg.norm(factor[:, -1] - Q @ projected)
-    sigma = residual / np.sqrt(max(rows - base.rank, 1))
-    inverse = solve_triangular(R, np.eye(base.rank)) / norms[:, None]
+    freedom = max(information.samples * len(information.factors) - base.rank, 1)
+    own = np.append(at, len(information.columns))
+    noise = observe(
+        root=R * norms,
+        values=values,
+        sigma=float(residual / np.sqrt(freedom)),
+        freedom=freedom,
+        groupings=((name, each[:, own][:, :, own]) for name, each in sums.items()),
+    )
+    std, nu = noise.deviations(inverse(noise.root).T)
     full = np.zeros(len(base.layout.names))
     full[columns] = values
-    return BaseEstimate(method, values, sigma * np.linalg.norm(inverse, axis=1), full)
+    return BaseEstimate(method, values, std, quantile(nu) * std, full, noise)
 
 
 def _residual_covariance(

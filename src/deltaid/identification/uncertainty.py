@@ -1,35 +1,75 @@
-"""How far identified parameters can be trusted: standard deviations, and doubts about the data."""
+"""How far identified parameters can be trusted: intervals, and doubts about the data."""
+
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
+from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
+from deltaid.identification.base import BaseParameters
 from deltaid.identification.conic import Solution
 from deltaid.identification.information import Information, triangle
+from deltaid.identification.least_squares import BaseEstimate
+from deltaid.identification.model import BaseParameter, Parameter
 from deltaid.identification.objective import NOISE_FLOOR, Objective, noise_level
 from deltaid.identification.reduction import Reduction
+from deltaid.identification.regularizer import prior_scale
+from deltaid.identification.scatter import Noise, quantile
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
 # without constraints and more than this share of the largest torque, or when a mass that torques
 # cannot see had to grow to so many times its prior.
 _WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
+# The data decided a parameter whose standard deviation it shrank below this share of the prior's.
+_SHRUNK = 0.5
+# Noise that is so many times smaller than the standard deviation does not matter; degrees of freedom
+# that are as good as infinitely many.
+_HARDLY, _MANY = 100.0, 1e8
 
 
-def standard_deviations(
-    objective: Objective, reduction: Reduction, solution: Solution, information: Information
-) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " parameters"]]:
-    """Standard deviations of p given data and prior, and given the prior alone.
+@dataclass(frozen=True)
+class Uncertainty:
+    """How far the parameters p of a fit can be trusted, given data and prior.
 
-    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²), so the covariance
-    of x is (s / (2 σ̂²) ∇²J)⁻¹ at the minimum, and that of the prior the same without the data.
-    Where a body touches the edge of consistency this Gaussian reaches beyond it.
+    Attributes:
+        std, interval: standard deviation, and half the width of the 95 % interval.
+        prior_std: standard deviation given the prior alone.
+        by_data: whether the data decided.
+    """
+
+    std: Float[np.ndarray, " parameters"]
+    interval: Float[np.ndarray, " parameters"]
+    prior_std: Float[np.ndarray, " parameters"]
+    by_data: Bool[np.ndarray, " parameters"]
+
+
+def uncertainty(
+    objective: Objective,
+    reduction: Reduction,
+    information: Information,
+    base: BaseParameters,
+    noise: Noise,
+) -> Uncertainty:
+    """Deviations of the minimiser of (15) from the truth, by noise and by the prior.
+
+    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²). With its Hessian
+    H = D + P, D from the data and P from the prior, x errs by H⁻¹ (g + P (x_prior − x)), where g is
+    what the noise adds to the gradient. The variance by the prior is cᵀ H⁻¹ P H⁻¹ c for a
+    combination cᵀx; that by the noise comes from the scatter of the recording (`scatter`), and for
+    white noise would be cᵀ H⁻¹ D H⁻¹ c. Where a body touches the edge of consistency this reaches
+    beyond it.
+
+    Data decides where the standard deviation is less than half of the prior's, and no more than a
+    quarter of the posterior's variance comes by the prior (for a single parameter the same): a
+    sharp sum of two parameters does not make the two known.
 
     Raises:
         IdentificationError: the prior's sizes are too far apart for the arithmetic.
     """
-    sigma = max(noise_level(information), NOISE_FLOOR)
-    unit = sigma * np.sqrt(2.0 / (information.samples * objective.gamma))
+    samples, sigma = information.samples, max(noise_level(information), NOISE_FLOOR)
+    unit = sigma * np.sqrt(2.0 / (samples * objective.gamma))
     _, _, hessian = objective.regularizer.evaluate(reduction.prior)
     scale = np.sqrt(np.diag(hessian))
     try:
@@ -41,12 +81,89 @@ def standard_deviations(
         ) from None
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
     A = reduction.A / scale
+    factor = triangle(np.vstack([data, root]))
+    half = solve_triangular(factor, A.T, trans="T")
+    H_inverse_A = solve_triangular(factor, half)
+    prior_share = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
+    in_scores = noise.root @ (base.combination() @ (A @ H_inverse_A))
+    by_noise, freedom = noise.deviations(2.0 / (objective.gamma * samples) * in_scores)
+    std = np.hypot(by_noise, np.sqrt(prior_share))
+    # Satterthwaite: only the part by noise is estimated.
+    nu = freedom * np.minimum(std / np.maximum(by_noise, np.finfo(float).tiny), _HARDLY) ** 4
+    prior_std = unit * np.linalg.norm(solve_triangular(root, A.T, trans="T"), axis=0)
+    by_data = (std < _SHRUNK * prior_std) & (
+        prior_share < _SHRUNK**2 * unit**2 * np.sum(half**2, axis=0)
+    )
+    return Uncertainty(std, quantile(nu) * std, prior_std, by_data)
 
-    def deviations(factor: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " parameters"]:
-        """√diag(A (FᵀF)⁻¹ Aᵀ) for a triangular F."""
-        return unit * np.linalg.norm(solve_triangular(factor, A.T, trans="T"), axis=0)
 
-    return deviations(triangle(np.vstack([data, root]))), deviations(root)
+def judged_parameters(
+    p: Float[np.ndarray, " parameters"],
+    reduction: Reduction,
+    uncertain: Uncertainty,
+    visible: Int[np.ndarray, " columns"],
+    prior_spread: float,
+) -> tuple[Parameter, ...]:
+    """Parameters p of a fit with their intervals, and which of data and prior decided each."""
+    layout, p_reg = reduction.layout, reduction.p_reg
+    free = np.any(reduction.A != 0, axis=1)
+    held_std, positive = prior_spread * prior_scale(reduction), _positive(layout)
+    rows = []
+    for i, name in enumerate(layout.names):
+        std, reach, middle = 0.0, 0.0, p[i]
+        if free[i] and uncertain.by_data[i]:
+            by, std, reach = "data", uncertain.std[i], uncertain.interval[i]
+        elif free[i]:
+            by, std, middle = "prior", uncertain.prior_std[i], p_reg[i]
+        elif p[i] != 0 and i in visible:
+            by = "fixed"
+        elif p[i] != 0:
+            by = "prior" if np.isclose(p[i], p_reg[i], rtol=1e-9) else "consistency"
+            std, middle = held_std[i], p_reg[i]
+        else:
+            by = "structure"
+        if by in ("prior", "consistency"):
+            reach = float(quantile(np.array([_MANY]))[0]) * std
+        low = max(middle - reach, 0.0) if positive[i] else middle - reach
+        rows.append(
+            Parameter(
+                name=name,
+                value=float(p[i]),
+                std=float(std),
+                low=float(min(low, p[i])),
+                high=float(max(middle + reach, p[i])),
+                unit=layout.units[i],
+                prior=float(p_reg[i]),
+                determined_by=by,
+            )
+        )
+    return tuple(rows)
+
+
+def judged_base(base: BaseParameters, estimate: BaseEstimate) -> tuple[BaseParameter, ...]:
+    """Base parameters with their intervals."""
+    units = [base.layout.units[group.representative] for group in base.groups]
+    return tuple(
+        BaseParameter(
+            formula=formula,
+            value=float(value),
+            std=float(std),
+            low=float(value - half),
+            high=float(value + half),
+            unit=unit,
+        )
+        for formula, value, std, half, unit in zip(
+            base.formulas, estimate.values, estimate.std, estimate.interval, units, strict=True
+        )
+    )
+
+
+def _positive(layout: ParameterLayout) -> Bool[np.ndarray, " parameters"]:
+    """Masses, moments of inertia, and coefficients that have no sign."""
+    positive = np.array([i not in layout.signed for i in range(len(layout.names))])
+    for body in layout.bodies:
+        positive[layout.body(body)] = [True, *[False] * 3, *[True] * 3, *[False] * 3]
+    return positive
 
 
 def doubts(

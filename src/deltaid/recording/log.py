@@ -31,6 +31,7 @@ class Log:
         samples: number of rows.
         rate: sampling rate, the mean over the log [Hz].
         torque_max: largest |τ| of each drive [N m]; empty without torques.
+        reach: lowest and highest of the platform's coordinates [m].
         suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz].
         warnings: what is doubtful, with rows and columns.
     """
@@ -41,6 +42,7 @@ class Log:
     samples: int
     rate: float
     torque_max: Float[np.ndarray, " drives"]
+    reach: Float[np.ndarray, "2 3"]
     suggested_cutoff: float | None
     warnings: tuple[str, ...]
 
@@ -106,6 +108,7 @@ def open_log(
         samples=survey.samples,
         rate=survey.rate,
         torque_max=survey.torque_max,
+        reach=np.array([survey.nearest, survey.farthest]),
         suggested_cutoff=survey.spectrum.cutoff(survey.rate),
         warnings=tuple(survey.warnings),
     )

@@ -37,6 +37,8 @@ class Survey:
     last_q: np.ndarray | None = None
     low: np.ndarray = field(default_factory=lambda: np.array(np.inf))
     high: np.ndarray = field(default_factory=lambda: np.array(-np.inf))
+    nearest: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
+    farthest: np.ndarray = field(default_factory=lambda: np.full(3, -np.inf))
     outside: int = 0
     jitter: int = 0
     first_outside: str = ""
@@ -174,6 +176,8 @@ class Survey:
         bad = np.flatnonzero(~(margin > 0))
         if bad.size:
             raise self._out_of_reach(q[bad[0]], row + int(bad[0]))
+        self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
+        self.farthest = np.maximum(self.farthest, z[:, :3].max(axis=0))
         condition = self.kinematics.condition(z)
         singular = np.flatnonzero(~(condition < SINGULAR_CONDITION))
         if singular.size:

@@ -1,0 +1,160 @@
+"""How large the torque noise really is, parameter by parameter: from the scatter between groups.
+
+Least squares errs by R⁻¹ s with s = Qᵀe, where Q R is the weighted base regressor and e the noise.
+For a combination of errors, uᵀs, white noise of level σ gives the variance σ²‖u‖². Torques are not
+that kind: a filter and friction correlate them in time, drives differ, ripple comes with the pose.
+So the samples are put in groups g, whose own contributions s_g = Q_gᵀ ê from the residuals ê
+scatter as the noise has it, correlated inside a group or not, with whatever level:
+
+    v(u) = ‖u‖² Σ_g (uᵀs_g)² / t(u),    t(u) = tr Ω(u),    ν(u) = (tr Ω)² / tr Ω²
+
+Ω_gh = uᵀ(δ_gh H_g − H_g H_h)u with H_g = Q_gᵀQ_g; Ω σ² is the covariance of the uᵀs_g for white
+noise, after the fit has taken its share of e. So v is unbiased then, and by Satterthwaite's rule it
+is distributed as σ²‖u‖² χ²_ν/ν: intervals take Student's t with ν degrees of freedom (Bell and
+McCaffrey 2002; Imbens and Kolesár 2016).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+from scipy.special import stdtrit
+
+from deltaid.identification.information import Information
+
+# A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
+# white level is taken with the widest t there is.
+_NO_SCATTER = 1e-6
+
+Combinations = Float[np.ndarray, "n combinations"]
+# [Y, τ]ᵀW[Y, τ] of each group.
+Sums = Float[np.ndarray, "groups augmented augmented"]
+
+
+@dataclass(frozen=True)
+class Groups:
+    """The same samples in two groupings.
+
+    Attributes:
+        blocks: consecutive stretches of time.
+        places: [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of the platform and drive i.
+    """
+
+    blocks: tuple[Information, ...]
+    places: Float[np.ndarray, "places dof augmented augmented"]
+
+    def weighted(self, weights: Float[np.ndarray, " dof"]) -> dict[str, Sums]:
+        """Sums of both groupings with one weight a drive."""
+        factors = np.stack([block.factors for block in self.blocks])
+        factors *= np.sqrt(weights)[:, None, None]
+        stacked = factors.reshape(len(factors), -1, factors.shape[-1])
+        return {
+            "time": np.swapaxes(stacked, 1, 2) @ stacked,
+            "place": np.einsum("i,pijk->pjk", weights, self.places),
+        }
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Contributions of groups of samples.
+
+    Attributes:
+        shares: H_g of every group; they add up to 1.
+        scores: s_g of every group.
+    """
+
+    shares: Float[np.ndarray, "groups n n"]
+    scores: Float[np.ndarray, "groups n"]
+
+    def variances(
+        self, U: Combinations
+    ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
+        """v and ν of the columns of U; NaN where the groups do not tell."""
+        size = np.sum(U**2, axis=0)
+        HU = np.moveaxis(self.shares @ U, 2, 0)  # combinations, groups, n
+        own = np.einsum("cgn,nc->cg", HU, U)
+        omega = -HU @ np.swapaxes(HU, 1, 2)
+        diagonal = np.arange(len(self.shares))
+        omega[:, diagonal, diagonal] += own
+        t = np.trace(omega, axis1=1, axis2=2)
+        told = t > _NO_SCATTER * size
+        t = np.where(told, t, np.nan)
+        v = size * np.sum((self.scores @ U) ** 2, axis=0) / t
+        return v, np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of a fit: its white level, and the scatter that is believed instead, if any.
+
+    Attributes:
+        root: R; errors of the fit are R⁻¹ s.
+        sigma: level of the residual, for white noise.
+        freedom: its degrees of freedom.
+        scatter: between groups of samples; None if there are no groups.
+        groups: what these are: 'time', 'place', or 'none'.
+    """
+
+    root: Float[np.ndarray, "n n"]
+    sigma: float
+    freedom: int
+    scatter: Scatter | None = None
+    groups: str = "none"
+
+    def deviations(
+        self, U: Combinations
+    ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
+        """Standard deviations of uᵀs for the columns of U, and their degrees of freedom."""
+        white = self.sigma * np.linalg.norm(U, axis=0)
+        if self.scatter is None:
+            return white, np.full(U.shape[1], float(self.freedom))
+        v, nu = self.scatter.variances(U)
+        told = np.isfinite(v)
+        return np.where(told, np.sqrt(v), white), np.where(told, nu, 1.0)
+
+
+def observe(
+    root: Float[np.ndarray, "n n"],
+    values: Float[np.ndarray, " n"],
+    sigma: float,
+    freedom: int,
+    groupings: Iterable[tuple[str, Sums]],
+) -> Noise:
+    """The noise behind a fit, by the grouping whose scatter is largest on the whole.
+
+    Groups that part errors which belong together scatter too little, never too much, apart from
+    chance; so among several groupings of the same samples the one with the largest variances, in
+    the mean of their logarithms over all values, is believed.
+
+    Args:
+        root: R of the fit.
+        values: result of the fit.
+        sigma: level of its residual.
+        freedom: degrees of freedom of that.
+        groupings: names and sums over each group, Y the base regressor.
+    """
+    best, largest = Noise(root, sigma, freedom), -np.inf
+    U = inverse(root).T
+    for name, sums in groupings:
+        half = U @ sums[:, :-1]  # R⁻ᵀ [Y_gᵀY_g, Y_gᵀτ_g]
+        scatter = Scatter(half[:, :, :-1] @ U.T, half[:, :, -1] - half[:, :, :-1] @ values)
+        v, _ = scatter.variances(U)
+        told = v > 0
+        if not told.any():
+            continue
+        size = float(np.mean(np.log(v[told] / np.sum(U**2, axis=0)[told])))
+        if size > largest:
+            best, largest = Noise(root, sigma, freedom, scatter, name), size
+    return best
+
+
+def inverse(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """R⁻¹ of a triangular R."""
+    return solve_triangular(root, np.eye(len(root)))
+
+
+def quantile(nu: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Student's t that 97.5 % stay below: half the width of a 95 % interval."""
+    return stdtrit(nu, 0.975)
