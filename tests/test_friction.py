@@ -7,6 +7,7 @@ from pydantic import ValidationError
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
+from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.identify import identify
 from deltaid.identification.model import Settings
 from deltaid.motion.random_motion import random_motion
@@ -164,3 +165,14 @@ def _saved(model, path):
 def test_laws_that_cannot_be_are_refused(joint, law, message):
     with pytest.raises(ValidationError, match=message):
         with_laws({joint: law})
+
+
+def test_a_motion_is_optimised_for_every_law():
+    settings = ExcitationSettings(harmonics=3, duration=6.0, starts=1)
+    exciter = Exciter(compiled(with_laws(LAWS)), settings)
+    result = exciter.optimise()
+    assert result.criterion_after < result.criterion_before
+    assert all(limit.share <= 1.0 for limit in result.limits)
+    units = {p.formula: p.unit for p in result.predictions}
+    assert units["power.drive4"] == "N m (s/rad)^0.6"
+    assert {"stribeck.drive3", "load.drive2", "offset.drive2", "coulomb_back.slide"} <= set(units)
