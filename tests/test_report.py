@@ -20,6 +20,7 @@ from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.log import open_log
 from deltaid.report.bodies import ellipsoid
 from deltaid.report.comparison import Comparison, compare
+from deltaid.report.friction import law
 from deltaid.report.identification import Verification, identification_page
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.parameters import parameter_section
@@ -152,12 +153,12 @@ def test_sections(result: Identification) -> None:
     page = identification_page(result, Verification(log, low_pass, error))
     titles = [section.title for section in page.sections]
     assert titles == [
-        "Torques", "Verification", "Motion", "Parameters", "Bodies", "Base parameters",
+        "Torques", "Verification", "Motion", "Parameters", "Friction", "Bodies", "Base parameters",
         "Data and settings",
     ]  # fmt: skip
     assert len(Document(render(page)).headings) == len(titles)
     figures = [sum(isinstance(b, Figure) for b in s.blocks) for s in page.sections]
-    assert figures == [4, 4, 1, 1, 1, 2, 0]
+    assert figures == [4, 4, 1, 1, 1, 1, 2, 0]
 
 
 def test_only_the_data_gives_intervals(result: Identification) -> None:
@@ -171,9 +172,11 @@ def test_only_the_data_gives_intervals(result: Identification) -> None:
         assert unit == parameter.unit
         if parameter.determined_by == "data":
             low, high = map(float, interval.split(" … "))
-            reach = 1.96 * parameter.std
-            assert low == pytest.approx(parameter.value - reach, abs=0.06 * reach)
-            assert high == pytest.approx(parameter.value + reach, abs=0.06 * reach)
+            assert parameter.low is not None
+            assert parameter.high is not None
+            reach = parameter.high - parameter.low
+            assert low == pytest.approx(parameter.low, abs=0.03 * reach)
+            assert high == pytest.approx(parameter.high, abs=0.03 * reach)
             assert low < float(value) < high
         else:
             assert interval == "—"
@@ -245,6 +248,13 @@ def test_ellipsoid_of_a_cylinder_has_its_mass_centre_and_moments() -> None:
     halves = [np.sqrt(5 / 4) * radius, np.sqrt(5 / 4) * radius, np.sqrt(5 / 12) * length]
     np.testing.assert_allclose(np.linalg.norm(A, axis=0), halves, rtol=1e-9)
     np.testing.assert_allclose(np.abs(A[:, 2]), [0, halves[2], 0], atol=1e-9)
+
+
+def test_friction_curves_are_the_models_laws(result: Identification) -> None:
+    v = np.array([-2.0, -0.1, 0.1, 3.0])
+    viscous, coulomb = (result.model.value(f"{kind}.drive2") for kind in ("viscous", "coulomb"))
+    curve = law(result.model, "drive2", v, result.model.p)
+    np.testing.assert_allclose(curve, viscous * v + coulomb * np.sign(v), rtol=1e-12)
 
 
 def test_numbers_are_typeset_and_names_are_not() -> None:

@@ -10,7 +10,8 @@ from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.report.animation import animation, recorded_motion
 from deltaid.report.bodies import body_section
-from deltaid.report.comparison import compare
+from deltaid.report.comparison import Comparison, compare
+from deltaid.report.friction import friction_section
 from deltaid.report.information import information_section
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section, Table
@@ -36,14 +37,16 @@ def identification_page(result: Identification, verification: Verification | Non
     model = result.model
     dynamics = compiled(model.robot)
     recordings = result.recordings
+    comparisons = tuple(compare(dynamics, model.p, *recording) for recording in recordings)
     sections = [
-        torque_section(dynamics, model, log, low_pass, _title(log, len(recordings)))
-        for log, low_pass in recordings
+        torque_section(model, comparison, _title(log, len(recordings)))
+        for comparison, (log, _) in zip(comparisons, recordings, strict=True)
     ]
     warnings = list(model.warnings)
     if verification is not None:
         log = verification.log
-        sections.append(torque_section(dynamics, model, log, verification.low_pass, "Verification"))
+        unseen = compare(dynamics, model.p, log, verification.low_pass)
+        sections.append(torque_section(model, unseen, "Verification"))
         warnings += [f"{log.path.name}: {text}" for text in log.warnings]
     errors = error_table(model, verification.error if verification else None)
     sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))
@@ -56,6 +59,7 @@ def identification_page(result: Identification, verification: Verification | Non
             *sections,
             motion_section(dynamics, *recordings[0]),
             parameter_section(model),
+            friction_section(model, comparisons),
             body_section(model, dynamics.kinematics),
             information_section(result),
             provenance_section(model, "Data and settings"),
@@ -64,11 +68,8 @@ def identification_page(result: Identification, verification: Verification | Non
     )
 
 
-def torque_section(
-    dynamics: Dynamics, model: IdentifiedModel, log: Log, low_pass: LowPass | None, title: str
-) -> Section:
+def torque_section(model: IdentifiedModel, comparison: Comparison, title: str) -> Section:
     """All figures of torques along one recording."""
-    comparison = compare(dynamics, model.p, log, low_pass)
     return Section(title, torque_blocks(comparison, model.robot.drives))
 
 

@@ -8,8 +8,9 @@ from scipy.linalg import solve_triangular
 from deltaid.identification.base import symbol
 from deltaid.identification.identify import Identification
 from deltaid.identification.information import triangle
+from deltaid.identification.model import IdentifiedModel
 from deltaid.report import style
-from deltaid.report.numbers import WIDTH, interval, number, with_uncertainty
+from deltaid.report.numbers import number, span, with_uncertainty
 from deltaid.report.page import Figure, Section, Table, Text
 
 
@@ -28,27 +29,24 @@ def information_section(result: Identification) -> Section:
                 "without physical consistency. The condition number of the base regressor, its "
                 f"columns scaled to unit length, is {number(base.condition, 3)}."
             ),
-            _table(result),
+            base_table(result.model),
             _singular_values(R),
             _correlations(result, R),
         ),
     )
 
 
-def _table(result: Identification) -> Table:
-    base, estimate = result.base, result.base_estimate
-    units = [base.layout.units[group.representative] for group in base.groups]
+def base_table(model: IdentifiedModel) -> Table:
+    """Formula, value and interval of every base parameter."""
     rows = tuple(
         (
             str(i + 1),
-            formula,
-            with_uncertainty(value, std)[0],
-            interval(value, WIDTH * std),
-            unit,
+            base.formula,
+            with_uncertainty(base.value, base.std)[0],
+            span(base.low, base.high),
+            base.unit,
         )
-        for i, (formula, value, std, unit) in enumerate(
-            zip(base.formulas, estimate.values, estimate.std, units, strict=True)
-        )
+        for i, base in enumerate(model.base_parameters)
     )
     return Table(
         ("", "base parameter", "value", "95 % interval", "unit"),

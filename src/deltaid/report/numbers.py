@@ -29,9 +29,14 @@ def percent(value: float) -> str:
 
 def interval(value: float, half: float) -> str:
     """An interval of value ± half its width as 'low … high', two digits of half of it."""
+    return span(value - half, value + half)
+
+
+def span(low: float, high: float) -> str:
+    """An interval as 'low … high', two digits of half its width."""
+    half = 0.5 * (high - low)
     if not half > 0 or not math.isfinite(half):
-        return number(value)
-    low, high = value - half, value + half
+        return number(0.5 * (low + high))
     place = 1 - math.floor(math.log10(half))
     if max(abs(low), abs(high)) >= 1e5 or place > 7 or place < 0:
         return f"{low:.3g} … {high:.3g}"

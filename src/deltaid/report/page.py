@@ -105,7 +105,7 @@ def render(page: Page) -> str:
     environment.tests |= {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Figure)}
     environment.filters |= {
         "json": _figure_json,
-        "paragraphs": lambda text: [part for part in text.split("\n\n") if part.strip()],
+        "paragraphs": _paragraphs,
         "numeric": _numeric,
         "cell": _cell,
         "typeset": _typeset,
@@ -147,6 +147,12 @@ def _numeric(table: Table, column: int) -> bool:
     """Whether a column holds numbers: each filled cell starts with one."""
     cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
     return bool(cells) and all(_STARTS.match(cell) for cell in cells)
+
+
+def _paragraphs(text: str) -> list[str]:
+    """Paragraphs of a text; a per cent sign stays on the line of its number."""
+    parts = text.replace(" %", "\N{NO-BREAK SPACE}%").split("\n\n")
+    return [part for part in parts if part.strip()]
 
 
 def _cell(text: str) -> str:

@@ -4,7 +4,7 @@ import plotly.graph_objects as go
 
 from deltaid.identification.model import IdentifiedModel, Parameter
 from deltaid.report import style
-from deltaid.report.numbers import WIDTH, interval, number, with_uncertainty
+from deltaid.report.numbers import WIDTH, number, span, with_uncertainty
 from deltaid.report.page import Figure, Section, Table, Text
 
 _NONE = "—"
@@ -25,10 +25,10 @@ def parameter_section(model: IdentifiedModel) -> Section:
         (
             Text(
                 "The data decides a parameter when it shrinks the prior's standard deviation to "
-                "less than a half. All others are marked “from the prior”: their value is mostly "
-                "what the description said, and no interval is given for them because the data "
-                "supports none. What the data does determine about them are combinations, which "
-                "the base parameters below show."
+                "less than a half, without leaning on what the prior says of others. All others "
+                "are marked “from the prior”: their value is mostly what the description said, and "
+                "no interval is given for them because the data supports none. What the data does "
+                "determine about them are combinations, which the base parameters below show."
             ),
             _chart(parameters),
             _table(parameters),
@@ -59,11 +59,18 @@ def _table(parameters: tuple[Parameter, ...]) -> Table:
 def _value(parameter: Parameter) -> tuple[str, str]:
     """Value and interval; only what the data decided has one."""
     if parameter.determined_by == "data":
-        return with_uncertainty(parameter.value, parameter.std)[0], interval(
-            parameter.value, WIDTH * parameter.std
-        )
+        low, high = _interval(parameter)
+        return with_uncertainty(parameter.value, parameter.std)[0], span(low, high)
     bound = "≥ " if parameter.determined_by == "consistency" else ""
     return bound + number(parameter.value), _NONE
+
+
+def _interval(parameter: Parameter) -> tuple[float, float]:
+    """The 95 % interval; models of earlier versions have only a standard deviation."""
+    if parameter.low is not None and parameter.high is not None:
+        return parameter.low, parameter.high
+    half = WIDTH * parameter.std
+    return parameter.value - half, parameter.value + half
 
 
 def _chart(parameters: tuple[Parameter, ...]) -> Figure:
@@ -79,12 +86,12 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
         own = [p for p in shown if p.determined_by == kind]
         if not own:
             continue
+        down, up = zip(*(_reach(p) for p in own), strict=True)
+        bars = {"array": up, "arrayminus": down, "thickness": 1.6, "width": 3}
         figure.add_scatter(
             x=[_change(p) for p in own],
             y=[style.label(p.name) for p in own],
-            error_x={"array": [_spread(p) for p in own], "thickness": 1.6, "width": 3}
-            if kind == "data"
-            else None,
+            error_x=bars if kind == "data" else None,
             name=name,
             mode="markers",
             marker={"color": color, "symbol": symbol, "size": 8},
@@ -94,7 +101,7 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
     figure.update_yaxes(
         categoryorder="array", categoryarray=names, autorange="reversed", tickmode="linear", dtick=1
     )
-    near = [abs(_change(p)) + _spread(p) for p in shown if p not in far]
+    near = [abs(_change(p)) + max(_reach(p)) for p in shown if p not in far]
     edge = 1.1 * min(max([*near, 20.0]), _FAR)
     figure.update_xaxes(
         title_text="difference from the prior [% of the prior]",
@@ -121,7 +128,11 @@ def _change(parameter: Parameter) -> float:
     return 100 * (parameter.value - parameter.prior) / abs(parameter.prior)
 
 
-def _spread(parameter: Parameter) -> float:
-    """Half the 95 % interval in per cent of the prior; nothing where the data did not decide."""
-    decided = parameter.determined_by == "data"
-    return 100 * WIDTH * parameter.std / abs(parameter.prior) if decided else 0.0
+def _reach(parameter: Parameter) -> tuple[float, float]:
+    """How far the interval reaches down and up, in per cent of the prior; nothing where the data
+    did not decide."""
+    if parameter.determined_by != "data":
+        return 0.0, 0.0
+    low, high = _interval(parameter)
+    share = 100 / abs(parameter.prior)
+    return share * (parameter.value - low), share * (high - parameter.value)

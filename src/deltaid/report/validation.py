@@ -5,7 +5,10 @@ from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
+from deltaid.report.comparison import compare
+from deltaid.report.friction import friction_section
 from deltaid.report.identification import error_table, motion_section, torque_section
+from deltaid.report.information import base_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
@@ -17,7 +20,8 @@ def validation_page(
 ) -> Page:
     """How well a model predicts a recording, and where the model comes from."""
     dynamics = compiled(model.robot)
-    torques = torque_section(dynamics, model, log, low_pass, "Torques")
+    comparison = compare(dynamics, model.p, log, low_pass)
+    torques = torque_section(model, comparison, "Torques")
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Model identified from {file_names(model)}, compared with {log.path.name}",
@@ -33,8 +37,15 @@ def validation_page(
         sections=(
             Section(torques.title, (error_table(model, error), *torques.blocks)),
             motion_section(dynamics, log, low_pass),
+            friction_section(model, (comparison,)),
             parameter_section(model),
+            *_base(model),
             provenance_section(model, "The model"),
         ),
         warnings=(*(f"{log.path.name}: {text}" for text in log.warnings), *model.warnings),
     )
+
+
+def _base(model: IdentifiedModel) -> tuple[Section, ...]:
+    """The base parameters, which models of earlier versions do not hold."""
+    return (Section("Base parameters", (base_table(model),)),) if model.base_parameters else ()

@@ -1,0 +1,163 @@
+"""Friction laws over speed, prior and identified, and how they were chosen."""
+
+import casadi as ca
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+from plotly.subplots import make_subplots
+
+from deltaid.dynamics.friction import term_factor
+from deltaid.identification.friction_record import FrictionChoice, FrictionTrial
+from deltaid.identification.model import IdentifiedModel
+from deltaid.kernel.batch import BatchKernel
+from deltaid.report import style
+from deltaid.report.comparison import Comparison
+from deltaid.report.numbers import number, percent
+from deltaid.report.page import Figure, Section, Table, Text
+
+_POINTS, _DOTS = 200, 1500
+_ADDITIONS = {
+    "offset": "constant offset",
+    "both_ways": "a law for each direction",
+    "power": "power of the speed",
+    "stribeck": "Stribeck term",
+    "load": "share of the drive's torque",
+}
+
+
+def friction_section(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Section:
+    """The law of every joint, with what the recordings say about those of the drives."""
+    choice = _choice(model.friction_choice) if model.friction_choice else ()
+    return Section("Friction", (_laws(model, comparisons), *choice))
+
+
+def law(
+    model: IdentifiedModel,
+    joint: str,
+    speed: Float[np.ndarray, " samples"],
+    p: Float[np.ndarray, " parameters"],
+) -> Float[np.ndarray, " samples"]:
+    """Friction of one joint over its speed for parameters p, without what depends on load."""
+    v, total = ca.SX.sym("v"), ca.SX(0)
+    for term in model.robot.friction_terms:
+        if term.joint == joint and term.kind != "load":
+            coefficient = float(p[model.layout.names.index(term.name)])
+            total += coefficient * term_factor(term, v, ca.sign, ca.SX(0))
+    return BatchKernel(v, total)(speed[None])[0]
+
+
+def _laws(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Figure:
+    joints = model.robot.friction_joints
+    rows = -(-len(joints) // 2)
+    figure = make_subplots(
+        rows=rows,
+        cols=2,
+        subplot_titles=joints,
+        horizontal_spacing=0.12,
+        vertical_spacing=0.3 / rows,
+    )
+    prior = np.array([parameter.prior for parameter in model.parameters])
+    named = set()
+    for i, joint in enumerate(joints):
+        row, col = i // 2 + 1, i % 2 + 1
+        fastest = model.robot.platform_speed
+        traces = []
+        if joint in model.robot.drives:
+            drive = model.robot.drives.index(joint)
+            speed = np.concatenate([c.speed[:, drive] for c in comparisons])
+            residual = np.concatenate([c.residual[:, drive] for c in comparisons])
+            fastest = float(np.abs(speed).max())
+            every = slice(None, None, max(1, -(-len(speed) // _DOTS)))
+            traces.append(
+                _dots(speed[every], residual[every] + law(model, joint, speed, model.p)[every])
+            )
+        positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
+        grid = np.concatenate([-positive[::-1], positive])
+        traces.append(_line("prior", grid, law(model, joint, grid, prior), style.PRIOR, "dash"))
+        traces.append(
+            _line("identified", grid, law(model, joint, grid, model.p), style.IDENTIFIED, "solid")
+        )
+        for trace in traces:
+            trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
+            named.add(trace.name)
+            figure.add_trace(trace, row=row, col=col)
+        sliding = joint not in model.robot.drives
+        figure.update_xaxes(
+            title_text="speed [m/s]" if sliding else "speed [rad/s]", row=row, col=col
+        )
+        figure.update_yaxes(title_text="force [N]" if sliding else "torque [N m]", row=row, col=col)
+    figure.update_annotations(font_size=13)
+    figure.update_layout(
+        height=270 * rows + 100,
+        margin={"t": 75},
+        legend={"y": 1.0, "yanchor": "top", "yref": "container"},
+    )
+    return Figure(
+        figure,
+        "Friction over speed, prior and identified. The dots are what the recordings leave for a "
+        "drive's friction when everything else the model predicts is taken away; where they leave "
+        "the line, the law does not fit. What depends on load is not in the lines.",
+    )
+
+
+def _dots(speed: Float[np.ndarray, " dots"], torque: Float[np.ndarray, " dots"]) -> go.Scatter:
+    return go.Scatter(
+        x=speed.astype(np.float32),
+        y=torque.astype(np.float32),
+        name="measured, less all else",
+        mode="markers",
+        marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
+    )
+
+
+def _line(
+    name: str,
+    speed: Float[np.ndarray, " points"],
+    torque: Float[np.ndarray, " points"],
+    color: str,
+    dash: str,
+) -> go.Scatter:
+    return go.Scatter(
+        x=speed.astype(np.float32),
+        y=torque.astype(np.float32),
+        name=name,
+        mode="lines",
+        line={"color": color, "width": 2, "dash": dash},
+    )
+
+
+def _choice(choice: FrictionChoice) -> tuple[Text | Table, ...]:
+    added = "What was added, in this order, and whether the final law keeps it."
+    steps = (_trials(choice.steps, added),) if choice.steps else (Text("Nothing was added."),)
+    return (
+        Text(
+            f"The laws were chosen by cross-validation over {choice.folds} stretches of the "
+            "recordings, each left out once. With viscous and Coulomb friction alone the torque "
+            f"error on stretches left out is {percent(choice.plain_error)} of the largest torque, "
+            f"with the chosen laws {percent(choice.chosen_error)}."
+        ),
+        *steps,
+        _trials(
+            choice.trials,
+            "Every addition alone, to viscous and Coulomb friction everywhere, and whether its "
+            "gain is beyond chance. The gain is the share by which the squared error falls; its "
+            "significance is in standard errors.",
+        ),
+    )
+
+
+def _trials(trials: tuple[FrictionTrial, ...], caption: str) -> Table:
+    rows = tuple(
+        (
+            trial.joint,
+            _ADDITIONS.get(trial.addition, trial.addition),
+            percent(trial.error),
+            percent(trial.gain),
+            number(trial.significance, 3),
+            "yes" if trial.useful else "no",
+        )
+        for trial in trials
+    )
+    columns = ("joint", "addition", "torque error", "gain", "significance", "useful")
+    muted = frozenset(i for i, trial in enumerate(trials) if not trial.useful)
+    return Table(columns, rows, caption, muted)
