@@ -29,15 +29,15 @@ class Claim:
 _QUANTITIES = {
     "M on the diagonal": lambda a: a.mass_diagonal,
     "M off the diagonal": lambda a: a.mass_off_diagonal,
-    "Coriolis torque C q̇": lambda a: float(a.coriolis.max()),
-    "acceleration torque M q̈": lambda a: float(a.acceleration.max()),
+    "Coriolis C q̇": lambda a: float(a.coriolis.max()),
+    "acceleration M q̈": lambda a: float(a.acceleration.max()),
     "friction coefficients": lambda a: a.friction_coefficients,
 }
 
 MASS_DIAGONAL = Claim("M on the diagonal", 0.01, "below 1 %", "Sec. VII, at Fig. 4")
 MASS_OFF_DIAGONAL = Claim("M off the diagonal", 0.02, "about 2 %", "Sec. VII, at Fig. 4")
-CORIOLIS = Claim("Coriolis torque C q̇", 0.01, "less than 1 %", "Sec. VII, at Figs. 5 and 6")
-ACCELERATION = Claim("acceleration torque M q̈", 0.01, "less than 1 %", "Sec. VII, at Figs. 5 and 6")
+CORIOLIS = Claim("Coriolis C q̇", 0.01, "less than 1 %", "Sec. VII, at Figs. 5 and 6")
+ACCELERATION = Claim("acceleration M q̈", 0.01, "less than 1 %", "Sec. VII, at Figs. 5 and 6")
 FRICTION = Claim("friction coefficients", 0.022, "under 2.2 %", "Sec. VII, at Fig. 3")
 
 CLAIMS = (MASS_DIAGONAL, MASS_OFF_DIAGONAL, CORIOLIS, ACCELERATION, FRICTION)
