@@ -115,19 +115,20 @@ def estimates(name: str, kind: str, folder: Path) -> tuple[np.ndarray, list[Base
 
 def recorded(groups: Groups, seed: int, torque_max: np.ndarray) -> Groups:
     """Groups of the recording with the noise of one seed: τ is the true torque plus its noise."""
-    columns = groups.blocks[0].columns
-    n = len(columns) - 1 - SEEDS
-    take = np.zeros((len(columns) + 1, n + 1))
-    take[:n, :n] = np.eye(n)
-    take[[n, n + 1 + seed], n] = 1.0
+    n, own = len(groups.blocks[0].columns) - 1 - SEEDS, groups.blocks[0].columns
     blocks = []
     for block in groups.blocks:
-        # Triangular, so what is below row n belongs to the torque alone: one more row.
-        wide = block.factors @ take
-        square = wide[:, : n + 1].copy()
-        square[:, n, n] = np.linalg.norm(wide[:, n:, n], axis=1)
-        blocks.append(Information(columns[:n], square, block.samples, torque_max))
-    return Groups(tuple(blocks), take.T @ groups.places @ take)
+        # Triangular: what the torque has below row n no column of Y has, so it makes one more row.
+        factors = block.factors[:, : n + 1, : n + 1].copy()
+        tau = block.factors[:, :, n] + block.factors[:, :, n + 1 + seed]
+        factors[:, :n, n], factors[:, n, n] = tau[:, :n], np.linalg.norm(tau[:, n:], axis=1)
+        blocks.append(Information(own[:n], factors, block.samples, torque_max))
+    places = groups.places[:, :, : n + 1, : n + 1].copy()
+    noise = groups.places[:, :, : n + 2 + seed, n + 1 + seed]
+    places[..., :n, n] += noise[..., :n]
+    places[..., n, :n] = places[..., :n, n]
+    places[..., n, n] += 2 * noise[..., n] + noise[..., -1]
+    return Groups(tuple(blocks), places)
 
 
 def covered(truth: np.ndarray, found: list[BaseEstimate]) -> np.ndarray:

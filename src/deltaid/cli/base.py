@@ -86,12 +86,14 @@ def _as_dictionary(
             "method": estimate.method,
             "values": estimate.values.tolist(),
             "std": estimate.std.tolist(),
+            "low": (estimate.values - estimate.interval).tolist(),
+            "high": (estimate.values + estimate.interval).tolist(),
         }
     return value
 
 
 def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
-    from deltaid.cli.output import console, table, with_uncertainty
+    from deltaid.cli.output import HALF_WIDTH, console, table, with_uncertainty
 
     robot, layout = dynamics.robot, dynamics.layout
     visible = len(layout.names) - len(result.invisible)
@@ -105,9 +107,9 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
         row = [f"{i + 1}", formula]
         if estimate is not None:
             unit = layout.units[result.groups[i].representative]
-            row += [*with_uncertainty(estimate.values[i], estimate.std[i]), unit]
+            row += [*with_uncertainty(estimate.values[i], estimate.interval[i]), unit]
         rows.append(row)
-    numbers = ["value", "±", "unit"] if estimate is not None else []
+    numbers = ["value", HALF_WIDTH, "unit"] if estimate is not None else []
     console.print(table("", ["", "base parameter", *numbers], rows))
     names = ", ".join(layout.names[i] for i in result.invisible)
     console.print(f"not visible in any torque: {names}")

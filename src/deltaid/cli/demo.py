@@ -48,7 +48,15 @@ def demo(
 
 def _print(result: "Demonstration", keep: Path | None) -> None:
     from deltaid.cli.identify import summary
-    from deltaid.cli.output import console, number, percent, table, value_cells
+    from deltaid.cli.output import (
+        HALF_WIDTH,
+        console,
+        number,
+        origin_cell,
+        percent,
+        table,
+        value_cells,
+    )
     from deltaid.cli.validate import error_table
 
     model, rows = result.identification.model, []
@@ -58,9 +66,9 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         value, std = value_cells(parameter)
         rows.append(
             [parameter.name, number(parameter.prior), number(truth), value, std, parameter.unit,
-             parameter.determined_by]
+             origin_cell(parameter)]
         )  # fmt: skip
-    columns = ["parameter", "prior", "truth", "identified", "±", "unit", "from"]
+    columns = ["parameter", "prior", "truth", "identified", HALF_WIDTH, "unit", "from"]
     console.print(table(f"{model.robot.title}, simulated", columns, rows))
     console.print()
     console.print(error_table(model, result.verification))

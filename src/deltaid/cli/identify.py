@@ -184,6 +184,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         },
         "consistent": model.consistent,
         "parameters": [parameter.model_dump() for parameter in model.parameters],
+        "base_values": [parameter.model_dump() for parameter in model.base_parameters],
         "warnings": list(model.warnings),
     }
     if verification is not None:
@@ -215,19 +216,19 @@ def print_result(
 
 
 def parameter_table(model: "IdentifiedModel") -> object:
-    """Prior, value and standard deviation of every parameter that is not zero by structure."""
-    from deltaid.cli.output import number, table, value_cells
+    """Prior, value and interval of every parameter that is not zero by structure."""
+    from deltaid.cli.output import HALF_WIDTH, number, origin_cell, table, value_cells
 
     rows = []
     for parameter in model.parameters:
         if parameter.determined_by == "structure":
             continue
-        value, std = value_cells(parameter)
+        value, half = value_cells(parameter)
         rows.append(
-            [parameter.name, number(parameter.prior), value, std, parameter.unit,
-             parameter.determined_by]
+            [parameter.name, number(parameter.prior), value, half, parameter.unit,
+             origin_cell(parameter)]
         )  # fmt: skip
-    columns = ["parameter", "prior", "identified", "±", "unit", "from"]
+    columns = ["parameter", "prior", "identified", HALF_WIDTH, "unit", "from"]
     return table(model.robot.title or model.robot.name, columns, rows)
 
 

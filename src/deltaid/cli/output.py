@@ -15,7 +15,7 @@ from rich.table import Table
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable
 from deltaid.report.numbers import number, with_uncertainty
-from deltaid.report.numbers import percent as percent  # for the commands
+from deltaid.report.numbers import percent as percent  # for the commands too
 
 if TYPE_CHECKING:
     from deltaid.identification.model import Parameter
@@ -103,8 +103,22 @@ def require_report(path: Path, inputs: Sequence[Path]) -> None:
     require_writable(path, inputs)
 
 
+# What ± stands for in tables.
+HALF_WIDTH = "± (95 %)"
+
+
 def value_cells(parameter: "Parameter") -> tuple[str, str]:
-    """Value and ± of a parameter; a value that consistency asked for is a lower bound without ±."""
-    if parameter.determined_by == "consistency":
-        return f"≥ {number(parameter.value)}", ""
-    return with_uncertainty(parameter.value, parameter.std)
+    """Value and half the width of its 95 % interval, if the data decided it."""
+    if parameter.determined_by == "data":
+        if parameter.high is None:  # a model of an earlier version
+            return with_uncertainty(parameter.value, 1.96 * parameter.std)
+        return with_uncertainty(parameter.value, parameter.high - parameter.value)
+    bound = "≥ " if parameter.determined_by == "consistency" else ""
+    return bound + number(parameter.value), ""
+
+
+def origin_cell(parameter: "Parameter") -> str:
+    """What decided a parameter; where it was the prior, how wide the interval of that is."""
+    if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
+        return parameter.determined_by
+    return f"prior ± {percent((parameter.high - parameter.prior) / abs(parameter.prior))}"

@@ -24,8 +24,8 @@ from deltaid.identification.scatter import Noise, quantile
 _WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
 # The data decided a parameter whose standard deviation it shrank below this share of the prior's.
 _SHRUNK = 0.5
-# Noise that is so many times smaller than the standard deviation does not matter; degrees of freedom
-# that are as good as infinitely many.
+# Noise that is so many times smaller than the standard deviation does not matter; degrees of
+# freedom that are as good as infinitely many.
 _HARDLY, _MANY = 100.0, 1e8
 
 

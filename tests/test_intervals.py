@@ -1,0 +1,114 @@
+"""Intervals of single parameters: what torques cannot see is the prior's; none is below zero."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.identify import Identification, identify
+from deltaid.identification.model import IdentifiedModel, Parameter, Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.robot.load import load_robot
+
+ROBOT = "irb360-6-1600"
+
+
+def recorded(path: Path) -> tuple[Identification, dict[str, float]]:
+    """A robot with twice the prior's friction, an arm 40 % heavier, and a tool 40 % heavier at the
+    cost of the platform. Torques show the friction only."""
+    robot = load_robot(ROBOT)
+    dynamics, rng = compiled(robot), np.random.default_rng(2)
+    names, p = dynamics.layout.names, prior_parameters(robot)
+    at = {name: i for i, name in enumerate(names)}
+    moved = 0.4 * p[at["EE.m"]]
+    p[at["U.m"]] *= 1.4
+    p[at["P.m"]] -= moved
+    p[at["EE.m"]] += moved
+    p[dynamics.layout.friction] *= 2
+    motion = random_motion(dynamics.kinematics, rng)
+    write_recording(simulate_recording(dynamics, p, motion, rng, noise=SensorNoise()), path)
+    return identify(robot, [path]), dict(zip(names, p.tolist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory) -> tuple[Identification, dict[str, float]]:
+    return recorded(tmp_path_factory.mktemp("intervals") / "log.csv")
+
+
+def bounds(parameter: Parameter) -> tuple[float, float]:
+    assert parameter.low is not None
+    assert parameter.high is not None
+    return parameter.low, parameter.high
+
+
+def test_what_torques_cannot_see_is_from_the_prior_and_not_excluded(case) -> None:
+    result, truth = case
+    found = {parameter.name: parameter for parameter in result.model.parameters}
+    for name in ("U.m", "P.m", "EE.m"):
+        parameter = found[name]
+        low, high = bounds(parameter)
+        assert parameter.determined_by == "prior"
+        assert low <= truth[name] <= high, name
+        assert parameter.std == pytest.approx(0.5 * parameter.prior)
+        assert low <= 0.05 * parameter.prior
+        assert high >= 1.95 * parameter.prior
+
+
+def test_friction_is_from_the_data_and_within_its_interval(case) -> None:
+    result, truth = case
+    friction = [p for p in result.model.parameters if p.name.startswith(("viscous", "coulomb"))]
+    assert {parameter.determined_by for parameter in friction} == {"data"}
+    within = [bounds(p)[0] <= truth[p.name] <= bounds(p)[1] for p in friction]
+    assert sum(within) >= len(friction) - 1
+    assert all(bounds(p)[1] - bounds(p)[0] < 0.5 * p.value for p in friction)
+
+
+@pytest.mark.parametrize("prior_spread", [0.5, 3.0])
+def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float, tmp_path: Path) -> None:
+    robot = load_robot("clavel-delta3")
+    dynamics, rng = compiled(robot), np.random.default_rng(0)
+    motion = random_motion(dynamics.kinematics, rng)
+    p = prior_parameters(robot)
+    p[dynamics.layout.coulomb] = 1e-4  # far below what the noise lets one see
+    noise = SensorNoise(torque=0.1)
+    recording = simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise)
+    write_recording(recording, tmp_path / "log.csv")
+    model = identify(
+        robot, [tmp_path / "log.csv"], settings=Settings(prior_spread=prior_spread)
+    ).model
+    signed = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz")
+    for parameter in model.parameters:
+        low, high = bounds(parameter)
+        assert low <= parameter.value <= high
+        if not parameter.name.endswith(signed):
+            assert low >= 0, parameter.name
+
+
+def test_model_file_keeps_intervals_and_base_parameters(case, tmp_path: Path) -> None:
+    result, _ = case
+    result.model.save(tmp_path / "model.yaml")
+    loaded = IdentifiedModel.load(tmp_path / "model.yaml")
+    assert loaded.parameters == result.model.parameters
+    assert loaded.base_parameters == result.model.base_parameters
+    assert [b.formula for b in loaded.base_parameters] == list(result.base.formulas)
+    half = [0.5 * (b.high - b.low) for b in loaded.base_parameters]
+    assert np.allclose(half, result.base_estimate.interval)
+
+
+def test_model_file_of_an_earlier_version_loads(case, tmp_path: Path) -> None:
+    result, _ = case
+    path, yaml = tmp_path / "model.yaml", YAML(typ="safe")
+    result.model.save(path)
+    content = yaml.load(path)
+    del content["base_parameters"]
+    for parameter in content["parameters"]:
+        del parameter["low"], parameter["high"]
+    yaml.dump(content, path)
+    loaded = IdentifiedModel.load(path)
+    assert np.array_equal(loaded.p, result.model.p)
+    assert loaded.base_parameters == ()
+    assert loaded.parameters[0].low is None
