@@ -24,6 +24,7 @@ from deltaid.report.friction import law
 from deltaid.report.identification import Verification, identification_page
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.parameters import parameter_section
+from deltaid.report.torques import torque_blocks
 from deltaid.report.validation import validation_page
 from deltaid.robot.load import catalogue, load_robot, save_yaml
 from deltaid.robot.shapes import HollowCylinder
@@ -248,6 +249,29 @@ def test_ellipsoid_of_a_cylinder_has_its_mass_centre_and_moments() -> None:
     halves = [np.sqrt(5 / 4) * radius, np.sqrt(5 / 4) * radius, np.sqrt(5 / 12) * length]
     np.testing.assert_allclose(np.linalg.norm(A, axis=0), halves, rtol=1e-9)
     np.testing.assert_allclose(np.abs(A[:, 2]), [0, halves[2], 0], atol=1e-9)
+
+
+def test_a_drive_at_rest_and_times_since_1970() -> None:
+    n, rng = 500, np.random.default_rng(2)
+    time = 1.7e9 + 0.001 * np.arange(n)
+    torque = rng.normal(size=(n, 2))
+    frequency = np.arange(1.0, 20.0)
+    c = Comparison(
+        time=time,
+        measured=torque,
+        predicted=np.zeros((n, 2)),
+        stretch=1,
+        speed=np.column_stack([np.zeros(n), rng.normal(size=n)]),
+        residual=torque,
+        frequency=frequency,
+        measured_density=np.ones((19, 2)),
+        residual_density=np.ones((19, 2)),
+        cutoff=None,
+    )
+    blocks = torque_blocks(c, ("drive1", "drive2"))
+    np.testing.assert_array_equal(blocks[0].figure.data[0].x, time)
+    assert blocks[0].figure.data[0].y.dtype == np.float32
+    assert len(render(Page("t", "", (), (Section("s", blocks),)))) > 4e6
 
 
 def test_friction_curves_are_the_models_laws(result: Identification) -> None:

@@ -75,7 +75,7 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     traces += [_lines(name, _of(skeleton, shapes[0], name)) for name in moving]
     frames = [
         go.Frame(
-            name=f"{motion.time[k]:.2f}",
+            name=str(k),
             traces=list(range(first, len(traces))),
             data=[
                 go.Scatter3d(dict(zip("xyz", _of(skeleton, shape, name), strict=True)))
@@ -86,7 +86,7 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     ]
     figure = go.Figure(traces, frames=frames)
     span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
-    _controls(figure, frames, round(1000 * span / max(len(chosen) - 1, 1)))
+    _controls(figure, frames, motion.time[chosen], round(1000 * span / max(len(chosen) - 1, 1)))
     edges = outline(kinematics.robot.workspace)
     drawn = (shapes.reshape(-1, 3), motion.z[:, :3], edges[~np.isnan(edges[:, 0])])
     _scene(figure, np.concatenate(drawn))
@@ -143,7 +143,11 @@ def _lines(body: str, points: Float[np.ndarray, "3 points"]) -> go.Scatter3d:
     )
 
 
-def _controls(figure: go.Figure, frames: list[go.Frame], pause: int) -> None:
+def _controls(
+    figure: go.Figure, frames: list[go.Frame], time: Float[np.ndarray, " frames"], pause: int
+) -> None:
+    """Buttons to play and pause, and a slider over time; `pause` in ms from frame to frame."""
+
     def settings(duration: int, **more: object) -> dict:
         frame = {"duration": duration, "redraw": True}
         return {"frame": frame, "transition": {"duration": 0}, "mode": "immediate", **more}
@@ -153,8 +157,8 @@ def _controls(figure: go.Figure, frames: list[go.Frame], pause: int) -> None:
         {"label": "❚❚ Pause", "method": "animate", "args": [[None], settings(0)]},
     ]
     steps = [
-        {"label": frame.name, "method": "animate", "args": [[frame.name], settings(0)]}
-        for frame in frames
+        {"label": f"{t:.2f}", "method": "animate", "args": [[frame.name], settings(0)]}
+        for t, frame in zip(time, frames, strict=True)
     ]
     figure.update_layout(
         updatemenus=[

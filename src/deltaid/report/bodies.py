@@ -164,7 +164,7 @@ def _lines(skeleton: Skeleton, z: Float[np.ndarray, "1 dof"]) -> go.Scatter3d:
         dict(zip("xyz", points.T, strict=True)),
         name="robot",
         mode="lines",
-        line={"color": style.PRIOR, "width": 2},
+        line={"color": style.SERIES[5], "width": 2},
         hoverinfo="skip",
     )
 

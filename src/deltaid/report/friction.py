@@ -27,6 +27,8 @@ _ADDITIONS = {
 
 def friction_section(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Section:
     """The law of every joint, with what the recordings say about those of the drives."""
+    if not model.robot.friction_joints:
+        return Section("Friction", (Text("The description has no friction in any joint."),))
     choice = _choice(model.friction_choice) if model.friction_choice else ()
     return Section("Friction", (_laws(model, comparisons), *choice))
 
@@ -66,7 +68,7 @@ def _laws(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Figure
             drive = model.robot.drives.index(joint)
             speed = np.concatenate([c.speed[:, drive] for c in comparisons])
             residual = np.concatenate([c.residual[:, drive] for c in comparisons])
-            fastest = float(np.abs(speed).max())
+            fastest = float(np.abs(speed).max()) or 1.0
             every = slice(None, None, max(1, -(-len(speed) // _DOTS)))
             traces.append(
                 _dots(speed[every], residual[every] + law(model, joint, speed, model.p)[every])

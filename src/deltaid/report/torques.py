@@ -2,6 +2,7 @@
 
 import numpy as np
 import plotly.graph_objects as go
+from jaxtyping import Float
 from plotly.subplots import make_subplots
 from scipy import stats
 
@@ -33,7 +34,7 @@ def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
         row_heights=[2.2, 1.0] * n,
         vertical_spacing=0.22 / (2 * n),
     )
-    time = c.time.astype(np.float32)
+    time = _compact(c.time)
     for i, drive in enumerate(drives):
         residual = c.measured[:, i] - c.predicted[:, i]
         for name, values, color, width, row in (
@@ -179,6 +180,14 @@ def spectrum(c: Comparison, drives: tuple[str, ...]) -> Figure:
         "Amplitude spectral density (Welch's mean over segments) of the torque as recorded, and of "
         f"what the model does not explain of it.{dotted}",
     )
+
+
+def _compact(time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+    """Times in single precision where that still tells samples apart, as seconds since 1970 do
+    not."""
+    resolution = float(np.spacing(np.float32(np.abs(time).max(initial=0.0))))
+    fine = resolution < 0.05 * np.min(np.diff(time), initial=np.inf)
+    return time.astype(np.float32) if fine else time
 
 
 def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
