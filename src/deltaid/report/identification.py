@@ -136,7 +136,7 @@ def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
     optimum = (
         Fact("optimum", "not certified", "this regulariser is not convex")
         if gap is None
-        else Fact("duality gap", f"{gap:.1e}", f"of an objective of {fit.objective:.2e}")
+        else Fact("duality gap", f"{gap:.1e}", f"of an objective of {number(fit.objective, 3)}")
     )
     return (
         optimum,

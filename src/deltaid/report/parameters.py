@@ -25,7 +25,7 @@ def parameter_section(model: IdentifiedModel) -> Section:
         (
             Text(
                 "The data decides a parameter when it shrinks the prior's standard deviation to "
-                "less than a half, without leaning on what the prior says of others. All others "
+                "less than a half; its interval contains what the priors of others leave open. The rest "
                 "are marked “from the prior”: their value is mostly what the description said, and "
                 "no interval is given for them because the data supports none. What the data does "
                 "determine about them are combinations, which the base parameters below show."
