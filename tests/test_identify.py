@@ -130,9 +130,8 @@ def test_two_logs_together_are_more_certain_than_one(tmp_path) -> None:
     ratios = [
         b.std / a.std
         for a, b in zip(one.model.parameters, both.model.parameters, strict=True)
-        if a.determined_by == "data"
+        if a.name.startswith(("viscous", "coulomb"))
     ]
-    assert len(ratios) > 5
     assert np.median(ratios) < 0.85
 
 

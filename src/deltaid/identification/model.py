@@ -50,12 +50,13 @@ class Parameter(_Part):
     """One parameter: value, standard deviation, 95 % interval, prior, and which of both decided it.
 
     `determined_by` is 'data' where the data shrank the prior's standard deviation to less than a
-    half without leaning on the priors of other parameters; 'prior' where it did not; 'structure'
-    for entries that the reduction holds at zero; 'fixed' for entries that torques show but the
-    reduction holds at the prior (± 0); and 'consistency' for entries that no torque shows and that
-    grew to keep their body consistent, which are lower bounds. For 'prior' and 'consistency',
-    standard deviation and interval are the prior's own. Parameters that must be positive have
-    intervals that end at zero. `low` and `high` are missing in models of earlier versions.
+    half, what the priors of other parameters leave open included; 'prior' where it did not;
+    'structure' for entries that the reduction holds at zero; 'fixed' for entries that torques show
+    but the reduction holds at the prior (± 0); and 'consistency' for entries that no torque shows
+    and that grew to keep their body consistent, which are lower bounds. For 'prior' and
+    'consistency', standard deviation and interval are the prior's own. Parameters that must be
+    positive have intervals that end at zero. `low` and `high` are missing in models of earlier
+    versions.
     """
 
     name: str

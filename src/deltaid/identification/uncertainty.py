@@ -61,9 +61,8 @@ def uncertainty(
     white noise would be cᵀ H⁻¹ D H⁻¹ c. Where a body touches the edge of consistency this reaches
     beyond it.
 
-    Data decides where the standard deviation is less than half of the prior's, and no more than a
-    quarter of the posterior's variance comes by the prior (for a single parameter the same): a
-    sharp sum of two parameters does not make the two known.
+    Data decides where the standard deviation is less than half of the prior's. A sharp sum of two
+    parameters does not make the two known: each keeps the part by the prior of the other.
 
     Raises:
         IdentificationError: the prior's sizes are too far apart for the arithmetic.
@@ -82,8 +81,7 @@ def uncertainty(
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
     A = reduction.A / scale
     factor = triangle(np.vstack([data, root]))
-    half = solve_triangular(factor, A.T, trans="T")
-    H_inverse_A = solve_triangular(factor, half)
+    H_inverse_A = solve_triangular(factor, solve_triangular(factor, A.T, trans="T"))
     prior_share = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
     in_scores = noise.root @ (base.combination() @ (A @ H_inverse_A))
     by_noise, freedom = noise.deviations(2.0 / (objective.gamma * samples) * in_scores)
@@ -91,10 +89,7 @@ def uncertainty(
     # Satterthwaite: only the part by noise is estimated.
     nu = freedom * np.minimum(std / np.maximum(by_noise, np.finfo(float).tiny), _HARDLY) ** 4
     prior_std = unit * np.linalg.norm(solve_triangular(root, A.T, trans="T"), axis=0)
-    by_data = (std < _SHRUNK * prior_std) & (
-        prior_share < _SHRUNK**2 * unit**2 * np.sum(half**2, axis=0)
-    )
-    return Uncertainty(std, quantile(nu) * std, prior_std, by_data)
+    return Uncertainty(std, quantile(nu) * std, prior_std, std < _SHRUNK * prior_std)
 
 
 def judged_parameters(

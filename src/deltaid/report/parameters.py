@@ -25,10 +25,11 @@ def parameter_section(model: IdentifiedModel) -> Section:
         (
             Text(
                 "The data decides a parameter when it shrinks the prior's standard deviation to "
-                "less than a half; its interval contains what the priors of others leave open. The rest "
-                "are marked “from the prior”: their value is mostly what the description said, and "
-                "no interval is given for them because the data supports none. What the data does "
-                "determine about them are combinations, which the base parameters below show."
+                "less than a half; its interval contains what the priors of others leave open. All "
+                "others are marked “from the prior”: their value is mostly what the description "
+                "said, and no interval is given for them because the data supports none. What the "
+                "data does determine about them are combinations, which the base parameters below "
+                "show."
             ),
             _chart(parameters),
             _table(parameters),
