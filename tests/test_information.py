@@ -9,7 +9,13 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base import base_parameters, symbol
-from deltaid.identification.information import BLOCKS, gather, gather_samples, merge
+from deltaid.identification.information import (
+    BLOCKS,
+    gather,
+    gather_samples,
+    merge,
+    places_of,
+)
 from deltaid.identification.least_squares import (
     estimate_base,
     identify_base,
@@ -224,3 +230,45 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
         np.testing.assert_allclose(
             block.factors[i].T @ block.factors[i], expected, atol=1e-9 * np.abs(expected).max()
         )
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filtered):
+    dynamics = compiled(load_robot("clavel-delta3"))
+    rng = np.random.default_rng(4)
+    motion = random_motion(dynamics.kinematics, rng)
+    p = prior_parameters(dynamics.robot)
+    recording = simulate_recording(dynamics, p, motion, rng, duration=20.0)
+    write_recording(recording, tmp_path / "log.csv")
+    log = open_log(tmp_path / "log.csv", dynamics.kinematics, None)
+    low_pass = choose_filter(log, 20.0) if filtered else None
+    places = places_of(dynamics, [log])
+    whole = merge(gather(dynamics, log, low_pass, places))
+    grams = np.swapaxes(whole.factors, 1, 2) @ whole.factors
+    np.testing.assert_allclose(places.sums.sum(axis=0), grams, atol=1e-9 * np.abs(grams).max())
+    if filtered:
+        return
+    q, qd, qdd, tau = np.split(recording.to_numpy()[:, 1:], 4, axis=1)
+    z = dynamics.kinematics.forward(q)
+    part = np.floor((z - z.min(axis=0)) / np.ptp(z, axis=0) * (3 - 1e-12)).astype(int)
+    middle = np.all(part == 1, axis=1)
+    assert 100 < middle.sum() < len(z) / 2
+    alone = gather_samples(dynamics, z[middle], qd[middle], qdd[middle], tau[middle])
+    expected = np.swapaxes(alone.factors, 1, 2) @ alone.factors
+    found = places.sums[1 + 3 + 9]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("method", ["ordinary", "weighted", "gauss-markov"])
+def test_every_method_has_intervals_from_the_scatter(tmp_path, method) -> None:
+    robot = load_robot("clavel-delta3")
+    dynamics, rng = compiled(robot), np.random.default_rng(5)
+    truth = surrogate_parameters(robot, rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(dynamics, truth, motion, rng, duration=20.0, noise=SensorNoise())
+    write_recording(recording, tmp_path / "log.csv")
+    base, estimate = identify_base(dynamics, [tmp_path / "log.csv"], method)
+    assert estimate.noise.groups in ("time", "place")
+    assert np.all(estimate.interval > 1.96 * estimate.std)
+    within = np.abs(estimate.values - base.combination() @ truth) <= estimate.interval
+    assert within.mean() > 0.8

@@ -3,7 +3,7 @@
 The low-pass is a symmetric FIR filter (windowed sinc, Kaiser window), so it delays nothing; its
 first and second derivative are the same filter convolved with central differences of eighth order,
 so q, q̇ and q̈ stay consistent. Filtered signals carry nothing above the cut-off and are thinned to
-the rate that this allows, which also leaves their noise nearly white.
+the rate that this allows.
 """
 
 from dataclasses import dataclass
