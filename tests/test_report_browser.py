@@ -1,7 +1,7 @@
 """The report in headless Chromium: it draws, moves, fits, goes dark, prints, and asks nobody."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 
@@ -75,6 +75,14 @@ class Visit:
     def __exit__(self, *_: object) -> None:
         self.context.close()
 
+    def eventually(self, condition: Callable[[], bool]) -> bool:
+        """Whether something becomes true within half a minute; drawing takes its time."""
+        for _ in range(300):
+            if condition():
+                return True
+            self.page.wait_for_timeout(100)
+        return False
+
     def fits(self) -> bool:
         """Whether nothing makes the page wider than the window."""
         return self.page.evaluate(
@@ -111,8 +119,7 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
             assert _inked(solid.nth(i).locator("canvas").screenshot()) > 0.003
         assert visit.fits()
         page.set_viewport_size({"width": 600, "height": 900})
-        page.wait_for_timeout(300)
-        assert visit.fits()
+        assert visit.eventually(visit.fits)
         assert visit.said == []
         assert visit.asked == [reports[name].as_uri()]
 
@@ -125,14 +132,15 @@ def test_the_robot_moves_while_playing_and_stops(browser, reports: dict[str, Pat
         arms = "p => [...p._fullData.find((t) => t.name === 'upper arms').z].filter(isFinite)"
         before, seen = plot.evaluate(arms), plot.screenshot()
         plot.locator(".updatemenu-button", has_text="Play").click()
-        page.wait_for_timeout(1500)
+        assert visit.eventually(
+            lambda: np.abs(np.subtract(plot.evaluate(arms), before)).max() > 0.01
+        )
         plot.locator(".updatemenu-button", has_text="Pause").click()
         page.wait_for_timeout(500)
         stopped = plot.evaluate(arms)
         page.wait_for_timeout(500)
-        assert np.abs(np.subtract(stopped, before)).max() > 0.01
-        assert _changed(seen, plot.screenshot()) > 0.001
         assert plot.evaluate(arms) == stopped
+        assert _changed(seen, plot.screenshot()) > 0.001
         assert visit.said == []
 
 
@@ -147,11 +155,10 @@ def test_time_axes_zoom_together(browser, reports: dict[str, Path]) -> None:
         visit.page.mouse.down()
         visit.page.mouse.move(box["x"] + 0.6 * box["width"], middle, steps=5)
         visit.page.mouse.up()
-        visit.page.wait_for_timeout(300)
-        ranges = plot.evaluate(
-            """p => Object.keys(p._fullLayout).filter((k) => /^xaxis[0-9]*$/.test(k))
-                .map((k) => p._fullLayout[k].range)"""
-        )
+        read = """p => Object.keys(p._fullLayout).filter((k) => /^xaxis[0-9]*$/.test(k))
+            .map((k) => p._fullLayout[k].range)"""
+        assert visit.eventually(lambda: plot.evaluate(read)[0][0] > 5)
+        ranges = plot.evaluate(read)
         assert len(ranges) == 8
         assert ranges == [ranges[0]] * 8
         low, high = ranges[0]
@@ -176,17 +183,14 @@ def test_dark_light_and_paper(browser, reports: dict[str, Path]) -> None:
         assert visit.brightness("body") > 190
         assert visit.brightness(tick, "fill") > 190
         assert visit.page.pdf()[:4] == b"%PDF"
-        visit.page.wait_for_timeout(300)
-        assert visit.brightness(tick, "fill") > 190
-        assert visit.fits()
+        assert visit.eventually(lambda: visit.brightness(tick, "fill") > 190)
+        assert visit.eventually(visit.fits)
         visit.page.emulate_media(color_scheme="light")
-        visit.page.wait_for_timeout(300)
+        assert visit.eventually(lambda: visit.brightness(tick, "fill") < 70)
         assert visit.brightness("body", "backgroundColor") > 240
-        assert visit.brightness(tick, "fill") < 70
         visit.page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-        visit.page.wait_for_timeout(300)
         widths = "[...document.querySelectorAll('.drawing')].map((p) => p._fullLayout.width)"
-        assert visit.page.evaluate(widths) == [680] * 3
+        assert visit.eventually(lambda: visit.page.evaluate(widths) == [680] * 3)
         assert visit.said == []
 
 

@@ -138,7 +138,10 @@ def _figure_json(block: Figure) -> Markup:
 
 
 def _embedded(value: dict) -> Markup:
-    """JSON that stays inside its script element whatever its strings hold."""
+    """JSON that stays inside its script element whatever its strings hold.
+
+    Plotly's own encoder escapes the same character, but does not promise to.
+    """
     text = plotly.io.json.to_json_plotly(value)
     return Markup(text.replace("<", "\\u003c"))
 
