@@ -91,10 +91,12 @@ class Visit:
         )
 
     def brightness(self, selector: str, style: str = "color") -> float:
-        """Of a colour of the first such element: 0 black, 1 white."""
+        """Of a colour of the first such element, 0 to 255; NaN while it is being redrawn."""
         color = self.page.locator(selector).first.evaluate(
             "(element, style) => getComputedStyle(element)[style]", style
         )
+        if "(" not in color:
+            return float("nan")
         return float(np.mean([float(v) for v in color[color.index("(") + 1 : -1].split(",")[:3]]))
 
 
