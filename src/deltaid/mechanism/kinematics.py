@@ -5,10 +5,11 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism, build_mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
@@ -23,9 +24,10 @@ SINGULAR_CONDITION = 1e6
 # alone moves a pose across the edge by 1e-15 m, and q(z) would be NaN.
 _EDGE = 1e-12
 
-# Distance, in m, by which an elbow must point inwards to be called so; nearer to the stretched limb
-# the pose is singular, whichever side rounding puts the elbow on.
-_INWARDS = 1e-9
+_CHECK_DRIVES = (
+    "check the drives' unit, sign and zero (rotary: 0 = arm horizontal, positive = down), and the "
+    "lengths in the robot's description"
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Kinematics:
         return self.mechanism.dof
 
     def inverse(self, z: Samples) -> Samples:
-        """Drive coordinates q(z), elbows outwards.
+        """Drive coordinates q(z) in the described working mode.
 
         Raises:
             KinematicsError: a limb cannot reach; names the sample, the limb and the distance.
@@ -66,51 +68,51 @@ class Kinematics:
         return q
 
     def forward(self, q: Samples) -> Samples:
-        """Task coordinates z(q), platform below the elbows, in closed form.
+        """Task coordinates z(q) in the described working mode.
+
+        In closed form where there is one (platform below the drives), else by Newton's method from
+        the home pose, on its side of singularities (`mechanism.newton`); rows are then taken for
+        consecutive samples of a motion.
 
         Raises:
-            KinematicsError: no platform position closes the loops, its Jacobian is singular, or an
-                elbow points inwards.
+            KinematicsError: no platform position closes the loops, its Jacobian is singular, or a
+                limb is in its other working mode.
         """
         q = _as_samples(q, self.dof)
-        z, margin, elbows = self._forward(q)
-        bad = np.flatnonzero(~(margin > 0))
+        found = self._forward(q)
+        bad = np.flatnonzero(~found.closed)
         if bad.size:
-            i = bad[0]
-            missing = _excess(self.robot, float(margin[i]))
             raise KinematicsError(
-                f"no platform position closes the loops at q = {_numbers(q[i])}: the three "
-                f"elbows are too far apart for the struts, by {missing:.4g} m of strut length",
-                where=f"sample {i}",
-                cure="check the drive angles' unit, sign and zero (0 = arm horizontal, positive "
-                "= down), and the lengths in the robot's description",
+                f"no platform position closes the loops at q = {_numbers(q[bad[0]])}"
+                f"{found.missing(int(bad[0]))}",
+                where=f"sample {bad[0]}",
+                cure=_CHECK_DRIVES,
             )
-        self.require_regular(z)
-        inwards = np.argwhere(elbows < -_INWARDS)
-        if inwards.size:
-            i, limb = inwards[0]
+        self.require_regular(found.z)
+        wrong = np.flatnonzero(~found.in_mode)
+        if wrong.size:
             raise KinematicsError(
-                f"the elbow of limb {limb + 1} points inwards at q = {_numbers(q[i])}",
-                where=f"sample {i}",
-                cure="check the drive angles' unit, sign and zero (0 = arm horizontal, positive "
-                "= down); a Delta works with its elbows outwards",
+                f"{found.wrong_mode(int(wrong[0]))} at q = {_numbers(q[wrong[0]])}",
+                where=f"sample {wrong[0]}",
+                cure=f"{_CHECK_DRIVES}; limbs.working_mode says how the robot is assembled",
             )
-        return z
+        return found.z
 
-    def forward_unchecked(self, q: Samples) -> tuple[Samples, Float[np.ndarray, " samples"]]:
-        """z(q) and the closing margin [m²], not positive where the loops do not close.
+    def forward_unchecked(self, q: Samples) -> tuple[Samples, Bool[np.ndarray, " samples"]]:
+        """z(q) and whether it is good.
 
-        z is NaN where the loops do not close, z and margin where an elbow points inwards.
+        z is NaN where the loops do not close or a limb is in its other working mode.
         """
-        z, margin, elbows = self._forward(_as_samples(q, self.dof))
-        inwards = np.any(elbows < -_INWARDS, axis=1)
-        return np.where(inwards[:, None], np.nan, z), np.where(inwards, np.nan, margin)
+        found = self._forward(_as_samples(q, self.dof))
+        good = found.closed & found.in_mode
+        return np.where(good[:, None], found.z, np.nan), good
 
-    def _forward(
-        self, q: Samples
-    ) -> tuple[Samples, Float[np.ndarray, " samples"], Float[np.ndarray, "samples limbs"]]:
-        out = self._forward_kernel(q.T)
-        return out[: self.dof].T, out[self.dof], out[self.dof + 1 :].T
+    def why_not(self, q: Samples) -> str:
+        """What is wrong with a drive position that `forward_unchecked` calls not good."""
+        found = self._forward(_as_samples(q, self.dof))
+        if not found.closed[0]:
+            return f"the loops do not close{found.missing(0)}"
+        return found.wrong_mode(0)
 
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J = ∂q/∂z, so that q̇ = J ż."""
@@ -187,9 +189,13 @@ class Kinematics:
         return BatchKernel(m.z, ca.vertcat(m.q, m.reach))
 
     @cached_property
-    def _forward_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        return BatchKernel(m.q_symbols, ca.vertcat(m.forward, m.forward_margin, m.forward_elbows))
+    def _forward(self) -> ForwardKinematics:
+        return forward_kinematics(self.mechanism, self.home)
+
+    @property
+    def home(self) -> Float[np.ndarray, " dof"]:
+        """A pose in the middle of the workspace, z."""
+        return np.append(self.robot.workspace.inner_box[0], np.zeros(self.dof - 3))
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:
@@ -227,12 +233,6 @@ def _as_samples(x: Float[np.ndarray, "..."], dof: int) -> Samples:
 
 def _matrices(out: Float[np.ndarray, "entries samples"], dof: int) -> np.ndarray:
     return out.T.reshape(-1, dof, dof).swapaxes(1, 2)  # CasADi stores columns
-
-
-def _excess(robot: RobotDescription, margin: float) -> float:
-    """Strut length missing for the three spheres to meet, from the margin l² − ρ²."""
-    l = robot.limbs.strut
-    return float(np.sqrt(max(l**2 - margin, 0.0)) - l)
 
 
 def _numbers(x: Float[np.ndarray, " n"]) -> str:

@@ -1,8 +1,9 @@
 """A mechanism as the rest of the package sees it: symbolic poses, drives, joints, reach.
 
 Everything is a CasADi SX expression of the task coordinates z = [r; ψ] (r the platform point in
-the world; ψ only with a telescope). Velocities, accelerations, Jacobians and all of the dynamics
-follow by automatic differentiation, so nothing here is ever differentiated by hand.
+the world; ψ the tool's angle, where a telescope or a platform turns it). Velocities, accelerations,
+Jacobians and all of the dynamics follow by automatic differentiation, so nothing here is ever
+differentiated by hand.
 """
 
 from dataclasses import dataclass
@@ -11,8 +12,13 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism import delta
+from deltaid.mechanism.limb import Limb, build_limb, elbow, mode_margin
+from deltaid.mechanism.platform import PlatformParts, build_platform
+from deltaid.mechanism.spheres import meeting_point
+from deltaid.mechanism.telescope import build_telescope
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limbs import LimbGeometry
+from deltaid.robot.platform import RigidPlatform
 
 
 @dataclass(frozen=True)
@@ -21,7 +27,7 @@ class MovingBody:
 
     Attributes:
         name: the body of the description whose ten parameters it carries.
-        count: how many bodies share this very pose (2 for the struts of a parallelogram).
+        count: how many bodies share this very motion (2 for the struts of a parallelogram).
         R_WL: constant rotation from an inertial frame L to the world W. A limb's poses are
             simplest in a frame turned with the limb; its origin is the world's.
         R_LB: rotation from link frame B to L, 3×3, function of z.
@@ -36,6 +42,37 @@ class MovingBody:
 
 
 @dataclass(frozen=True)
+class LimbBodies:
+    """One limb's bodies: the driven one (upper arm or carriage), the strut, and what it holds.
+
+    Attributes:
+        driven, strut: their poses.
+        held: the middle of the strut joints at the platform, in the world [m].
+    """
+
+    driven: MovingBody
+    strut: MovingBody
+    held: ca.SX
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """Forward kinematics written out.
+
+    Attributes:
+        z: task coordinates as functions of the drive coordinates.
+        margin: strut² less the square of the strut length that would just close the loops [m²].
+        strut: that strut's length [m].
+        modes: for each limb a distance in metres that is negative in the other working mode.
+    """
+
+    z: ca.SX
+    margin: ca.SX
+    strut: float
+    modes: ca.SX
+
+
+@dataclass(frozen=True)
 class Mechanism:
     """The kinematics of one robot, symbolic.
 
@@ -43,24 +80,26 @@ class Mechanism:
         z: task coordinates, δ symbols.
         q: drive coordinates as functions of z (inverse kinematics).
         bodies: all moving bodies.
+        limbs: those of each limb, and what it holds.
         joints: friction joints' coordinates ϑ(z) by name, drives first.
         reach: for each limb, the distance in metres by which z is inside its reach, functions of z.
-        q_symbols: δ symbols for the drive coordinates in `forward`.
-        forward: z as a function of `q_symbols` (forward kinematics in closed form).
-        forward_margin: squared length that is negative when no platform pose closes the loops at q.
-        forward_elbows: for each limb, a distance in metres that is negative when its elbow points
-            inwards at q; all else here has the elbows outwards.
+        q_symbols: δ symbols for the drive coordinates in what follows.
+        closure: δ functions of z and `q_symbols` that are zero when the loops are closed [m, rad].
+        modes: for each limb a distance in metres, function of z and `q_symbols`, that is negative
+            when the limb is not in its described working mode.
+        forward: forward kinematics in closed form; None where only iteration finds it.
     """
 
     z: ca.SX
     q: ca.SX
     bodies: tuple[MovingBody, ...]
+    limbs: tuple[LimbBodies, ...]
     joints: dict[str, ca.SX]
     reach: ca.SX
     q_symbols: ca.SX
-    forward: ca.SX
-    forward_margin: ca.SX
-    forward_elbows: ca.SX
+    closure: ca.SX
+    modes: ca.SX
+    forward: ClosedForm | None
 
     @property
     def dof(self) -> int:
@@ -70,34 +109,78 @@ class Mechanism:
 
 def build_mechanism(robot: RobotDescription) -> Mechanism:
     """The mechanism of a described robot."""
-    n_limbs = len(robot.limbs.azimuth_deg)
-    dof = len(robot.drives)
-    z = ca.SX.sym("z", dof)
-    r = z[:3]
-    limbs = [delta.limb(r, azimuth, robot.limbs) for azimuth in robot.limbs.azimuth_deg]
-    bodies = [
-        body
-        for limb in limbs
-        for body in (
-            MovingBody("U", 1, limb.R_WL, limb.R_LU, limb.r_LU),
-            MovingBody("S", robot.limbs.struts_per_limb, limb.R_WL, limb.R_LS, limb.r_LS),
-        )
-    ]
-    bodies.append(MovingBody("P", 1, np.eye(3), ca.SX.eye(3), r))
-    q = ca.vertcat(*[limb.q for limb in limbs])
-    joints = {f"drive{i + 1}": limbs[i].q for i in range(n_limbs)}
-    q_symbols = ca.SX.sym("q", dof)
-    forward, margin, elbows = delta.forward_kinematics(q_symbols[:n_limbs], robot.limbs)
+    z = ca.SX.sym("z", len(robot.drives))
+    q_symbols = ca.SX.sym("q", len(robot.drives))
+    geometry, platform = robot.limbs.geometry(), build_platform(robot, z)
+    limbs = tuple(
+        _limb_bodies(robot, i, g, p) for i, (g, p) in enumerate(_held(geometry, platform))
+    )
+    solved = [build_limb(p, g) for g, p in _held(geometry, platform)]
+    bodies = [body for limb in limbs for body in (limb.driven, limb.strut)]
+    bodies += [MovingBody(b.name, b.count, np.eye(3), b.R_WB, b.r_WB) for b in platform.bodies]
+    q = ca.vertcat(*[limb.q for limb in solved])
+    closure, modes = _closure(q_symbols, geometry, platform)
+    joints = {f"drive{i + 1}": limb.q for i, limb in enumerate(solved)}
+    if platform.joint is not None:
+        joints["platform"] = platform.joint
     if robot.telescope is not None:
         psi = z[3]
-        bar = delta.telescope(r, psi, robot.telescope)
+        bar = build_telescope(z[:3], psi, robot.telescope)
         bodies += [
             MovingBody("TU", 1, np.eye(3), bar.R_WT, bar.r_WTU),
             MovingBody("TL", 1, np.eye(3), bar.R_WT, bar.r_WTL),
-            MovingBody("EE", 1, np.eye(3), bar.R_WE, r),
+            MovingBody("EE", 1, np.eye(3), bar.R_WE, z[:3]),
         ]
-        q = ca.vertcat(q, psi)
+        q, closure = ca.vertcat(q, psi), ca.vertcat(closure, psi - q_symbols[3])
         joints |= {"drive4": psi, "slide": bar.length}
-        forward = ca.vertcat(forward, q_symbols[3])
-    reach = ca.vertcat(*[limb.reach for limb in limbs])
-    return Mechanism(z, q, tuple(bodies), joints, reach, q_symbols, forward, margin, elbows)
+    return Mechanism(
+        z=z,
+        q=q,
+        bodies=tuple(bodies),
+        limbs=limbs,
+        joints={name: joints[name] for name in robot.joints},
+        reach=ca.vertcat(*[limb.reach for limb in solved]),
+        q_symbols=q_symbols,
+        closure=closure,
+        modes=modes,
+        forward=_closed_form(robot, q_symbols, geometry),
+    )
+
+
+def _held(
+    geometry: tuple[LimbGeometry, ...], platform: PlatformParts
+) -> list[tuple[LimbGeometry, ca.SX]]:
+    return list(zip(geometry, platform.points, strict=True))
+
+
+def _limb_bodies(
+    robot: RobotDescription, i: int, geometry: LimbGeometry, held: ca.SX
+) -> LimbBodies:
+    driven, strut = robot.limb_bodies(i)
+    limb: Limb = build_limb(held, geometry)
+    return LimbBodies(
+        driven=MovingBody(driven, 1, limb.R_WL, limb.R_LD, limb.r_LD),
+        strut=MovingBody(strut, geometry.struts, limb.R_WL, limb.R_LS, limb.r_LS),
+        held=held,
+    )
+
+
+def _closure(
+    q: ca.SX, geometry: tuple[LimbGeometry, ...], platform: PlatformParts
+) -> tuple[ca.SX, ca.SX]:
+    """(|a_i − E_i(q_i)|² − l_i²) / (2 l_i) of each limb [m], and the limbs' mode margins [m]."""
+    closure, modes = [], []
+    for i, (limb, point) in enumerate(_held(geometry, platform)):
+        gap = ca.sumsqr(point - elbow(q[i], limb)) - limb.strut**2
+        closure.append(gap / (2 * limb.strut))
+        modes.append(mode_margin(q[i], point, limb))
+    return ca.vertcat(*closure), ca.vertcat(*modes)
+
+
+def _closed_form(
+    robot: RobotDescription, q: ca.SX, geometry: tuple[LimbGeometry, ...]
+) -> ClosedForm | None:
+    if not isinstance(robot.platform, RigidPlatform) or len(geometry) != 3:
+        return None
+    point, margin, modes = meeting_point(q[:3], geometry)
+    return ClosedForm(ca.vertcat(point, q[3:]), margin, geometry[0].strut, modes)

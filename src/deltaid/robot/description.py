@@ -18,59 +18,25 @@ from deltaid.robot.inertia import (
     why_inconsistent,
     with_thickness,
 )
+from deltaid.robot.limbs import Limbs
+from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import (
     Coordinate,
-    Length,
     Mass,
     NotNegative,
     Point,
     Positive,
-    Radius,
     Vector,
 )
 from deltaid.robot.shapes import Shape
 from deltaid.robot.workspace import Workspace
 
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
-LIMB_BODIES = ("U", "S", "P")
 TELESCOPE_BODIES = ("TU", "TL", "EE")
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Limbs(_Part):
-    """Limbs of a rotary Delta: an upper arm on each motor, then a parallelogram of struts."""
-
-    azimuth_deg: tuple[Coordinate, ...] = Field(
-        min_length=3,
-        max_length=3,
-        description="direction of each limb about world z, counted from world x, degrees",
-    )
-    base_radius: Radius = Field(description="distance of the motor axes from the base centre, m")
-    platform_radius: Radius = Field(
-        description="distance of the strut joints from the platform point, m"
-    )
-    upper_arm: Length = Field(description="length from motor axis to elbow, m")
-    strut: Length = Field(description="length of the struts between their joints, m")
-    struts_per_limb: Literal[1, 2] = Field(default=2, description="2 for a parallelogram")
-
-    @model_validator(mode="after")
-    def _check(self) -> "Limbs":
-        angles = np.sort(np.mod(self.azimuth_deg, 360.0))
-        gaps = np.diff(np.append(angles, angles[0] + 360.0))
-        if gaps.min() < 1.0:
-            raise ValueError("two limbs point the same way; azimuth_deg needs distinct directions")
-        if gaps.max() > 179.0:
-            raise ValueError("all limbs lie on one side of the base; the platform is not held")
-        span = abs(self.base_radius - self.platform_radius)
-        if self.strut + self.upper_arm <= span:
-            raise ValueError(
-                f"the limbs cannot close: upper_arm + strut = {self.upper_arm + self.strut:g} m, "
-                f"but base_radius and platform_radius differ by {span:g} m"
-            )
-        return self
 
 
 class Telescope(_Part):
@@ -178,18 +144,65 @@ class Body(_Part):
 
 
 class DriveLimits(_Part):
-    """What one drive can do; degrees, seconds and newton metres."""
+    """What one drive can do: degrees and newton metres for a motor, metres and newtons for a rail."""
 
-    angle_deg: tuple[Coordinate, Coordinate] | None = None
+    angle_deg: tuple[Coordinate, Coordinate] | None = Field(
+        default=None, description="lowest and highest angle of a rotary drive, degrees"
+    )
     speed_deg_s: Positive | None = None
     acceleration_deg_s2: Positive | None = None
-    torque: Positive | None = None
+    torque: Positive | None = Field(default=None, description="N m")
+    position: tuple[Coordinate, Coordinate] | None = Field(
+        default=None, description="lowest and highest position of a linear drive, m"
+    )
+    speed: Positive | None = Field(default=None, description="of a linear drive, m/s")
+    acceleration: Positive | None = Field(default=None, description="of a linear drive, m/s²")
+    force: Positive | None = Field(default=None, description="of a linear drive, N")
 
     @model_validator(mode="after")
     def _check(self) -> "DriveLimits":
-        if self.angle_deg is not None and self.angle_deg[0] >= self.angle_deg[1]:
-            raise ValueError("angle_deg must be given as [lowest, highest]")
+        for name in ("angle_deg", "position"):
+            value = getattr(self, name)
+            if value is not None and value[0] >= value[1]:
+                raise ValueError(f"{name} must be given as [lowest, highest]")
+        if self._given(_ROTARY) and self._given(_LINEAR):
+            raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
         return self
+
+    def _given(self, names: tuple[str, ...]) -> list[str]:
+        return [name for name in names if getattr(self, name) is not None]
+
+    def foreign(self, *, linear: bool) -> list[str]:
+        """Keys given that are of the other kind of drive."""
+        return self._given(_ROTARY if linear else _LINEAR)
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Lowest and highest drive coordinate [rad or m]."""
+        if self.angle_deg is not None:
+            low, high = np.deg2rad(self.angle_deg)
+            return float(low), float(high)
+        return self.position
+
+    @property
+    def top_speed(self) -> float | None:
+        """Largest speed [rad/s or m/s]."""
+        return float(np.deg2rad(self.speed_deg_s)) if self.speed_deg_s else self.speed
+
+    @property
+    def top_acceleration(self) -> float | None:
+        """Largest acceleration [rad/s² or m/s²]."""
+        in_degrees = self.acceleration_deg_s2
+        return float(np.deg2rad(in_degrees)) if in_degrees else self.acceleration
+
+    @property
+    def effort(self) -> float | None:
+        """Largest torque or force [N m or N]."""
+        return self.torque or self.force
+
+
+_ROTARY = ("angle_deg", "speed_deg_s", "acceleration_deg_s2", "torque")
+_LINEAR = ("position", "speed", "acceleration", "force")
 
 
 class RobotDescription(_Part):
@@ -201,11 +214,16 @@ class RobotDescription(_Part):
         default=(0.0, 0.0, -9.81), description="gravity in the world frame, m/s²"
     )
     limbs: Limbs
+    platform: Platform = RigidPlatform()
     telescope: Telescope | None = None
-    bodies: dict[str, Body] = Field(description="U, S, P and, with a telescope, TU, TL, EE")
+    bodies: dict[str, Body] = Field(
+        description="U (or C with linear drives) and S, then those of the platform: P; SB, MB, EE; "
+        "MP, R, EE; or HP, EE; and with a telescope TU, TL, EE"
+    )
     friction: dict[str, Friction] = Field(
         default_factory=dict,
-        description="joints with friction: drive1, drive2, … and, with a telescope, slide",
+        description="joints with friction: drive1, drive2, …; platform if it has a joint; slide of a "
+        "telescope",
     )
     rotor_inertia: dict[str, Positive] = Field(
         default_factory=dict,
@@ -234,18 +252,37 @@ class RobotDescription(_Part):
     @property
     def drives(self) -> tuple[str, ...]:
         """Names of the drives, in the order of q."""
-        n = len(self.limbs.azimuth_deg) + (self.telescope is not None)
+        n = self.limbs.count + (self.telescope is not None)
         return tuple(f"drive{i + 1}" for i in range(n))
 
     @property
     def body_names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of p."""
-        return LIMB_BODIES + (TELESCOPE_BODIES if self.telescope else ())
+        limbs = [name for i in range(self.limbs.count) for name in self.limb_bodies(i)]
+        return (
+            *dict.fromkeys(limbs),
+            *self.platform.bodies,
+            *(TELESCOPE_BODIES if self.telescope else ()),
+        )
+
+    def limb_bodies(self, limb: int) -> tuple[str, str]:
+        """Names of the driven body and the strut of limb 0, 1, …"""
+        own = "" if self.limbs.identical else str(limb + 1)
+        driven = "U" if self.limbs.drive == "rotary" else "C"
+        return f"{driven}{own}", f"S{own}"
+
+    def is_linear(self, joint: str) -> bool:
+        """Whether a joint slides: coordinates in m and forces in N instead of rad and N m."""
+        if joint == "platform":
+            return self.platform.slides
+        limbs = tuple(f"drive{i + 1}" for i in range(self.limbs.count))
+        return joint == "slide" or (joint in limbs and self.limbs.drive == "linear")
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all joints that may have friction."""
-        return self.drives + (("slide",) if self.telescope else ())
+        platform = () if isinstance(self.platform, RigidPlatform) else ("platform",)
+        return self.drives + platform + (("slide",) if self.telescope else ())
 
     @property
     def friction_joints(self) -> tuple[str, ...]:
@@ -258,7 +295,7 @@ class RobotDescription(_Part):
         terms = [
             term
             for joint in self.friction_joints
-            for term in friction_terms(joint, self.friction[joint], sliding=joint == "slide")
+            for term in friction_terms(joint, self.friction[joint], sliding=self.is_linear(joint))
         ]
         return tuple(sorted(terms, key=lambda term: TERM_KINDS.index(term.kind)))
 
@@ -281,9 +318,27 @@ class RobotDescription(_Part):
                 raise ValueError(f"friction.{joint} has a load term, which only drives can have")
         _among("rotor_inertia", self.rotor_inertia, self.drives)
         _among("drive_limits", self.drive_limits, self.drives)
+        self._check_drives()
         if not np.any(self.gravity):
             raise ValueError("gravity is zero; give the vector in the world frame, in m/s²")
         return self
+
+    def _check_drives(self) -> None:
+        wanted = 3 if isinstance(self.platform, RigidPlatform) else 4
+        if self.limbs.count != wanted:
+            raise ValueError(
+                f"a platform of kind {self.platform.kind} needs {wanted} limbs, but "
+                f"limbs.azimuth_deg has {self.limbs.count}"
+            )
+        if self.telescope is not None and wanted == 4:
+            raise ValueError(
+                "telescope is given, but the platform turns its tool itself; leave one of them out"
+            )
+        for drive, limits in self.drive_limits.items():
+            foreign = limits.foreign(linear=self.is_linear(drive))
+            if foreign:
+                kind = "linear" if self.is_linear(drive) else "rotary"
+                raise ValueError(f"drive_limits.{drive} has {foreign[0]}, but the drive is {kind}")
 
 
 def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:

@@ -1,0 +1,85 @@
+"""Platforms: the points that limbs hold, the moving bodies, and the platform's own joint.
+
+The task coordinates are z = [r; ψ] for a platform that turns its tool, z = r for one that does not.
+Formulas and sources: `robot/platform.py`.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.mechanism.vectors import rotation_z
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
+
+
+@dataclass(frozen=True)
+class PlatformBody:
+    """A body of the platform: name, how many share its motion, rotation and origin in the world."""
+
+    name: str
+    count: int
+    R_WB: ca.SX
+    r_WB: ca.SX
+
+
+@dataclass(frozen=True)
+class PlatformParts:
+    """A platform as functions of z.
+
+    Attributes:
+        points: for each limb the middle of its strut joints [m].
+        bodies: all moving bodies.
+        joint: coordinate of the platform's own joint, θ [rad] or s [m]; None without one.
+    """
+
+    points: tuple[ca.SX, ...]
+    bodies: tuple[PlatformBody, ...]
+    joint: ca.SX | None
+
+
+def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
+    """The platform of a described robot."""
+    r, platform = z[:3], robot.platform
+    attachments = [ca.DM(limb.attachment) for limb in robot.limbs.geometry()]
+    if isinstance(platform, RigidPlatform):
+        points = tuple(r + d for d in attachments)
+        return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None)
+    psi = z[3]
+    joint = psi / platform.ratio
+    half = _half(platform, joint)
+    parts = (r + half, r - half)
+    points = tuple(
+        parts[0 if i + 1 in platform.first else 1] + d for i, d in enumerate(attachments)
+    )
+    tool = PlatformBody("EE", 1, rotation_z(psi), r + ca.DM(np.array(platform.tool)))
+    return PlatformParts(points, (*_bodies(platform, parts, r, joint), tool), joint)
+
+
+def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.SX:
+    """From the platform point to the point of the first part."""
+    if isinstance(platform, I4Platform):
+        angle = np.deg2rad(platform.direction_deg)
+        return 0.5 * joint * ca.DM([np.cos(angle), np.sin(angle), 0.0])
+    length = platform.half_length if isinstance(platform, H4Platform) else 0.5 * platform.length
+    return length * rotation_z(joint)[:, 0]
+
+
+def _bodies(
+    platform: H4Platform | Par4Platform | I4Platform,
+    parts: tuple[ca.SX, ca.SX],
+    r: ca.SX,
+    joint: ca.SX,
+) -> tuple[PlatformBody, ...]:
+    """Both parts, which only translate, and what joins them."""
+    match platform:
+        case H4Platform():
+            joining = (PlatformBody("MB", 1, rotation_z(joint), r),)
+        case Par4Platform():
+            # Both rods move alike but for where they are, which no torque shows.
+            joining = (PlatformBody("R", 2, rotation_z(joint), r),)
+        case I4Platform():
+            joining = ()
+    name = platform.bodies[0]
+    return (*(PlatformBody(name, 1, ca.SX.eye(3), part) for part in parts), *joining)

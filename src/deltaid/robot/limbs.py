@@ -1,0 +1,215 @@
+"""Limbs of a Delta-like robot as a user writes them, and each limb's geometry on its own.
+
+A limb is a drive (an upper arm on a motor, or a carriage on a rail), then a parallelogram of struts
+to a joint of the platform. Its frame L has x outwards in direction `azimuth_deg`, y along the motor
+axis and z up; with `tilt_deg` the frame is then turned about its own x axis (rotary drive, motor
+axis out of the horizontal) or its rail about y (linear drive, rail out of the vertical).
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.quantities import Coordinate, Length, Point, Radius
+
+DriveKind = Literal["rotary", "linear"]
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+
+# Lengths and angles may be given once for all limbs or as a list, one a limb.
+Lengths = Length | tuple[Length, ...]
+Radii = Radius | tuple[Radius, ...]
+Angles = Angle | tuple[Angle, ...]
+
+
+@dataclass(frozen=True)
+class LimbGeometry:
+    """One limb by its numbers; vectors in the world unless said otherwise.
+
+    Attributes:
+        drive: how it is driven.
+        R_WL: rotation from the limb's frame L to the world.
+        base: a point A of the motor axis in the arm's plane, or of the rail where q = 0 [m].
+        attachment: from the point of its platform part to the strut joints' middle [m].
+        rail: direction of positive q of a linear drive, in L.
+        upper_arm, strut: lengths [m]; the arm's is 0 for a linear drive.
+        struts: how many struts.
+        outwards: whether the elbow points outwards (rotary), or the carriage stands above the
+            platform's joint along the rail (linear): the limb's working mode.
+    """
+
+    drive: DriveKind
+    R_WL: Float[np.ndarray, "3 3"]
+    base: Float[np.ndarray, " 3"]
+    attachment: Float[np.ndarray, " 3"]
+    rail: Float[np.ndarray, " 3"]
+    upper_arm: float
+    strut: float
+    struts: int
+    outwards: bool
+
+
+class Limbs(BaseModel):
+    """All limbs of a robot, alike but for what is given as a list."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    drive: DriveKind = Field(default="rotary", description="arm on a motor, or carriage on a rail")
+    azimuth_deg: tuple[Coordinate, ...] = Field(
+        min_length=3,
+        max_length=4,
+        description="direction of each limb about world z, counted from world x, degrees",
+    )
+    tilt_deg: Angles = Field(
+        default=0.0,
+        description="rotary: motor axis out of the horizontal, about the limb's x; linear: lower "
+        "end of the rail outwards from the vertical, 90 for a horizontal rail; degrees",
+    )
+    base_radius: Radii | None = Field(
+        default=None,
+        description="distance of the motor axes, or of the rails' zero points, from the base "
+        "centre, m; or give base_points",
+    )
+    platform_radius: Radii | None = Field(
+        default=None,
+        description="distance of the strut joints from the point of their platform part, m; or "
+        "give platform_points",
+    )
+    base_points: tuple[Point, ...] | None = Field(
+        default=None, description="in place of base_radius: a point for each limb, world, m"
+    )
+    platform_points: tuple[Point, ...] | None = Field(
+        default=None,
+        description="in place of platform_radius: strut joints' middle of each limb, from the "
+        "point of its platform part, world axes, m",
+    )
+    upper_arm: Lengths | None = Field(
+        default=None, description="rotary drives: length from motor axis to elbow, m"
+    )
+    strut: Lengths = Field(description="length of the struts between their joints, m")
+    struts_per_limb: Literal[1, 2] = Field(default=2, description="2 for a parallelogram")
+    working_mode: Literal["outwards", "inwards"] | tuple[Literal["outwards", "inwards"], ...] = (
+        Field(
+            default="outwards",
+            description="rotary: where the elbow points; linear: outwards has the carriage above "
+            "the platform's joint along the rail, inwards below",
+        )
+    )
+    identical: bool = Field(
+        default=True,
+        description="all limbs share the inertia parameters of U (or C) and S; if not, each has "
+        "its own: U1, S1, U2, …",
+    )
+
+    @property
+    def count(self) -> int:
+        """Number of limbs."""
+        return len(self.azimuth_deg)
+
+    @model_validator(mode="after")
+    def _check(self) -> "Limbs":
+        for name in ("tilt_deg", "base_radius", "platform_radius", "base_points",
+                     "platform_points", "upper_arm", "strut", "working_mode"):  # fmt: skip
+            value = getattr(self, name)
+            if isinstance(value, tuple) and len(value) != self.count:
+                raise ValueError(
+                    f"{name} has {len(value)} entries, but azimuth_deg has {self.count} limbs"
+                )
+        _either("base_radius", self.base_radius, "base_points", self.base_points)
+        _either("platform_radius", self.platform_radius, "platform_points", self.platform_points)
+        if self.drive == "rotary" and self.upper_arm is None:
+            raise ValueError("upper_arm is missing; rotary drives need its length")
+        if self.drive == "linear" and self.upper_arm is not None:
+            raise ValueError("upper_arm is given, but a linear drive has none; see drive")
+        self._check_places()
+        return self
+
+    def _check_places(self) -> None:
+        """Refuse limbs in the same place, and rotary arrangements that cannot hold a platform."""
+        limbs = self.geometry()
+        for i, a in enumerate(limbs):
+            for j, b in enumerate(limbs[:i]):
+                same = np.allclose(a.base, b.base, atol=1e-6)
+                if same and np.allclose(a.R_WL, b.R_WL, atol=1e-6):
+                    what = "rails coincide" if self.drive == "linear" else "drives coincide"
+                    raise ValueError(f"the {what} of limbs {j + 1} and {i + 1}")
+        if self.base_points is None and self.platform_points is None:
+            angles = np.sort(np.mod(self.azimuth_deg, 360.0))
+            gaps = np.diff(np.append(angles, angles[0] + 360.0))
+            if gaps.min() < 1.0:
+                raise ValueError(
+                    "two limbs point the same way; azimuth_deg needs distinct directions"
+                )
+            if gaps.max() > 179.0 and self.drive == "rotary":
+                raise ValueError("all limbs lie on one side of the base; the platform is not held")
+        for i, limb in enumerate(limbs):
+            self._check_length(i, limb)
+
+    def _check_length(self, i: int, limb: LimbGeometry) -> None:
+        if limb.drive == "linear" or self.base_points is not None or self.platform_points:
+            return
+        span = abs(np.linalg.norm(limb.base) - np.linalg.norm(limb.attachment))
+        if limb.strut + limb.upper_arm <= span:
+            whose = "the limbs" if self._alike() else f"limb {i + 1}"
+            raise ValueError(
+                f"{whose} cannot close: upper_arm + strut = {limb.upper_arm + limb.strut:g} m, "
+                f"but base_radius and platform_radius differ by {span:g} m"
+            )
+
+    def _alike(self) -> bool:
+        values = (self.upper_arm, self.strut, self.base_radius, self.platform_radius)
+        return not any(isinstance(value, tuple) for value in values)
+
+    def geometry(self) -> tuple[LimbGeometry, ...]:
+        """Each limb by its numbers."""
+        return tuple(self._limb(i) for i in range(self.count))
+
+    def _limb(self, i: int) -> LimbGeometry:
+        upright = rotation("z", self.azimuth_deg[i])
+        tilt = float(_of(self.tilt_deg, i))
+        rotary = self.drive == "rotary"
+        R_WL = upright @ rotation("x", tilt) if rotary else upright
+        down = rotation("y", -tilt) @ np.array([0.0, 0.0, -1.0])
+        return LimbGeometry(
+            drive=self.drive,
+            R_WL=R_WL,
+            base=_point(self.base_points, self.base_radius, upright, i),
+            attachment=_point(self.platform_points, self.platform_radius, upright, i),
+            rail=down,
+            upper_arm=float(_of(self.upper_arm, i)) if rotary else 0.0,
+            strut=float(_of(self.strut, i)),
+            struts=self.struts_per_limb,
+            outwards=_of(self.working_mode, i) == "outwards",
+        )
+
+
+def rotation(axis: Literal["x", "y", "z"], angle_deg: float) -> Float[np.ndarray, "3 3"]:
+    """Rotation by an angle about one axis, right-handed."""
+    c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+    k = "xyz".index(axis)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    R = np.eye(3)
+    R[i, i] = R[j, j] = c
+    R[i, j], R[j, i] = -s, s
+    return R
+
+
+def _either(first: str, a: object, second: str, b: object) -> None:
+    if (a is None) == (b is None):
+        problem = "both are given" if a is not None else "neither is given"
+        raise ValueError(f"give either {first} or {second}; {problem}")
+
+
+def _of(value: object, i: int) -> object:
+    """The value of limb i, of one for all or one a limb."""
+    return value[i] if isinstance(value, tuple) else value
+
+
+def _point(
+    points: tuple[Point, ...] | None, radius: object, upright: Float[np.ndarray, "3 3"], i: int
+) -> Float[np.ndarray, " 3"]:
+    if points is not None:
+        return np.array(points[i])
+    return float(_of(radius, i)) * upright[:, 0]  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,94 @@
+"""Platforms of Delta-like robots as a user writes them.
+
+With r the platform point, u(θ) = (cos θ, sin θ, 0) and d_i fixed, limb i holds the point
+
+    rigid   r + d_i                  only translates (Clavel 1988)
+    h4      r ± h u(θ) + d_i         two side bars on a turning middle bar (Pierrot, Company 1999)
+    par4    r ± ½ L u(θ) + d_i       two main parts and two rods, a parallelogram (Nabat et al. 2005)
+    i4      r ± ½ s e + d_i          two half platforms on a slide along e (Krut et al. 2003)
+
+with + for the limbs of the `first` part and − for the others. The tool turns by ψ = k θ, or ψ = k s.
+"""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.quantities import Coordinate, Length, Point, Positive
+
+Ratio = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+class _Platform(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class RigidPlatform(_Platform):
+    """One body that all limbs hold; it only translates."""
+
+    kind: Literal["rigid"] = "rigid"
+    bodies: ClassVar[tuple[str, ...]] = ("P",)
+    slides: ClassVar[bool] = False
+
+
+class _Articulated(_Platform):
+    first: tuple[int, ...] = Field(
+        default=(1, 2), description="numbers of the limbs that hold the first part"
+    )
+    ratio: Ratio = Field(
+        default=1.0,
+        description="k of the tool's angle ψ = k θ (gear, belt), or ψ = k s (rack), rad/m",
+    )
+    tool: Point = Field(default=(0.0, 0.0, 0.0), description="tool axis from the platform point, m")
+    angle_deg: tuple[Coordinate, Coordinate] | None = Field(
+        default=None, description="lowest and highest tool angle ψ, degrees"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "_Articulated":
+        if self.ratio == 0:
+            raise ValueError("ratio is zero; the tool would not turn")
+        if sorted(set(self.first)) != sorted(self.first) or not all(
+            1 <= limb <= 4 for limb in self.first
+        ):
+            raise ValueError("first must name limbs by number, 1 to 4, each once")
+        if len(self.first) != 2:
+            raise ValueError("first must name two of the four limbs; the others hold the second")
+        if self.angle_deg is not None and self.angle_deg[0] >= self.angle_deg[1]:
+            raise ValueError("angle_deg must be given as [lowest, highest]")
+        return self
+
+
+class H4Platform(_Articulated):
+    """Two side bars, joined by a middle bar that turns by θ about z."""
+
+    kind: Literal["h4"]
+    bodies: ClassVar[tuple[str, ...]] = ("SB", "MB", "EE")
+    slides: ClassVar[bool] = False
+    half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
+
+
+class Par4Platform(_Articulated):
+    """A planar parallelogram of two main parts and two rods that turn by θ about z."""
+
+    kind: Literal["par4"]
+    bodies: ClassVar[tuple[str, ...]] = ("MP", "R", "EE")
+    slides: ClassVar[bool] = False
+    length: Length = Field(description="L of the rods, m")
+
+
+class I4Platform(_Articulated):
+    """Two half platforms on a slide; their distance s turns the tool by a rack and a pinion."""
+
+    kind: Literal["i4"]
+    bodies: ClassVar[tuple[str, ...]] = ("HP", "EE")
+    slides: ClassVar[bool] = True
+    direction_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        default=0.0, description="direction e of the slide about world z, degrees"
+    )
+    ratio: Positive | Ratio = Field(description="k of ψ = k s: one over the pinion's radius, rad/m")
+
+
+Platform = Annotated[
+    RigidPlatform | H4Platform | Par4Platform | I4Platform, Field(discriminator="kind")
+]
