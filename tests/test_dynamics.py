@@ -14,7 +14,7 @@ from scipy.integrate import simpson
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
-from deltaid.robot.description import Telescope
+from deltaid.robot.telescope import Telescope
 from support import LOGS, assert_close, needs_logs, random_states, random_twin, recorded_twin, slope
 from test_oracle import _inward_solution_from_pi
 

@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.robot.description import Limbs, Telescope
+from deltaid.robot.limbs import Limbs
+from deltaid.robot.telescope import Telescope
 from support import assert_close, random_states, random_twin, slope
 
 # Lengths like a 1.6 m robot's, unless a name says otherwise.

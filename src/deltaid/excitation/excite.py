@@ -23,6 +23,8 @@ from deltaid.identification.regularizer import parameter_scale
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
 # the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
 _POINTS, _REFERENCES, _TURN, _SHORTER = 20, 20, np.pi, 4.0
+# Length [m] by which a turning passive joint's friction becomes a force at the platform.
+_LEVER = 0.1
 
 
 @dataclass(frozen=True)
@@ -208,8 +210,8 @@ class Exciter:
         robot = self.dynamics.robot
         for i, drive in enumerate(robot.drives):
             limits = robot.drive_limits.get(drive)
-            if limits is not None and limits.speed_deg_s is not None:
-                speed[i] = np.deg2rad(limits.speed_deg_s)
+            if limits is not None and limits.top_speed is not None:
+                speed[i] = limits.top_speed
         return torque, speed, rms
 
     def _weighting(self) -> Weighting:
@@ -234,21 +236,24 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
         DeltaidError: friction alone takes the whole torque.
     """
     robot = dynamics.robot
-    slide = (
-        robot.friction["slide"].at_rest * robot.limbs.upper_arm
-        if "slide" in robot.friction
-        else 0.0
+    arms = [limb.upper_arm or 1.0 for limb in robot.limbs.geometry()]
+    # A passive joint's friction reaches a drive through a lever of about the arm's length.
+    passive = sum(
+        law.at_rest / (1.0 if robot.is_linear(joint) else _LEVER)
+        for joint, law in robot.friction.items()
+        if joint not in robot.drives
     )
     left = {}
     for i, largest in torque_limits(robot).items():
         drive = robot.drives[i]
         law = robot.friction.get(drive)
         own = law.at_rest + (law.load or 0.0) * largest if law else 0.0
-        left[i] = largest - own - (slide if i < len(robot.limbs.azimuth_deg) else 0.0)
+        left[i] = largest - own - (passive * arms[i] if i < len(arms) else 0.0)
         if left[i] <= 0:
+            unit, key = ("N", "force") if robot.is_linear(drive) else ("N m", "torque")
             raise DeltaidError(
-                f"a torque limit of {largest:g} N m is no more than the joint's Coulomb friction",
-                where=f"{robot.name}, drive_limits.{drive}.torque",
+                f"a {key} limit of {largest:g} {unit} is no more than the joint's Coulomb friction",
+                where=f"{robot.name}, drive_limits.{drive}.{key}",
                 cure="raise the limit, or lower the friction's prior",
             )
     return left
@@ -256,12 +261,15 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
 
 def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:
     centre, half = dynamics.robot.workspace.inner_box
-    turn = dynamics.dof - 3
+    if dynamics.dof > 3:
+        turn = dynamics.robot.turn
+        centre = np.append(centre, 0.5 * (turn.low + turn.high))
+        half = np.append(half, min(_TURN, 0.5 * (turn.high - turn.low)))
     slowest = 2 * np.pi / settings.duration
     return Series(
         harmonics=settings.harmonics,
         slowest=slowest,
         fastest=_SHORTER * slowest,
-        centre=np.append(centre, np.zeros(turn)),
-        size=np.append(half, np.full(turn, _TURN)),
+        centre=centre,
+        size=half,
     )

@@ -8,6 +8,7 @@ import numpy as np
 from deltaid.dynamics.equations import TaskMotion
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 
 
@@ -63,13 +64,17 @@ def _platform(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
         limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
         share = motion.zdd[i] / robot.platform_acceleration
         limits.append(Limit(f"platform acceleration {axis}", share, True))
+    if not isinstance(robot.platform, RigidPlatform):  # of a telescope they are the drive's
+        turn = robot.turn
+        limits.append(Limit("tool speed", motion.zd[3] / turn.speed, True))
+        limits.append(Limit("tool acceleration", motion.zdd[3] / turn.acceleration, True))
     return limits
 
 
 def torque_limits(robot: RobotDescription) -> dict[int, float]:
-    """Largest torque of each drive that has one, by its place in q [N m]."""
+    """Largest torque of each drive that has one, by its place in q [N m or N]."""
     given = {i: robot.drive_limits.get(drive) for i, drive in enumerate(robot.drives)}
-    return {i: d.torque for i, d in given.items() if d is not None and d.torque is not None}
+    return {i: d.effort for i, d in given.items() if d is not None and d.effort is not None}
 
 
 def _drives(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
@@ -78,14 +83,13 @@ def _drives(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
         given = robot.drive_limits.get(drive)
         if given is None:
             continue
-        if given.angle_deg is not None:
-            low, high = np.deg2rad(given.angle_deg)
-            limits.append(_between(f"{drive} angle", motion.q[i], (low, high)))
-        if given.speed_deg_s is not None:
-            share = motion.qd[i] / np.deg2rad(given.speed_deg_s)
-            limits.append(Limit(f"{drive} speed", share, True))
-        if given.acceleration_deg_s2 is not None:
-            share = motion.qdd[i] / np.deg2rad(given.acceleration_deg_s2)
+        place = "position" if robot.is_linear(drive) else "angle"
+        if given.range is not None:
+            limits.append(_between(f"{drive} {place}", motion.q[i], given.range))
+        if given.top_speed is not None:
+            limits.append(Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True))
+        if given.top_acceleration is not None:
+            share = motion.qdd[i] / given.top_acceleration
             limits.append(Limit(f"{drive} acceleration", share, True))
     return limits
 
@@ -95,10 +99,12 @@ def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
     limits = []
     if robot.strut_swing_deg is not None:
         largest = np.sin(np.deg2rad(robot.strut_swing_deg))
-        struts = [body for body in mechanism.bodies if body.name == "S"]
-        for i, strut in enumerate(struts):
+        for i, limb in enumerate(mechanism.limbs):
             # y of the limb's frame is the motor axis, x of the strut its direction.
-            limits.append(Limit(f"strut {i + 1} swing", strut.R_LB[1, 0] / largest, True))
+            limits.append(Limit(f"strut {i + 1} swing", limb.strut.R_LB[1, 0] / largest, True))
+    if not isinstance(robot.platform, RigidPlatform):
+        turn = robot.turn
+        limits.append(_between("tool angle", mechanism.z[3], (turn.low, turn.high)))
     if robot.telescope is not None and robot.telescope.stroke is not None:
         length = mechanism.joints["slide"]
         limits.append(_between("telescope length", length, robot.telescope.stroke))

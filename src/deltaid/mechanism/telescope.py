@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.mechanism.vectors import frame, rotation_z, unit
-from deltaid.robot.description import Telescope
+from deltaid.robot.telescope import Telescope
 
 
 @dataclass(frozen=True)

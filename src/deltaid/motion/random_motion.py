@@ -7,10 +7,10 @@ from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import RigidPlatform
 
 _GRID = 400
 _ATTEMPTS = 100
-_PSI_SPEED = np.deg2rad(1500.0)  # where the description sets no limit for the fourth drive
 
 
 def random_motion(
@@ -51,8 +51,8 @@ def within_angles(robot: RobotDescription, q: Float[np.ndarray, "samples dof"]) 
     """Whether drive coordinates keep the described angle limits."""
     for i, drive in enumerate(robot.drives):
         limits = robot.drive_limits.get(drive)
-        if limits is not None and limits.angle_deg is not None:
-            low, high = np.deg2rad(limits.angle_deg)
+        if limits is not None and limits.range is not None:
+            low, high = limits.range
             if q[:, i].min() < low or q[:, i].max() > high:
                 return False
     return True
@@ -73,19 +73,13 @@ def _scaled(
                                robot.platform_acceleration / zdd[:3]])  # fmt: skip
     scale = np.ones(dof)
     scale[:3] = 0.95 * share
-    if dof == 4:
-        scale[3] = 0.95 * _psi_share(robot, zd[3], zdd[3])
     centre = np.zeros(dof)
     centre[:3] = middle
+    if dof == 4:
+        turn = robot.turn
+        shares = [turn.speed / zd[3], turn.acceleration / zdd[3]]
+        if not isinstance(robot.platform, RigidPlatform):  # a telescope turns without end
+            shares.append(0.5 * (turn.high - turn.low) / z[3])
+            centre[3] = 0.5 * (turn.high + turn.low)
+        scale[3] = 0.95 * min(shares)
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])
-
-
-def _psi_share(robot: RobotDescription, speed: float, acceleration: float) -> float:
-    """Scale of ψ: at most one revolution a second where no limit is given."""
-    limits = robot.drive_limits.get("drive4")
-    top_speed, top_acceleration = _PSI_SPEED, np.inf
-    if limits is not None and limits.speed_deg_s is not None:
-        top_speed = np.deg2rad(limits.speed_deg_s)
-    if limits is not None and limits.acceleration_deg_s2 is not None:
-        top_acceleration = np.deg2rad(limits.acceleration_deg_s2)
-    return min(top_speed / speed, top_acceleration / acceleration)

@@ -144,7 +144,9 @@ class Survey:
         self.jitter += uneven.size
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
-        limbs = len(self.kinematics.robot.limbs.azimuth_deg)
+        if self.kinematics.robot.limbs.drive == "linear":
+            return
+        limbs = self.kinematics.robot.limbs.count
         large = np.argwhere(np.abs(q[:, :limbs]) > _LARGEST_ARM_ANGLE)
         if large.size:
             i, drive = (int(index) for index in large[0])
@@ -160,7 +162,8 @@ class Survey:
     def _check_jumps(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
         steps = np.diff(q, axis=0, prepend=q[:1] if self.last_q is None else self.last_q)
         self.last_q = q[-1:].copy()
-        jumps = np.argwhere(np.abs(steps) > _JUMP)
+        turning = [not self.kinematics.robot.is_linear(d) for d in self.kinematics.robot.drives]
+        jumps = np.argwhere((np.abs(steps) > _JUMP) & turning)
         if jumps.size:
             i, drive = (int(index) for index in jumps[0])
             name = self.columns.position[drive].column
@@ -172,8 +175,8 @@ class Survey:
             )
 
     def _check_reach(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
-        z, margin = self.kinematics.forward_unchecked(q)
-        bad = np.flatnonzero(~(margin > 0))
+        z, good = self.kinematics.forward_unchecked(q)
+        bad = np.flatnonzero(~good)
         if bad.size:
             raise self._out_of_reach(q[bad[0]], row + int(bad[0]))
         self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
@@ -195,7 +198,7 @@ class Survey:
 
     def _out_of_reach(self, q: Float[np.ndarray, " dof"], row: int) -> RecordingError:
         return RecordingError(
-            f"no platform position closes the loops at {self._angles(q)}",
+            f"{self.kinematics.why_not(q)} at {self._angles(q)}",
             where=self._row(row),
             cure="check sign, zero, unit and order of the drives (angle 0 = arm horizontal and "
             "outwards, positive = down) and the robot's lengths",
@@ -203,7 +206,9 @@ class Survey:
 
     def _angles(self, q: Float[np.ndarray, " dof"]) -> str:
         names = ", ".join(channel.column for channel in self.columns.position)
-        return f"({names}) = ({', '.join(f'{value:.4g}' for value in q)}) rad"
+        linear = [self.kinematics.robot.is_linear(d) for d in self.kinematics.robot.drives]
+        unit = "m" if all(linear) else "rad" if not any(linear) else "m and rad"
+        return f"({names}) = ({', '.join(f'{value:.4g}' for value in q)}) {unit}"
 
     def _compare_derivatives(self, values: Float[np.ndarray, "rows channels"]) -> None:
         c, dof = self.columns, self.kinematics.dof

@@ -8,7 +8,8 @@ the telescope's slide, of which Sec. VII gives no value, it is that of Sec. VIII
 
 import numpy as np
 
-from deltaid.robot.description import ExplicitInertia, RobotDescription
+from deltaid.robot.body import ExplicitInertia
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.robot.description import Body, ExplicitInertia, RobotDescription
+from deltaid.robot.body import Body, ExplicitInertia
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 
 ROBOT = "irb360-6-1600"

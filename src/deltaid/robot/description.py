@@ -4,34 +4,21 @@ All lengths are metres, angles degrees where the key ends in `_deg`, everything 
 those of `docs/conventions.md`.
 """
 
-from typing import Annotated, Literal, get_args
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from deltaid.robot.body import Body
+from deltaid.robot.drive_limits import DriveLimits
 from deltaid.robot.friction import TERM_KINDS, Friction, FrictionTerm, friction_terms
-from deltaid.robot.inertia import (
-    PSEUDO_INERTIA_ENTRIES,
-    inertia_parameters,
-    pseudo_inertia,
-    why_inconsistent,
-    with_thickness,
-)
 from deltaid.robot.limbs import Limbs
 from deltaid.robot.platform import Platform, RigidPlatform
-from deltaid.robot.quantities import (
-    Coordinate,
-    Mass,
-    NotNegative,
-    Point,
-    Positive,
-    Vector,
-)
-from deltaid.robot.shapes import Shape
+from deltaid.robot.quantities import Positive, Vector
+from deltaid.robot.telescope import Telescope
 from deltaid.robot.workspace import Workspace
 
-Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 TELESCOPE_BODIES = ("TU", "TL", "EE")
 
 
@@ -39,170 +26,18 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Telescope(_Part):
-    """Telescope bar (Cardan axle) from base to platform; adds the rotation ψ as fourth axis."""
+@dataclass(frozen=True)
+class Turn:
+    """Range of the tool's angle ψ [rad], largest speed [rad/s] and acceleration [rad/s²]."""
 
-    base_joint: Point = Field(
-        default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"
-    )
-    platform_joint: Point = Field(
-        default=(0.0, 0.0, 0.0),
-        description="centre of the lower universal joint from the platform point, m",
-    )
-    stroke: tuple[float, float] | None = Field(
-        default=None, description="shortest and longest distance of the two universal joints, m"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "Telescope":
-        if self.stroke is not None and not 0 < self.stroke[0] < self.stroke[1]:
-            raise ValueError("stroke must be given as [shortest, longest], both positive")
-        return self
+    low: float
+    high: float
+    speed: float
+    acceleration: float
 
 
-class InertiaTensor(_Part):
-    """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
-
-    xx: NotNegative
-    yy: NotNegative
-    zz: NotNegative
-    xy: Coordinate = 0.0
-    yz: Coordinate = 0.0
-    xz: Coordinate = 0.0
-
-
-class ExplicitInertia(_Part):
-    """A body given by its numbers: mass, first moment and inertia tensor about the link frame."""
-
-    mass: Mass = Field(description="kg")
-    first_moment: Vector = Field(description="mass times centre of mass in the link frame, kg m")
-    inertia: InertiaTensor
-
-    def parameters(self) -> Float[np.ndarray, " 10"]:
-        """The ten inertia parameters about the link frame."""
-        I = self.inertia
-        return np.array(
-            [self.mass, *self.first_moment, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float
-        )
-
-    @classmethod
-    def of(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
-        """A body from its ten inertia parameters."""
-        m, x, y, z, *inertia = (float(value) for value in p)
-        names = ("xx", "yy", "zz", "xy", "yz", "xz")
-        tensor = InertiaTensor(**dict(zip(names, inertia, strict=True)))
-        return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
-
-
-class Body(_Part):
-    """A body's prior and which of its ten parameters the identification may change.
-
-    `free` names independent entries of the pseudo-inertia matrix: m, the first moments mcx, mcy,
-    mcz, and the second moments Sxx … Sxz (Sxx = ∫x² dm, so Θ_zz = Sxx + Syy). They are the paper's
-    α, t1–t3, d1–d3, s12, s23, s13 in that order. First moments and products that are not named are
-    zero in the result (Sec. VI a–f); a mass or a second moment that is not named keeps its
-    prior, because torques cannot see it, or grows just enough to keep the body consistent. An empty
-    list is a body that is known, such as a tool with CAD data (Sec. VI f): all ten stay as given.
-    """
-
-    prior: ExplicitInertia | tuple[Shape, ...]
-    free: tuple[Entry, ...] = Field(
-        default=get_args(Entry),
-        description="entries that the identification may change; all ten when left out; [] for a "
-        "body that is known and keeps its prior",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "Body":
-        if len(set(self.free)) != len(self.free):
-            raise ValueError("free names an entry twice")
-        if isinstance(self.prior, tuple) and not self.prior:
-            raise ValueError("prior needs at least one shape")
-        reason = why_inconsistent(with_thickness(self.prior_parameters()))
-        if reason:
-            raise ValueError(f"the prior is not a physical body: {reason}")
-        return self
-
-    def prior_parameters(self) -> Float[np.ndarray, " 10"]:
-        """The ten prior inertia parameters p_reg, before the reduction by `free`."""
-        if isinstance(self.prior, ExplicitInertia):
-            return self.prior.parameters()
-        return np.sum([shape.parameters() for shape in self.prior], axis=0)
-
-    def reduced_prior(self) -> Float[np.ndarray, " 10"]:
-        """The prior with the first moments and products that `free` leaves out set to zero.
-
-        Bodies without thickness are made barely solid (`inertia.with_thickness`).
-        """
-        if not self.free:
-            return with_thickness(self.prior_parameters())
-        M = pseudo_inertia(self.prior_parameters())
-        for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            if i != j and name not in self.free:
-                M[i, j] = M[j, i] = 0.0
-        return with_thickness(inertia_parameters(M))
-
-
-class DriveLimits(_Part):
-    """What one drive can do: degrees and newton metres for a motor, metres and newtons for a rail."""
-
-    angle_deg: tuple[Coordinate, Coordinate] | None = Field(
-        default=None, description="lowest and highest angle of a rotary drive, degrees"
-    )
-    speed_deg_s: Positive | None = None
-    acceleration_deg_s2: Positive | None = None
-    torque: Positive | None = Field(default=None, description="N m")
-    position: tuple[Coordinate, Coordinate] | None = Field(
-        default=None, description="lowest and highest position of a linear drive, m"
-    )
-    speed: Positive | None = Field(default=None, description="of a linear drive, m/s")
-    acceleration: Positive | None = Field(default=None, description="of a linear drive, m/s²")
-    force: Positive | None = Field(default=None, description="of a linear drive, N")
-
-    @model_validator(mode="after")
-    def _check(self) -> "DriveLimits":
-        for name in ("angle_deg", "position"):
-            value = getattr(self, name)
-            if value is not None and value[0] >= value[1]:
-                raise ValueError(f"{name} must be given as [lowest, highest]")
-        if self._given(_ROTARY) and self._given(_LINEAR):
-            raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
-        return self
-
-    def _given(self, names: tuple[str, ...]) -> list[str]:
-        return [name for name in names if getattr(self, name) is not None]
-
-    def foreign(self, *, linear: bool) -> list[str]:
-        """Keys given that are of the other kind of drive."""
-        return self._given(_ROTARY if linear else _LINEAR)
-
-    @property
-    def range(self) -> tuple[float, float] | None:
-        """Lowest and highest drive coordinate [rad or m]."""
-        if self.angle_deg is not None:
-            low, high = np.deg2rad(self.angle_deg)
-            return float(low), float(high)
-        return self.position
-
-    @property
-    def top_speed(self) -> float | None:
-        """Largest speed [rad/s or m/s]."""
-        return float(np.deg2rad(self.speed_deg_s)) if self.speed_deg_s else self.speed
-
-    @property
-    def top_acceleration(self) -> float | None:
-        """Largest acceleration [rad/s² or m/s²]."""
-        in_degrees = self.acceleration_deg_s2
-        return float(np.deg2rad(in_degrees)) if in_degrees else self.acceleration
-
-    @property
-    def effort(self) -> float | None:
-        """Largest torque or force [N m or N]."""
-        return self.torque or self.force
-
-
-_ROTARY = ("angle_deg", "speed_deg_s", "acceleration_deg_s2", "torque")
-_LINEAR = ("position", "speed", "acceleration", "force")
+# Speed of ψ where the description sets no limit.
+_TURN_SPEED = float(np.deg2rad(1500.0))
 
 
 class RobotDescription(_Part):
@@ -283,6 +118,18 @@ class RobotDescription(_Part):
         """Names of all joints that may have friction."""
         platform = () if isinstance(self.platform, RigidPlatform) else ("platform",)
         return self.drives + platform + (("slide",) if self.telescope else ())
+
+    @property
+    def turn(self) -> "Turn":
+        """Where the tool's angle ψ may go, and how fast."""
+        if not isinstance(self.platform, RigidPlatform):
+            p = self.platform
+            low, high = np.deg2rad(p.angle_deg)
+            speed, acceleration = np.deg2rad([p.speed_deg_s, p.acceleration_deg_s2])
+            return Turn(float(low), float(high), float(speed), float(acceleration))
+        limits = self.drive_limits.get("drive4") or DriveLimits()
+        low, high = limits.range or (-np.pi, np.pi)
+        return Turn(low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf)
 
     @property
     def friction_joints(self) -> tuple[str, ...]:

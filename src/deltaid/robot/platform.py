@@ -40,8 +40,12 @@ class _Articulated(_Platform):
         description="k of the tool's angle ψ = k θ (gear, belt), or ψ = k s (rack), rad/m",
     )
     tool: Point = Field(default=(0.0, 0.0, 0.0), description="tool axis from the platform point, m")
-    angle_deg: tuple[Coordinate, Coordinate] | None = Field(
-        default=None, description="lowest and highest tool angle ψ, degrees"
+    angle_deg: tuple[Coordinate, Coordinate] = Field(
+        description="lowest and highest tool angle ψ, degrees"
+    )
+    speed_deg_s: Positive = Field(default=1500.0, description="largest tool speed, degrees/s")
+    acceleration_deg_s2: Positive = Field(
+        default=30_000.0, description="largest tool acceleration, degrees/s²"
     )
 
     @model_validator(mode="after")
@@ -54,7 +58,7 @@ class _Articulated(_Platform):
             raise ValueError("first must name limbs by number, 1 to 4, each once")
         if len(self.first) != 2:
             raise ValueError("first must name two of the four limbs; the others hold the second")
-        if self.angle_deg is not None and self.angle_deg[0] >= self.angle_deg[1]:
+        if self.angle_deg[0] >= self.angle_deg[1]:
             raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 

@@ -1,0 +1,106 @@
+"""A body as a user writes it: its prior, and which of its ten parameters may change."""
+
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.inertia import (
+    PSEUDO_INERTIA_ENTRIES,
+    inertia_parameters,
+    pseudo_inertia,
+    why_inconsistent,
+    with_thickness,
+)
+from deltaid.robot.quantities import Coordinate, Mass, NotNegative, Vector
+from deltaid.robot.shapes import Shape
+
+Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class InertiaTensor(_Part):
+    """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
+
+    xx: NotNegative
+    yy: NotNegative
+    zz: NotNegative
+    xy: Coordinate = 0.0
+    yz: Coordinate = 0.0
+    xz: Coordinate = 0.0
+
+
+class ExplicitInertia(_Part):
+    """A body given by its numbers: mass, first moment and inertia tensor about the link frame."""
+
+    mass: Mass = Field(description="kg")
+    first_moment: Vector = Field(description="mass times centre of mass in the link frame, kg m")
+    inertia: InertiaTensor
+
+    def parameters(self) -> Float[np.ndarray, " 10"]:
+        """The ten inertia parameters about the link frame."""
+        I = self.inertia
+        return np.array(
+            [self.mass, *self.first_moment, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float
+        )
+
+    @classmethod
+    def of(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
+        """A body from its ten inertia parameters."""
+        m, x, y, z, *inertia = (float(value) for value in p)
+        names = ("xx", "yy", "zz", "xy", "yz", "xz")
+        tensor = InertiaTensor(**dict(zip(names, inertia, strict=True)))
+        return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
+
+
+class Body(_Part):
+    """A body's prior and which of its ten parameters the identification may change.
+
+    `free` names independent entries of the pseudo-inertia matrix: m, the first moments mcx, mcy,
+    mcz, and the second moments Sxx … Sxz (Sxx = ∫x² dm, so Θ_zz = Sxx + Syy). They are the paper's
+    α, t1–t3, d1–d3, s12, s23, s13 in that order. First moments and products that are not named are
+    zero in the result (Sec. VI a–f); a mass or a second moment that is not named keeps its
+    prior, because torques cannot see it, or grows just enough to keep the body consistent. An empty
+    list is a body that is known, such as a tool with CAD data (Sec. VI f): all ten stay as given.
+    """
+
+    prior: ExplicitInertia | tuple[Shape, ...]
+    free: tuple[Entry, ...] = Field(
+        default=get_args(Entry),
+        description="entries that the identification may change; all ten when left out; [] for a "
+        "body that is known and keeps its prior",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Body":
+        if len(set(self.free)) != len(self.free):
+            raise ValueError("free names an entry twice")
+        if isinstance(self.prior, tuple) and not self.prior:
+            raise ValueError("prior needs at least one shape")
+        reason = why_inconsistent(with_thickness(self.prior_parameters()))
+        if reason:
+            raise ValueError(f"the prior is not a physical body: {reason}")
+        return self
+
+    def prior_parameters(self) -> Float[np.ndarray, " 10"]:
+        """The ten prior inertia parameters p_reg, before the reduction by `free`."""
+        if isinstance(self.prior, ExplicitInertia):
+            return self.prior.parameters()
+        return np.sum([shape.parameters() for shape in self.prior], axis=0)
+
+    def reduced_prior(self) -> Float[np.ndarray, " 10"]:
+        """The prior with the first moments and products that `free` leaves out set to zero.
+
+        Bodies without thickness are made barely solid (`inertia.with_thickness`).
+        """
+        if not self.free:
+            return with_thickness(self.prior_parameters())
+        M = pseudo_inertia(self.prior_parameters())
+        for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
+            if i != j and name not in self.free:
+                M[i, j] = M[j, i] = 0.0
+        return with_thickness(inertia_parameters(M))

@@ -1,0 +1,28 @@
+"""The telescope bar of a 4-DOF Delta as a user writes it."""
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaid.robot.quantities import Point
+
+
+class Telescope(BaseModel):
+    """Telescope bar (Cardan axle) from base to platform; adds the rotation ψ as fourth axis."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    base_joint: Point = Field(
+        default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"
+    )
+    platform_joint: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description="centre of the lower universal joint from the platform point, m",
+    )
+    stroke: tuple[float, float] | None = Field(
+        default=None, description="shortest and longest distance of the two universal joints, m"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Telescope":
+        if self.stroke is not None and not 0 < self.stroke[0] < self.stroke[1]:
+            raise ValueError("stroke must be given as [shortest, longest], both positive")
+        return self
