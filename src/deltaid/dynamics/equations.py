@@ -92,7 +92,7 @@ class TaskMotion:
         z, zd, zdd: inputs, δ each.
         q, qd, qdd: drive motion as functions of the inputs.
         Y: the full regressor, τ = Y p.
-        condition: ‖J‖_F ‖J⁻¹‖_F / δ.
+        condition: of J, see `Mechanism.condition`.
     """
 
     z: ca.SX
@@ -123,8 +123,7 @@ def build_task_motion(
     if robot.load_drives:
         at_prior = ca.substitute(Y, tau, ca.SX.zeros(dof)) @ prior_parameters(robot)
         Y = ca.substitute(Y, tau, at_prior)
-    condition = ca.sqrt(ca.sumsqr(J) * ca.sumsqr(T)) / dof
-    return TaskMotion(z, zd, zdd, mechanism.q, qd, qdd, Y, condition)
+    return TaskMotion(z, zd, zdd, mechanism.q, qd, qdd, Y, mechanism.condition)
 
 
 def _regressor(

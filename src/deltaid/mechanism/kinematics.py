@@ -11,7 +11,6 @@ from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism, build_mechanism
-from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 
 Samples = Float[np.ndarray, "samples dof"]
@@ -211,10 +210,7 @@ class Kinematics:
 
     @cached_property
     def _condition_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        J = ca.jacobian(m.q, m.z)
-        squared = ca.sumsqr(J) * ca.sumsqr(inverse(J))
-        return BatchKernel(m.z, ca.sqrt(squared) / m.dof)
+        return BatchKernel(self.mechanism.z, self.mechanism.condition)
 
     @cached_property
     def _pose_kernel(self) -> BatchKernel:

@@ -16,6 +16,7 @@ from deltaid.mechanism.limb import Limb, build_limb, elbow, mode_margin
 from deltaid.mechanism.platform import PlatformParts, build_platform
 from deltaid.mechanism.spheres import meeting_point
 from deltaid.mechanism.telescope import build_telescope
+from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import RigidPlatform
@@ -88,6 +89,8 @@ class Mechanism:
         modes: for each limb a distance in metres, function of z and `q_symbols`, that is negative
             when the limb is not in its described working mode.
         forward: forward kinematics in closed form; None where only iteration finds it.
+        lengths: for each task coordinate what it moves the platform's parts by: 1 for r, for the ψ
+            of a platform [m/rad] how far its parts move, 1 for the ψ of a telescope.
     """
 
     z: ca.SX
@@ -100,11 +103,18 @@ class Mechanism:
     closure: ca.SX
     modes: ca.SX
     forward: ClosedForm | None
+    lengths: tuple[float, ...]
 
     @property
     def dof(self) -> int:
         """Number of drives δ."""
         return self.z.numel()
+
+    @property
+    def condition(self) -> ca.SX:
+        """‖J‖_F ‖J⁻¹‖_F / δ with J = ∂q/∂z, ψ counted by the length it moves a platform's part."""
+        J = ca.jacobian(self.q, self.z) @ ca.diag(1 / ca.DM(self.lengths))
+        return ca.sqrt(ca.sumsqr(J) * ca.sumsqr(inverse(J))) / self.dof
 
 
 def build_mechanism(robot: RobotDescription) -> Mechanism:
@@ -144,6 +154,7 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         closure=closure,
         modes=modes,
         forward=_closed_form(robot, q_symbols, geometry),
+        lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if len(robot.drives) > 3 else [])),
     )
 
 

@@ -32,11 +32,13 @@ class PlatformParts:
         points: for each limb the middle of its strut joints [m].
         bodies: all moving bodies.
         joint: coordinate of the platform's own joint, θ [rad] or s [m]; None without one.
+        length: how far a part moves with ψ [m/rad]; None where the platform only translates.
     """
 
     points: tuple[ca.SX, ...]
     bodies: tuple[PlatformBody, ...]
     joint: ca.SX | None
+    length: float | None
 
 
 def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
@@ -45,7 +47,7 @@ def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
     attachments = [ca.DM(limb.attachment) for limb in robot.limbs.geometry()]
     if isinstance(platform, RigidPlatform):
         points = tuple(r + d for d in attachments)
-        return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None)
+        return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None, None)
     psi = z[3]
     joint = psi / platform.ratio
     half = _half(platform, joint)
@@ -54,16 +56,28 @@ def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
         parts[0 if i + 1 in platform.first else 1] + d for i, d in enumerate(attachments)
     )
     tool = PlatformBody("EE", 1, rotation_z(psi), r + ca.DM(np.array(platform.tool)))
-    return PlatformParts(points, (*_bodies(platform, parts, r, joint), tool), joint)
+    bodies = (*_bodies(platform, parts, r, joint), tool)
+    return PlatformParts(points, bodies, joint, _half_length(platform) / abs(platform.ratio))
 
 
 def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.SX:
     """From the platform point to the point of the first part."""
     if isinstance(platform, I4Platform):
         angle = np.deg2rad(platform.direction_deg)
-        return 0.5 * joint * ca.DM([np.cos(angle), np.sin(angle), 0.0])
-    length = platform.half_length if isinstance(platform, H4Platform) else 0.5 * platform.length
-    return length * rotation_z(joint)[:, 0]
+        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
+        return _half_length(platform) * joint * ca.sparsify(ca.DM(direction.round(15)))
+    return _half_length(platform) * rotation_z(joint)[:, 0]
+
+
+def _half_length(platform: H4Platform | Par4Platform | I4Platform) -> float:
+    """How far a part moves with the platform's own joint: h or L/2 [m], or one half."""
+    match platform:
+        case H4Platform():
+            return platform.half_length
+        case Par4Platform():
+            return 0.5 * platform.length
+        case I4Platform():
+            return 0.5
 
 
 def _bodies(

@@ -57,8 +57,8 @@ class RobotDescription(_Part):
     )
     friction: dict[str, Friction] = Field(
         default_factory=dict,
-        description="joints with friction: drive1, drive2, …; platform if it has a joint; slide of a "
-        "telescope",
+        description="joints with friction: drive1, drive2, …; platform if it has a joint; slide "
+        "of a telescope",
     )
     rotor_inertia: dict[str, Positive] = Field(
         default_factory=dict,

@@ -11,7 +11,7 @@ class _Part(BaseModel):
 
 
 class DriveLimits(_Part):
-    """What one drive can do: degrees and newton metres for a motor, metres and newtons for a rail."""
+    """What one drive can do: a motor in degrees and newton metres, a rail in metres and newtons."""
 
     angle_deg: tuple[Coordinate, Coordinate] | None = Field(
         default=None, description="lowest and highest angle of a rotary drive, degrees"

@@ -7,7 +7,7 @@ axis out of the horizontal) or its rail about y (linear drive, rail out of the v
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -202,7 +202,7 @@ def _either(first: str, a: object, second: str, b: object) -> None:
         raise ValueError(f"give either {first} or {second}; {problem}")
 
 
-def _of(value: object, i: int) -> object:
+def _of(value: Any, i: int) -> Any:
     """The value of limb i, of one for all or one a limb."""
     return value[i] if isinstance(value, tuple) else value
 
@@ -212,4 +212,4 @@ def _point(
 ) -> Float[np.ndarray, " 3"]:
     if points is not None:
         return np.array(points[i])
-    return float(_of(radius, i)) * upright[:, 0]  # pyright: ignore[reportArgumentType]
+    return float(_of(radius, i)) * upright[:, 0]

@@ -4,10 +4,10 @@ With r the platform point, u(θ) = (cos θ, sin θ, 0) and d_i fixed, limb i hol
 
     rigid   r + d_i                  only translates (Clavel 1988)
     h4      r ± h u(θ) + d_i         two side bars on a turning middle bar (Pierrot, Company 1999)
-    par4    r ± ½ L u(θ) + d_i       two main parts and two rods, a parallelogram (Nabat et al. 2005)
+    par4    r ± ½ L u(θ) + d_i       two main parts and two rods (Nabat et al. 2005)
     i4      r ± ½ s e + d_i          two half platforms on a slide along e (Krut et al. 2003)
 
-with + for the limbs of the `first` part and − for the others. The tool turns by ψ = k θ, or ψ = k s.
+with + for the limbs of the `first` part and − for the others. The tool turns by ψ = k θ or ψ = k s.
 """
 
 from typing import Annotated, ClassVar, Literal
