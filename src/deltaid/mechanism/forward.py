@@ -40,13 +40,7 @@ class Forward:
         """How far the loops of sample i are from closing, as the end of a sentence."""
         if not np.isfinite(self.gap[i]):
             return ""
-        return f": the limbs are too far apart by {self.gap[i]:.4g} m of strut length"
-
-    def wrong_mode(self, i: int) -> str:
-        """Which limb of sample i is in its other working mode."""
-        if self.limb[i] < 0:
-            return "the robot is beyond a singularity, on another branch than its home pose"
-        return f"limb {self.limb[i] + 1} is in its other working mode (elbow inwards)"
+        return f": the elbows are too far apart for the struts, by {self.gap[i]:.4g} m of strut length"
 
 
 ForwardKinematics = Callable[[Samples], Forward]

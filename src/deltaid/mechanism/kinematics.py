@@ -91,7 +91,7 @@ class Kinematics:
         wrong = np.flatnonzero(~found.in_mode)
         if wrong.size:
             raise KinematicsError(
-                f"{found.wrong_mode(int(wrong[0]))} at q = {_numbers(q[wrong[0]])}",
+                f"{self._wrong_mode(int(found.limb[wrong[0]]))} at q = {_numbers(q[wrong[0]])}",
                 where=f"sample {wrong[0]}",
                 cure=f"{_CHECK_DRIVES}; limbs.working_mode says how the robot is assembled",
             )
@@ -111,7 +111,17 @@ class Kinematics:
         found = self._forward(_as_samples(q, self.dof))
         if not found.closed[0]:
             return f"the loops do not close{found.missing(0)}"
-        return found.wrong_mode(0)
+        return self._wrong_mode(int(found.limb[0]))
+
+    def _wrong_mode(self, limb: int) -> str:
+        """How a limb's posture differs from the description; −1 for no limb in particular."""
+        if limb < 0:
+            return "the robot is beyond a singularity, on another branch than its home pose"
+        outwards = self.robot.limbs.geometry()[limb].outwards
+        if self.robot.limbs.drive == "linear":
+            side = "below" if outwards else "above"
+            return f"the carriage of limb {limb + 1} is {side} its joint on the platform"
+        return f"the elbow of limb {limb + 1} points {'inwards' if outwards else 'outwards'}"
 
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J = ∂q/∂z, so that q̇ = J ż."""

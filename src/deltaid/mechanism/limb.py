@@ -39,7 +39,7 @@ class Limb:
 
 def build_limb(point: ca.SX, limb: LimbGeometry) -> Limb:
     """Inverse kinematics and poses of a limb that holds `point` (world, m)."""
-    p = limb.R_WL.T @ (point - ca.DM(limb.base))
+    p = ca.mtimes(ca.DM(limb.R_WL.T), point - ca.DM(limb.base))
     return _rotary(p, limb) if limb.drive == "rotary" else _linear(p, limb)
 
 
@@ -119,7 +119,7 @@ def mode_margin(q: ca.SX, point: ca.SX, limb: LimbGeometry) -> ca.SX:
     Rotary: how far the strut's end lies inwards of the line through the upper arm. Linear: how far
     along the rail the held point lies below the carriage.
     """
-    p = limb.R_WL.T @ (point - ca.DM(limb.base))
+    p = ca.mtimes(ca.DM(limb.R_WL.T), point - ca.DM(limb.base))
     if limb.drive == "rotary":
         margin = -p[0] * ca.sin(q) - p[2] * ca.cos(q)
     else:

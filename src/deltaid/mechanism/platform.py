@@ -52,9 +52,7 @@ def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
     joint = psi / platform.ratio
     half = _half(platform, joint)
     parts = (r + half, r - half)
-    points = tuple(
-        parts[0 if i + 1 in platform.first else 1] + d for i, d in enumerate(attachments)
-    )
+    points = tuple(parts[0 if platform.on_first(i) else 1] + d for i, d in enumerate(attachments))
     tool = PlatformBody("EE", 1, rotation_z(psi), r + ca.DM(np.array(platform.tool)))
     bodies = (*_bodies(platform, parts, r, joint), tool)
     return PlatformParts(points, bodies, joint, _half_length(platform) / abs(platform.ratio))

@@ -1,8 +1,8 @@
-"""A robot as line segments, to draw it: arms, both struts of each parallelogram, platform, bar.
+"""A robot as line segments, to draw it: arms or rails, struts, platform and tool, telescope.
 
 Everything follows from the poses of the moving bodies, so what is drawn is what is computed with.
 Only the distance between the two struts of a parallelogram is no number of the description, because
-it changes no motion; it is drawn as `_APART` of the platform's or base's radius.
+it changes no motion; it is drawn as `_APART` of the platform's or base's size.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism import Mechanism, MovingBody
+from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import RigidPlatform
 
 _APART = 0.5
 _BASE = "base"
@@ -49,36 +50,78 @@ class Skeleton:
 
 
 def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
-    radius = robot.limbs.platform_radius or robot.limbs.base_radius
-    half = 0.5 * _APART * (radius or 0.2 * robot.limbs.upper_arm)
-    named = {name: [b for b in mechanism.bodies if b.name == name] for name in ("U", "S", "P")}
-    segments, base, platform = [], [], []
-    for arm, strut in zip(named["U"], named["S"], strict=True):
-        across = half * _rotation(arm)[:, 1] if strut.count > 1 else ca.SX.zeros(3)
-        shoulder, elbow = _origin(arm), _origin(strut)
-        foot = elbow + robot.limbs.strut * _rotation(strut)[:, 0]
-        segments.append(Segment("U", shoulder, elbow))
-        sides = (-across, across) if strut.count > 1 else (across,)
-        segments += [Segment("S", elbow + side, foot + side) for side in sides]
-        segments += [Segment("U", elbow - across, elbow + across)]
-        base += [shoulder + side for side in sides]
-        platform += [foot + side for side in sides]
-    segments += _polygon(_BASE, base) + _polygon("P", platform)
-    return segments + _telescope(mechanism, radius)
+    size = _size(robot)
+    segments, base = [], []
+    held: dict[bool, list[ca.SX]] = {}
+    for i, limb in enumerate(mechanism.limbs):
+        parts, sides = _limb(robot, i, limb, 0.5 * _APART * size)
+        segments += parts
+        anchor = ca.SX(ca.DM(robot.limbs.geometry()[i].base))
+        base += [anchor + side for side in sides]
+        first = isinstance(robot.platform, RigidPlatform) or robot.platform.on_first(i)
+        held.setdefault(first, []).extend(limb.held + side for side in sides)
+    segments += _polygon(_BASE, base)
+    for corners in held.values():
+        segments += _polygon(robot.platform.bodies[0], corners)
+    return [*segments, *_joining(robot, mechanism, size), *_telescope(mechanism)]
 
 
-def _telescope(mechanism: Mechanism, radius: float) -> list[Segment]:
+def _size(robot: RobotDescription) -> float:
+    """A length that the platform's or the base's size has [m]."""
+    limbs = robot.limbs.geometry()
+    for points in ([l.attachment for l in limbs], [l.base for l in limbs]):
+        radius = float(np.mean([np.linalg.norm(point) for point in points]))
+        if radius > 0:
+            return radius
+    return 0.2 * limbs[0].strut
+
+
+def _limb(
+    robot: RobotDescription, i: int, limb: LimbBodies, half: float
+) -> tuple[list[Segment], list[ca.SX]]:
+    """Segments of one limb, and where its struts lie to either side of their middle."""
+    geometry = robot.limbs.geometry()[i]
+    driven, strut, elbow = limb.driven.name, limb.strut.name, _origin(limb.strut)
+    y_L = ca.SX(ca.DM(geometry.R_WL[:, 1]))
+    sides = [-half * y_L, half * y_L] if geometry.struts > 1 else [ca.SX.zeros(3)]
+    segments = [Segment(strut, elbow + side, limb.held + side) for side in sides]
+    segments.append(Segment(driven, elbow + sides[0], elbow + sides[-1]))
+    if geometry.drive == "rotary":
+        segments.append(Segment(driven, _origin(limb.driven), elbow))
+        return segments, sides
+    rail = ca.SX(ca.DM(geometry.R_WL @ geometry.rail))
+    limits = robot.drive_limits.get(f"drive{i + 1}")
+    low, high = limits.range if limits and limits.range else (-0.5, 0.5)
+    start = ca.SX(ca.DM(geometry.base))
+    segments.append(Segment(_BASE, start + low * rail, start + high * rail))
+    return segments, sides
+
+
+def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list[Segment]:
+    """What joins the parts of an articulated platform, and the tool's x axis."""
+    names = robot.platform.bodies
+    if len(names) == 1:
+        return []
+    bodies = [body for body in mechanism.bodies if body.name in names]
+    parts = [body for body in bodies if body.name == names[0]]
+    tool = next(body for body in bodies if body.name == "EE")
+    joining = names[1] if len(names) == 3 else names[0]
+    segments = [Segment(joining, _origin(parts[0]), _origin(parts[1]))]
+    pointer = _origin(tool) + max(0.5 * size, 0.03) * _rotation(tool)[:, 0]
+    return [*segments, Segment("EE", _origin(tool), pointer)]
+
+
+def _telescope(mechanism: Mechanism) -> list[Segment]:
     """Upper and lower half of the bar, and the end effector's x axis, which turns with ψ."""
     parts = {body.name: body for body in mechanism.bodies}
     if not {"TU", "TL", "EE"} <= parts.keys():
         return []
     top, bottom, tool = (_origin(parts[name]) for name in ("TU", "TL", "EE"))
     middle = 0.5 * (top + bottom)
-    pointer = tool + max(radius, 0.05) * _rotation(parts["EE"])[:, 0]
     return [
         Segment("TU", top, middle),
         Segment("TL", middle, bottom),
-        Segment("EE", tool, pointer),
+        Segment("EE", tool, tool + 0.05 * _rotation(parts["EE"])[:, 0]),
     ]
 
 

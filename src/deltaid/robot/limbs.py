@@ -128,13 +128,6 @@ class Limbs(BaseModel):
 
     def _check_places(self) -> None:
         """Refuse limbs in the same place, and rotary arrangements that cannot hold a platform."""
-        limbs = self.geometry()
-        for i, a in enumerate(limbs):
-            for j, b in enumerate(limbs[:i]):
-                same = np.allclose(a.base, b.base, atol=1e-6)
-                if same and np.allclose(a.R_WL, b.R_WL, atol=1e-6):
-                    what = "rails coincide" if self.drive == "linear" else "drives coincide"
-                    raise ValueError(f"the {what} of limbs {j + 1} and {i + 1}")
         if self.base_points is None and self.platform_points is None:
             angles = np.sort(np.mod(self.azimuth_deg, 360.0))
             gaps = np.diff(np.append(angles, angles[0] + 360.0))
@@ -144,6 +137,13 @@ class Limbs(BaseModel):
                 )
             if gaps.max() > 179.0 and self.drive == "rotary":
                 raise ValueError("all limbs lie on one side of the base; the platform is not held")
+        limbs = self.geometry()
+        for i, a in enumerate(limbs):
+            for j, b in enumerate(limbs[:i]):
+                same = np.allclose(a.base, b.base, atol=1e-6)
+                if same and np.allclose(a.R_WL, b.R_WL, atol=1e-6):
+                    what = "rails coincide" if self.drive == "linear" else "drives coincide"
+                    raise ValueError(f"the {what} of limbs {j + 1} and {i + 1}")
         for i, limb in enumerate(limbs):
             self._check_length(i, limb)
 

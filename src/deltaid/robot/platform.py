@@ -62,6 +62,10 @@ class _Articulated(_Platform):
             raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 
+    def on_first(self, limb: int) -> bool:
+        """Whether limb 0, 1, … holds the first part."""
+        return limb + 1 in self.first
+
 
 class H4Platform(_Articulated):
     """Two side bars, joined by a middle bar that turns by θ about z."""
