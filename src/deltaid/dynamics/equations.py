@@ -25,7 +25,7 @@ class Equations:
     Attributes:
         z, qd, qdd: inputs, δ each.
         tau: drive torques, δ; Y depends on them only through friction terms that depend on load.
-        p: the parameters [bodies · 10, friction terms, rotor inertias].
+        p: the parameters [bodies · 10, friction terms, springs, rotor inertias].
         J: ∂q/∂z, δ×δ.
         zd, zdd: task velocity and acceleration as functions of the inputs.
         Y: the full regressor, τ = Y p, δ × len(p), structurally sparse.
@@ -151,8 +151,12 @@ def _regressor(
         velocity, partial = joints[term.joint]
         load = tau[robot.drives.index(term.joint)] if term.kind == "load" else ca.SX(0)
         friction.append(term_factor(term, velocity, sign, load) * partial)
+    springs = []
+    for joint in robot.spring_joints:
+        _, partial = joint_motion(mechanism, joint, T, qd)
+        springs.append((mechanism.joints[joint] - robot.spring_rest(joint)) * partial)
     rotors = [_unit_column(robot, drive_name) * qdd for drive_name in robot.rotor_drives]
-    return ca.horzcat(T.T @ inertial, *friction, *rotors)
+    return ca.horzcat(T.T @ inertial, *friction, *springs, *rotors)
 
 
 def joint_motion(mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -194,6 +198,9 @@ def _terms(
         M_z += body.count * body_mass_matrix(p_b, motion)
         first_moment = p_b[0] * body.r_LB + body.R_LB @ p_b[1:4]
         V -= body.count * ca.dot(ca.DM(body.R_WL.T @ gravity), first_moment)
+    stiffness = p[parameter_layout(robot).spring]
+    for i, joint in enumerate(robot.spring_joints):
+        V += 0.5 * stiffness[i] * (mechanism.joints[joint] - robot.spring_rest(joint)) ** 2
     A = ca.jacobian(M_z @ v, z)
     C_z = 0.5 * (_directional(M_z, z, v) + A - A.T)
     C_z = ca.substitute([C_z], [v], [zd])[0]

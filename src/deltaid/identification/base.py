@@ -119,7 +119,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
 def symbol(name: str) -> str:
     """'S.mcx' as 'mcx_S'; friction and rotor names as they are."""
     owner, _, entry = name.partition(".")
-    return name if owner in (*TERM_KINDS, "rotor") else f"{entry}_{owner}"
+    return name if owner in (*TERM_KINDS, "spring", "rotor") else f"{entry}_{owner}"
 
 
 def _representatives(

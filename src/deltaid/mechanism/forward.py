@@ -40,7 +40,9 @@ class Forward:
         """How far the loops of sample i are from closing, as the end of a sentence."""
         if not np.isfinite(self.gap[i]):
             return ""
-        return f": the elbows are too far apart for the struts, by {self.gap[i]:.4g} m of strut length"
+        return (
+            f": the elbows are too far apart for the struts, by {self.gap[i]:.4g} m of strut length"
+        )
 
 
 ForwardKinematics = Callable[[Samples], Forward]

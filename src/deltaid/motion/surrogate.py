@@ -15,6 +15,7 @@ from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.platform import RigidPlatform
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
@@ -52,16 +53,19 @@ def surrogate_parameters(
 
     Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
     scales its masses and sizes by about ± spread and keeps its symmetry; viscous and Coulomb
-    friction as in Sec. VII, what else the laws have away from its prior.
+    friction of a rotary Delta as in Sec. VII, all else away from its prior by about the same.
     """
     p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
         p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
-    for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
-        p[columns] = [values[joint] for joint in robot.friction_joints]
-    more = slice(layout.coulomb.stop, layout.friction.stop)
+    if robot.limbs.drive == "rotary" and isinstance(robot.platform, RigidPlatform):
+        for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
+            p[columns] = [values[joint] for joint in robot.friction_joints]
+        more = slice(layout.coulomb.stop, layout.spring.stop)
+    else:
+        more = slice(layout.viscous.start, layout.spring.stop)
     p[more] *= np.exp(spread * rng.uniform(-1, 1, more.stop - more.start))
     p[layout.rotor] *= np.exp(spread * rng.uniform(-1, 1, len(robot.rotor_drives)))
     return p

@@ -17,12 +17,8 @@ Name = Annotated[str, Field(min_length=1, description="as in the log's header")]
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
-_UNIT = {
-    "position": "rad",
-    "velocity": "rad/s",
-    "acceleration": "rad/s^2",
-    "torque": "N m",
-}
+_TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
+_SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
 
 
 class _Part(BaseModel):
@@ -33,7 +29,8 @@ class DriveColumn(_Part):
     """One column of one drive, and how its numbers become SI at the robot's joint.
 
     joint value = sign · unit · (number − zero) / gear for motion, and
-    joint torque = sign · unit · torque_constant · (number − zero) · gear for torque.
+    joint torque = sign · unit · torque_constant · (number − zero) · gear for torque. With a `lead`
+    the unit is one of the turning motor, and a revolution of it moves a linear drive that far.
     """
 
     column: Name
@@ -42,6 +39,11 @@ class DriveColumn(_Part):
         "before it, such as 0.0235 N*m for per mille of 23.5 N m"
     )
     gear: Positive = Field(default=1.0, description="motor revolutions per joint revolution")
+    lead: Positive | None = Field(
+        default=None,
+        description="m per revolution of spindle or belt pulley, for a linear drive whose column "
+        "is of the motor",
+    )
     sign: Literal[1, -1] = Field(default=1, description="-1 if the column counts the other way")
     zero: float = Field(default=0.0, description="the column's number where the joint value is 0")
     torque_constant: Positive | None = Field(
@@ -123,11 +125,18 @@ def load_mapping(path: str | Path) -> ColumnMapping:
 
 
 def resolve_columns(
-    header: tuple[str, ...], dof: int, mapping: ColumnMapping | None, *, where: str
+    header: tuple[str, ...],
+    linear: tuple[bool, ...],
+    mapping: ColumnMapping | None,
+    *,
+    where: str,
 ) -> Columns:
     """Match a log's header with a mapping, or with the default names t, q1…, qd1…, qdd1…, tau1….
 
-    The default names are in s, rad, rad/s, rad/s² and N m at the joint.
+    The default names are in s, rad, rad/s, rad/s² and N m at the joint, or in m, m/s, m/s² and N.
+
+    Args:
+        linear: for each drive whether it is a linear one.
 
     Raises:
         RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
@@ -137,13 +146,13 @@ def resolve_columns(
     place = f"{mapping.source}, time.unit"
     time = Channel(mapping.time.column, si_factor(mapping.time.unit, "s", where=place), 0.0)
     channels = {
-        quantity: _channels(quantity, header, dof, getattr(mapping, quantity), mapping.source)
+        quantity: _channels(quantity, header, linear, getattr(mapping, quantity), mapping.source)
         for quantity in QUANTITIES
     }
     columns = Columns(time, **channels)
     names = [channel.column for channel in columns.all]
     if not columns.position:
-        names += _default_names("position", dof)
+        names += _default_names("position", len(linear))
     _require_once(names, header, where, mapping.source)
     _require_present(names, header, where)
     return columns
@@ -170,10 +179,11 @@ def _default_names(quantity: Quantity, dof: int) -> list[str]:
 def _channels(
     quantity: Quantity,
     header: tuple[str, ...],
-    dof: int,
+    linear: tuple[bool, ...],
     given: tuple[DriveColumn, ...] | None,
     source: str,
 ) -> tuple[Channel, ...]:
+    dof = len(linear)
     if given is None:
         names = _default_names(quantity, dof)
         present = [name for name in names if name in header]
@@ -184,20 +194,28 @@ def _channels(
             f"lists {len(given)} columns, but the robot has {dof} drives",
             where=f"{source}, {quantity}",
         )
-    return tuple(_channel(quantity, c, f"{source}, {quantity}[{i}]") for i, c in enumerate(given))
+    return tuple(
+        _channel(quantity, column, slides, f"{source}, {quantity}[{i}]")
+        for i, (column, slides) in enumerate(zip(given, linear, strict=True))
+    )
 
 
-def _channel(quantity: Quantity, column: DriveColumn, where: str) -> Channel:
+def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) -> Channel:
     if quantity != "torque" and column.torque_constant is not None:
         raise RecordingError(
             "belongs to torque columns only",
             where=f"{where}.torque_constant",
             cure="leave it out",
         )
-    factor = si_factor(
-        column.unit, _UNIT[quantity], where=where, torque_constant=column.torque_constant
-    )
-    factor *= column.gear if quantity == "torque" else 1.0 / column.gear
+    if column.lead is not None and not linear:
+        raise RecordingError(
+            "belongs to linear drives only", where=f"{where}.lead", cure="leave it out"
+        )
+    motor = not linear or column.lead is not None
+    target = (_TURNING if motor else _SLIDING)[quantity]
+    factor = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)
+    travel = column.lead / (2 * math.pi) if column.lead is not None else 1.0
+    factor *= column.gear / travel if quantity == "torque" else travel / column.gear
     if not 0 < factor < math.inf:
         raise RecordingError(
             f"unit and gear together make a factor of {factor:g}, which is no number to go on with",

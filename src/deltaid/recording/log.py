@@ -83,7 +83,9 @@ def open_log(
     """
     mapping = mapping or ColumnMapping()
     table = open_table(path, mapping.header_row, mapping.data_row)
-    columns = resolve_columns(table.header, kinematics.dof, mapping, where=table.header_place)
+    robot = kinematics.robot
+    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+    columns = resolve_columns(table.header, linear, mapping, where=table.header_place)
     if not need_torque:
         columns = replace(columns, torque=())
     elif not columns.torque:

@@ -98,6 +98,8 @@ def _other_kind(
     unit: str, target: str, where: str, torque_constant: float | None
 ) -> RecordingError:
     what, cure = f"is not a unit of {target}", "revolutions are rev, and rev/min is rpm"
+    if target in ("m", "m/s", "m/s^2", "N"):
+        cure = "columns of the motor that drives a rail also need its lead in m per revolution"
     if torque_constant is not None:
         what, cure = "is not a current", "leave torque_constant out, or give the unit as A or mA"
     elif target == "N m":

@@ -15,7 +15,7 @@ from deltaid.robot.drive_limits import DriveLimits
 from deltaid.robot.friction import TERM_KINDS, Friction, FrictionTerm, friction_terms
 from deltaid.robot.limbs import Limbs
 from deltaid.robot.platform import Platform, RigidPlatform
-from deltaid.robot.quantities import Positive, Vector
+from deltaid.robot.quantities import Coordinate, Positive, Vector
 from deltaid.robot.telescope import Telescope
 from deltaid.robot.workspace import Workspace
 
@@ -24,6 +24,18 @@ TELESCOPE_BODIES = ("TU", "TL", "EE")
 
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Spring(_Part):
+    """A linear spring across a joint: force on the joint −stiffness · (ϑ − rest)."""
+
+    stiffness: Positive = Field(description="prior, N m/rad, or N/m in a sliding joint")
+    rest_deg: Coordinate | None = Field(
+        default=None, description="joint angle without force, degrees; for turning joints"
+    )
+    rest: Coordinate | None = Field(
+        default=None, description="joint position without force, m; for sliding joints"
+    )
 
 
 @dataclass(frozen=True)
@@ -59,6 +71,9 @@ class RobotDescription(_Part):
         default_factory=dict,
         description="joints with friction: drive1, drive2, …; platform if it has a joint; slide "
         "of a telescope",
+    )
+    springs: dict[str, Spring] = Field(
+        default_factory=dict, description="joints with a spring, by the same names"
     )
     rotor_inertia: dict[str, Positive] = Field(
         default_factory=dict,
@@ -147,6 +162,18 @@ class RobotDescription(_Part):
         return tuple(sorted(terms, key=lambda term: TERM_KINDS.index(term.kind)))
 
     @property
+    def spring_joints(self) -> tuple[str, ...]:
+        """Names of the joints with a spring, in the order of the joints."""
+        return tuple(joint for joint in self.joints if joint in self.springs)
+
+    def spring_rest(self, joint: str) -> float:
+        """Joint coordinate where a spring has no force [rad or m]."""
+        spring = self.springs[joint]
+        if self.is_linear(joint):
+            return spring.rest or 0.0
+        return float(np.deg2rad(spring.rest_deg or 0.0))
+
+    @property
     def load_drives(self) -> tuple[str, ...]:
         """Names of the drives whose friction depends on their own torque."""
         return tuple(term.joint for term in self.friction_terms if term.kind == "load")
@@ -160,6 +187,12 @@ class RobotDescription(_Part):
     def _check(self) -> "RobotDescription":
         _exactly("bodies", self.bodies, self.body_names)
         _among("friction", self.friction, self.joints)
+        _among("springs", self.springs, self.joints)
+        for joint, spring in self.springs.items():
+            wrong = "rest_deg" if self.is_linear(joint) else "rest"
+            if getattr(spring, wrong) is not None:
+                kind = "slides" if self.is_linear(joint) else "turns"
+                raise ValueError(f"springs.{joint} has {wrong}, but the joint {kind}")
         for joint, law in self.friction.items():
             if law.load is not None and joint not in self.drives:
                 raise ValueError(f"friction.{joint} has a load term, which only drives can have")
