@@ -11,6 +11,7 @@ from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism, build_mechanism
+from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 
 Samples = Float[np.ndarray, "samples dof"]
@@ -36,6 +37,21 @@ class BodyPoses:
     name: str
     R_WB: Float[np.ndarray, "samples 3 3"]
     r_WB: Float[np.ndarray, "samples 3"]
+
+
+@dataclass(frozen=True)
+class Regularity:
+    """How far poses are from singular ones; J = ∂q/∂z with ψ counted as a length.
+
+    Attributes:
+        condition: ‖J‖_F ‖J⁻¹‖_F / δ.
+        determinant: of J; it changes its sign across a singularity.
+        gain: ‖J⁻¹‖_F, how far the platform moves for a step of the drives.
+    """
+
+    condition: Float[np.ndarray, " samples"]
+    determinant: Float[np.ndarray, " samples"]
+    gain: Float[np.ndarray, " samples"]
 
 
 class Kinematics:
@@ -135,7 +151,11 @@ class Kinematics:
 
     def condition(self, z: Samples) -> Float[np.ndarray, " samples"]:
         """‖J‖_F ‖J⁻¹‖_F / δ: 1 at best, infinite at a singular pose, NaN out of reach."""
-        return self._condition_kernel(_as_samples(z, self.dof).T)[0]
+        return self.regularity(z).condition
+
+    def regularity(self, z: Samples) -> Regularity:
+        """Condition, determinant and gain of the Jacobian."""
+        return Regularity(*self._regularity_kernel(_as_samples(z, self.dof).T))
 
     def drive_motion(self, z: Samples, zd: Samples, zdd: Samples) -> tuple[Samples, ...]:
         """(q, q̇, q̈) of a motion given in task coordinates.
@@ -219,8 +239,11 @@ class Kinematics:
         return BatchKernel(ca.vertcat(m.z, zd), ca.jtimes(ca.vec(ca.densify(J)), m.z, zd))
 
     @cached_property
-    def _condition_kernel(self) -> BatchKernel:
-        return BatchKernel(self.mechanism.z, self.mechanism.condition)
+    def _regularity_kernel(self) -> BatchKernel:
+        J = self.mechanism.scaled_jacobian
+        gain = ca.sqrt(ca.sumsqr(inverse(J)))
+        values = (ca.sqrt(ca.sumsqr(J)) * gain / self.dof, ca.det(J), gain)
+        return BatchKernel(self.mechanism.z, ca.vertcat(*values))
 
     @cached_property
     def _pose_kernel(self) -> BatchKernel:

@@ -111,9 +111,14 @@ class Mechanism:
         return self.z.numel()
 
     @property
+    def scaled_jacobian(self) -> ca.SX:
+        """J = ∂q/∂z with ψ counted by the length that it moves a platform's part."""
+        return ca.jacobian(self.q, self.z) @ ca.diag(1 / ca.DM(self.lengths))
+
+    @property
     def condition(self) -> ca.SX:
-        """‖J‖_F ‖J⁻¹‖_F / δ with J = ∂q/∂z, ψ counted by the length it moves a platform's part."""
-        J = ca.jacobian(self.q, self.z) @ ca.diag(1 / ca.DM(self.lengths))
+        """‖J‖_F ‖J⁻¹‖_F / δ of the scaled Jacobian."""
+        J = self.scaled_jacobian
         return ca.sqrt(ca.sumsqr(J) * ca.sumsqr(inverse(J))) / self.dof
 
 

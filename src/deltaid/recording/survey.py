@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics
+from deltaid.recording.branch import BranchCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
 from deltaid.recording.filter import SpectrumEstimate, lowest_rate
@@ -46,6 +47,7 @@ class Survey:
     warnings: list[str] = field(default_factory=list)
     spectrum: SpectrumEstimate = field(init=False)
     derivatives: DerivativeCheck = field(init=False)
+    branch: BranchCheck = field(init=False)
 
     def __post_init__(self) -> None:
         c = self.columns
@@ -53,6 +55,7 @@ class Survey:
         pairs = [(a.column, b.column) for a, b in zip(c.position, c.velocity, strict=False)]
         pairs += [(a.column, b.column) for a, b in zip(c.velocity, c.acceleration, strict=False)]
         self.derivatives = DerivativeCheck(pairs)
+        self.branch = BranchCheck(self.kinematics)
 
     @property
     def rate(self) -> float:
@@ -78,7 +81,7 @@ class Survey:
         q = values[:, 1 : 1 + self.kinematics.dof]
         self._check_angles(q, batch.row)
         self._check_jumps(q, batch.row)
-        self._check_reach(q, batch.row)
+        self._check_reach(values[:, 0], q, batch.row)
         self.spectrum.add(q)
         self._compare_derivatives(values)
         self.samples += len(values)
@@ -174,15 +177,17 @@ class Survey:
                 cure="unwrap the column (numpy.unwrap, MATLAB's unwrap) or log turns as well",
             )
 
-    def _check_reach(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
+    def _check_reach(
+        self, time: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"], row: int
+    ) -> None:
         z, good = self.kinematics.forward_unchecked(q)
         bad = np.flatnonzero(~good)
         if bad.size:
-            raise self._out_of_reach(q[bad[0]], row + int(bad[0]))
+            raise self._out_of_reach(float(time[bad[0]]), q[bad[0]], row + int(bad[0]))
         self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
         self.farthest = np.maximum(self.farthest, z[:, :3].max(axis=0))
-        condition = self.kinematics.condition(z)
-        singular = np.flatnonzero(~(condition < SINGULAR_CONDITION))
+        regular = self.kinematics.regularity(z)
+        singular = np.flatnonzero(~(regular.condition < SINGULAR_CONDITION))
         if singular.size:
             raise RecordingError(
                 f"the robot is in a singular pose at {self._angles(q[singular[0]])}",
@@ -190,15 +195,23 @@ class Survey:
                 cure="an arm and its struts are in line there, or the struts in one plane; check "
                 "zero and sign of the drives, and the robot's lengths",
             )
+        left = self.branch.add(time, q, z, regular)
+        if left is not None:
+            raise RecordingError(
+                f"{left[1]}, at {self._angles(q[left[0]])}",
+                where=self._row(row + left[0]),
+                cure="check zero and sign of the drives and the robot's lengths; a robot that does "
+                "this cannot be held by its drives there, so keep the motion away from it",
+            )
         outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(z[:, :3]))
         if outside.size and not self.outside:
             i = int(outside[0])
             self.first_outside = f"row {row + i} at [{z[i, 0]:.3f}, {z[i, 1]:.3f}, {z[i, 2]:.3f}] m"
         self.outside += outside.size
 
-    def _out_of_reach(self, q: Float[np.ndarray, " dof"], row: int) -> RecordingError:
+    def _out_of_reach(self, time: float, q: Float[np.ndarray, " dof"], row: int) -> RecordingError:
         return RecordingError(
-            f"{self.kinematics.why_not(q)} at {self._angles(q)}",
+            f"{self.kinematics.why_not(q[None])} at {self._angles(q)}, {time:.6g} s",
             where=self._row(row),
             cure="check sign, zero, unit and order of the drives (angle 0 = arm horizontal and "
             "outwards, positive = down) and the robot's lengths",
