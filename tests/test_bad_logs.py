@@ -146,7 +146,7 @@ BAD_TEXT = {
     "motor side": (changed(q3=30 * pl.col("q3")), "column q3 is ", "motor side"),
     "out of reach": (
         with_field(150, "q1", "-2.5"),
-        "row 150: no platform position closes the loops at (q1, q2, q3) = (-2.5, ",
+        "row 150: the elbow of limb 1 points inwards at (q1, q2, q3) = (-2.5, ",
     ),
 }
 
