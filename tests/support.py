@@ -69,7 +69,7 @@ def describe(oracle: DeltaOracle) -> RobotDescription:
                 for name in ("base_radius", "platform_radius", "upper_arm", "strut")
             },
         },
-        "bodies": {name: {"prior": _explicit(body)} for name, body in oracle.bodies.items()},
+        "bodies": {name: {"prior": explicit_body(body)} for name, body in oracle.bodies.items()},
         "friction": {j: {"viscous": v, "coulomb": c} for j, v, c in friction if v > 0},
         "rotor_inertia": {
             j: i for j, i in zip(joints, oracle.rotor_inertia, strict=False) if i > 0
@@ -96,7 +96,7 @@ def body_parameters(body: Body) -> np.ndarray:
     return np.array([body.m, *body.mc, *np.diag(I), I[0, 1], I[1, 2], I[0, 2]])
 
 
-def _explicit(body: Body) -> dict:
+def explicit_body(body: Body) -> dict:
     values = body_parameters(body)
     inertia = dict(zip(("xx", "yy", "zz", "xy", "yz", "xz"), values[4:], strict=True))
     return {"mass": body.m, "first_moment": tuple(body.mc), "inertia": inertia}
