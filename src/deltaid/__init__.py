@@ -20,11 +20,21 @@ if TYPE_CHECKING:
     from deltaid.identification.model import IdentifiedModel, Settings
     from deltaid.identification.validation import validate
     from deltaid.mechanism.kinematics import Kinematics
+    from deltaid.mechanism.limb import build_limb
+    from deltaid.mechanism.own import BodyPose, MechanismParts
     from deltaid.recording.columns import ColumnMapping, load_mapping
     from deltaid.robot.description import RobotDescription
+    from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
+    from deltaid.robot.own import use_mechanism
 
 _HOME = {
+    "build_limb": "deltaid.mechanism.limb",
+    "LimbGeometry": "deltaid.robot.limbs",
+    "Limbs": "deltaid.robot.limbs",
+    "use_mechanism": "deltaid.robot.own",
+    "MechanismParts": "deltaid.mechanism.own",
+    "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.columns",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
@@ -41,18 +51,24 @@ _HOME = {
 }
 
 __all__ = [
+    "BodyPose",
     "ColumnMapping",
     "DeltaidError",
     "Dynamics",
     "Identification",
     "IdentifiedModel",
     "Kinematics",
+    "LimbGeometry",
+    "Limbs",
+    "MechanismParts",
     "RobotDescription",
     "Settings",
+    "build_limb",
     "catalogue",
     "identify",
     "load_mapping",
     "load_robot",
+    "use_mechanism",
     "validate",
 ]
 

@@ -3,6 +3,8 @@
 import io
 import os
 import sys
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -25,8 +27,16 @@ for module in (demo, robots, schema, excite, identify, validate, torque, base, r
 
 @app.callback(invoke_without_command=True)
 def _options(
-    version: bool = typer.Option(False, "--version", help="Print the version and stop."),
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+    mechanism: Annotated[
+        Path | None,
+        typer.Option(help="Python file with the geometry of a mechanism of your own; it is run."),
+    ] = None,
 ) -> None:
+    if mechanism is not None:
+        from deltaid.robot.own import use_mechanism
+
+        use_mechanism(mechanism)
     if version:
         from importlib.metadata import version as installed
 

@@ -236,7 +236,7 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
         DeltaidError: friction alone takes the whole torque.
     """
     robot = dynamics.robot
-    arms = [limb.upper_arm or 1.0 for limb in robot.limbs.geometry()]
+    arms = [limb.upper_arm or 1.0 for limb in robot.limb_geometry]
     # A passive joint's friction reaches a drive through a lever of about the arm's length.
     passive = sum(
         law.at_rest / (1.0 if robot.is_linear(joint) else _LEVER)

@@ -6,9 +6,8 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.equations import TaskMotion
-from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 
 
@@ -26,7 +25,7 @@ def kinematic_limits(
 ) -> tuple[Limit, ...]:
     """All limits that the description states, but for torques."""
     return (
-        *_workspace(robot, motion.z),
+        *workspace_limits(robot, motion.z),
         *_platform(robot, motion),
         *_drives(robot, motion),
         *_joints(robot, mechanism),
@@ -34,7 +33,8 @@ def kinematic_limits(
     )
 
 
-def _workspace(robot: RobotDescription, z: ca.SX) -> list[Limit]:
+def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
+    """Those of the workspace alone, which stand first among all."""
     space = robot.workspace
     x, y, height = z[0], z[1], z[2]
     match space:
@@ -64,7 +64,7 @@ def _platform(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
         limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
         share = motion.zdd[i] / robot.platform_acceleration
         limits.append(Limit(f"platform acceleration {axis}", share, True))
-    if not isinstance(robot.platform, RigidPlatform):  # of a telescope they are the drive's
+    if robot.platform_turns:  # of a telescope they are the drive's
         turn = robot.turn
         limits.append(Limit("tool speed", motion.zd[3] / turn.speed, True))
         limits.append(Limit("tool acceleration", motion.zdd[3] / turn.acceleration, True))
@@ -102,7 +102,7 @@ def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
         for i, limb in enumerate(mechanism.limbs):
             # y of the limb's frame is the motor axis, x of the strut its direction.
             limits.append(Limit(f"strut {i + 1} swing", limb.strut.R_LB[1, 0] / largest, True))
-    if not isinstance(robot.platform, RigidPlatform):
+    if robot.platform_turns:
         turn = robot.turn
         limits.append(_between("tool angle", mechanism.z[3], (turn.low, turn.high)))
     if robot.telescope is not None and robot.telescope.stroke is not None:

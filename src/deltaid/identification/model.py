@@ -13,7 +13,7 @@ from deltaid.identification.reduction import least_margin
 from deltaid.identification.regularizer import RegularizerName
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
-from deltaid.robot.load import load_yaml, save_yaml
+from deltaid.robot.load import bound, load_yaml, save_yaml
 from deltaid.robot.quantities import Coordinate
 
 Method = Literal["conic", "log-cholesky"]
@@ -172,7 +172,8 @@ class IdentifiedModel(_Part):
         Raises:
             DescriptionError: the file is not a model, or its bodies are not consistent.
         """
-        return load_yaml(Path(path), cls)
+        model = load_yaml(Path(path), cls)
+        return model.model_copy(update={"robot": bound(model.robot, str(path))})
 
     @model_validator(mode="after")
     def _check(self) -> "IdentifiedModel":

@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
-from deltaid.mechanism.mechanism import Mechanism, build_mechanism
+from deltaid.mechanism.mechanism import build_mechanism
+from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 
@@ -133,8 +134,9 @@ class Kinematics:
         """How a limb's posture differs from the description; −1 for no limb in particular."""
         if limb < 0:
             return "the robot is beyond a singularity, on another branch than its home pose"
-        outwards = self.robot.limbs.geometry()[limb].outwards
-        if self.robot.limbs.drive == "linear":
+        geometry = self.robot.limb_geometry[limb]
+        outwards = geometry.outwards
+        if geometry.drive == "linear":
             side = "below" if outwards else "above"
             return f"the carriage of limb {limb + 1} is {side} its joint on the platform"
         return f"the elbow of limb {limb + 1} points {'inwards' if outwards else 'outwards'}"

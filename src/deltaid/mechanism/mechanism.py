@@ -1,132 +1,30 @@
-"""A mechanism as the rest of the package sees it: symbolic poses, drives, joints, reach.
-
-Everything is a CasADi SX expression of the task coordinates z = [r; ψ] (r the platform point in
-the world; ψ the tool's angle, where a telescope or a platform turns it). Velocities, accelerations,
-Jacobians and all of the dynamics follow by automatic differentiation, so nothing here is ever
-differentiated by hand.
-"""
-
-from dataclasses import dataclass
+"""The mechanism of a described robot: drive × parallelogram limb × platform (× telescope)."""
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.mechanism.limb import Limb, build_limb, elbow, mode_margin
+from deltaid.mechanism.mechanism_type import ClosedForm, LimbBodies, Mechanism, MovingBody
+from deltaid.mechanism.own import build_own
 from deltaid.mechanism.platform import PlatformParts, build_platform
 from deltaid.mechanism.spheres import meeting_point
 from deltaid.mechanism.telescope import build_telescope
-from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import RigidPlatform
 
 
-@dataclass(frozen=True)
-class MovingBody:
-    """One moving rigid body: whose inertia parameters it has, how many of it, and where it is.
-
-    Attributes:
-        name: the body of the description whose ten parameters it carries.
-        count: how many bodies share this very motion (2 for the struts of a parallelogram).
-        R_WL: constant rotation from an inertial frame L to the world W. A limb's poses are
-            simplest in a frame turned with the limb; its origin is the world's.
-        R_LB: rotation from link frame B to L, 3×3, function of z.
-        r_LB: origin of the link frame, resolved in L, 3, function of z [m].
-    """
-
-    name: str
-    count: int
-    R_WL: Float[np.ndarray, "3 3"]
-    R_LB: ca.SX
-    r_LB: ca.SX
-
-
-@dataclass(frozen=True)
-class LimbBodies:
-    """One limb's bodies: the driven one (upper arm or carriage), the strut, and what it holds.
-
-    Attributes:
-        driven, strut: their poses.
-        held: the middle of the strut joints at the platform, in the world [m].
-    """
-
-    driven: MovingBody
-    strut: MovingBody
-    held: ca.SX
-
-
-@dataclass(frozen=True)
-class ClosedForm:
-    """Forward kinematics written out.
-
-    Attributes:
-        z: task coordinates as functions of the drive coordinates.
-        margin: strut² less the square of the strut length that would just close the loops [m²].
-        strut: that strut's length [m].
-        modes: for each limb a distance in metres that is negative in the other working mode.
-    """
-
-    z: ca.SX
-    margin: ca.SX
-    strut: float
-    modes: ca.SX
-
-
-@dataclass(frozen=True)
-class Mechanism:
-    """The kinematics of one robot, symbolic.
-
-    Attributes:
-        z: task coordinates, δ symbols.
-        q: drive coordinates as functions of z (inverse kinematics).
-        bodies: all moving bodies.
-        limbs: those of each limb, and what it holds.
-        joints: friction joints' coordinates ϑ(z) by name, drives first.
-        reach: for each limb, the distance in metres by which z is inside its reach, functions of z.
-        q_symbols: δ symbols for the drive coordinates in what follows.
-        closure: δ functions of z and `q_symbols` that are zero when the loops are closed [m, rad].
-        modes: for each limb a distance in metres, function of z and `q_symbols`, that is negative
-            when the limb is not in its described working mode.
-        forward: forward kinematics in closed form; None where only iteration finds it.
-        lengths: for each task coordinate what it moves the platform's parts by: 1 for r, for the ψ
-            of a platform [m/rad] how far its parts move, 1 for the ψ of a telescope.
-    """
-
-    z: ca.SX
-    q: ca.SX
-    bodies: tuple[MovingBody, ...]
-    limbs: tuple[LimbBodies, ...]
-    joints: dict[str, ca.SX]
-    reach: ca.SX
-    q_symbols: ca.SX
-    closure: ca.SX
-    modes: ca.SX
-    forward: ClosedForm | None
-    lengths: tuple[float, ...]
-
-    @property
-    def dof(self) -> int:
-        """Number of drives δ."""
-        return self.z.numel()
-
-    @property
-    def scaled_jacobian(self) -> ca.SX:
-        """J = ∂q/∂z with ψ counted by the length that it moves a platform's part."""
-        return ca.jacobian(self.q, self.z) @ ca.diag(1 / ca.DM(self.lengths))
-
-    @property
-    def condition(self) -> ca.SX:
-        """‖J‖_F ‖J⁻¹‖_F / δ of the scaled Jacobian."""
-        J = self.scaled_jacobian
-        return ca.sqrt(ca.sumsqr(J) * ca.sumsqr(inverse(J))) / self.dof
-
-
 def build_mechanism(robot: RobotDescription) -> Mechanism:
-    """The mechanism of a described robot."""
+    """The mechanism of a described robot.
+
+    Raises:
+        DescriptionError: the function of a mechanism of the user's own fails.
+    """
+    if robot.mechanism is not None:
+        return build_own(robot, robot.mechanism)
     z = ca.SX.sym("z", len(robot.drives))
     q_symbols = ca.SX.sym("q", len(robot.drives))
-    geometry, platform = robot.limbs.geometry(), build_platform(robot, z)
+    geometry, platform = robot.limb_geometry, build_platform(robot, z)
     limbs = tuple(
         _limb_bodies(robot, i, g, p) for i, (g, p) in enumerate(_held(geometry, platform))
     )

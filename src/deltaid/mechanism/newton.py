@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.mechanism.vectors import inverse
 
 Samples = Float[np.ndarray, "samples dof"]

@@ -44,7 +44,7 @@ class PlatformParts:
 def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
     """The platform of a described robot."""
     r, platform = z[:3], robot.platform
-    attachments = [ca.DM(limb.attachment) for limb in robot.limbs.geometry()]
+    attachments = [ca.DM(limb.attachment) for limb in robot.limb_geometry]
     if isinstance(platform, RigidPlatform):
         points = tuple(r + d for d in attachments)
         return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None, None)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
+from deltaid.mechanism.mechanism_type import LimbBodies, Mechanism, MovingBody
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import RigidPlatform
 
@@ -50,13 +50,15 @@ class Skeleton:
 
 
 def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
+    if robot.mechanism is not None:
+        return _own(robot, mechanism)
     size = _size(robot)
     segments, base = [], []
     held: dict[bool, list[ca.SX]] = {}
     for i, limb in enumerate(mechanism.limbs):
         parts, sides = _limb(robot, i, limb, 0.5 * _APART * size)
         segments += parts
-        anchor = ca.SX(ca.DM(robot.limbs.geometry()[i].base))
+        anchor = ca.SX(ca.DM(robot.limb_geometry[i].base))
         base += [anchor + side for side in sides]
         first = isinstance(robot.platform, RigidPlatform) or robot.platform.on_first(i)
         held.setdefault(first, []).extend(limb.held + side for side in sides)
@@ -66,9 +68,22 @@ def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     return [*segments, *_joining(robot, mechanism, size), *_telescope(mechanism)]
 
 
+def _own(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
+    """The lines that the user's function gives, or each body from its frame to its prior's centre
+    of mass."""
+    if mechanism.drawing:
+        return [Segment(*line) for line in mechanism.drawing]
+    segments = []
+    for body in mechanism.bodies:
+        p = robot.bodies[body.name].prior_parameters()
+        centre = _origin(body) + _rotation(body) @ ca.DM(p[1:4] / p[0])
+        segments.append(Segment(body.name, _origin(body), centre))
+    return segments
+
+
 def _size(robot: RobotDescription) -> float:
     """A length that the platform's or the base's size has [m]."""
-    limbs = robot.limbs.geometry()
+    limbs = robot.limb_geometry
     for points in ([l.attachment for l in limbs], [l.base for l in limbs]):
         radius = float(np.mean([np.linalg.norm(point) for point in points]))
         if radius > 0:
@@ -80,7 +95,7 @@ def _limb(
     robot: RobotDescription, i: int, limb: LimbBodies, half: float
 ) -> tuple[list[Segment], list[ca.SX]]:
     """Segments of one limb, and where its struts lie to either side of their middle."""
-    geometry = robot.limbs.geometry()[i]
+    geometry = robot.limb_geometry[i]
     driven, strut, elbow = limb.driven.name, limb.strut.name, _origin(limb.strut)
     y_L = ca.SX(ca.DM(geometry.R_WL[:, 1]))
     sides = [-half * y_L, half * y_L] if geometry.struts > 1 else [ca.SX.zeros(3)]

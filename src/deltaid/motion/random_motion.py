@@ -7,7 +7,6 @@ from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.platform import RigidPlatform
 
 _GRID = 400
 _ATTEMPTS = 100
@@ -78,7 +77,7 @@ def _scaled(
     if dof == 4:
         turn = robot.turn
         shares = [turn.speed / zd[3], turn.acceleration / zdd[3]]
-        if not isinstance(robot.platform, RigidPlatform):  # a telescope turns without end
+        if robot.platform_turns:  # a telescope turns without end
             shares.append(0.5 * (turn.high - turn.low) / z[3])
             centre[3] = 0.5 * (turn.high + turn.low)
         scale[3] = 0.95 * min(shares)

@@ -15,7 +15,6 @@ from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
-from deltaid.robot.platform import RigidPlatform
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
@@ -60,7 +59,7 @@ def surrogate_parameters(
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
         p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
-    if robot.limbs.drive == "rotary" and isinstance(robot.platform, RigidPlatform):
+    if not robot.platform_turns and not any(robot.is_linear(d) for d in robot.drives):
         for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
             p[columns] = [values[joint] for joint in robot.friction_joints]
         more = slice(layout.coulomb.stop, layout.spring.stop)

@@ -147,9 +147,7 @@ class Survey:
         self.jitter += uneven.size
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
-        if self.kinematics.robot.limbs.drive == "linear":
-            return
-        limbs = self.kinematics.robot.limbs.count
+        limbs = sum(limb.drive == "rotary" for limb in self.kinematics.robot.limb_geometry)
         large = np.argwhere(np.abs(q[:, :limbs]) > _LARGEST_ARM_ANGLE)
         if large.size:
             i, drive = (int(index) for index in large[0])

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from deltaid.robot.body import Body
 from deltaid.robot.drive_limits import DriveLimits
 from deltaid.robot.friction import TERM_KINDS, Friction, FrictionTerm, friction_terms
-from deltaid.robot.limbs import Limbs
+from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
+from deltaid.robot.own import OwnMechanism
 from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import Coordinate, Positive, Vector
 from deltaid.robot.telescope import Telescope
@@ -60,7 +61,10 @@ class RobotDescription(_Part):
     gravity: Vector = Field(
         default=(0.0, 0.0, -9.81), description="gravity in the world frame, m/s²"
     )
-    limbs: Limbs
+    limbs: Limbs | None = None
+    mechanism: OwnMechanism | None = Field(
+        default=None, description="in place of limbs and platform: a geometry in a Python file"
+    )
     platform: Platform = RigidPlatform()
     telescope: Telescope | None = None
     bodies: dict[str, Body] = Field(
@@ -102,13 +106,15 @@ class RobotDescription(_Part):
     @property
     def drives(self) -> tuple[str, ...]:
         """Names of the drives, in the order of q."""
-        n = self.limbs.count + (self.telescope is not None)
+        n = len(self._drive_kinds) + (self.telescope is not None)
         return tuple(f"drive{i + 1}" for i in range(n))
 
     @property
     def body_names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of p."""
-        limbs = [name for i in range(self.limbs.count) for name in self.limb_bodies(i)]
+        if self.mechanism is not None:
+            return self.mechanism.bodies
+        limbs = [name for i in range(len(self.limb_geometry)) for name in self.limb_bodies(i)]
         return (
             *dict.fromkeys(limbs),
             *self.platform.bodies,
@@ -117,28 +123,51 @@ class RobotDescription(_Part):
 
     def limb_bodies(self, limb: int) -> tuple[str, str]:
         """Names of the driven body and the strut of limb 0, 1, …"""
-        own = "" if self.limbs.identical else str(limb + 1)
-        driven = "U" if self.limbs.drive == "rotary" else "C"
+        own = "" if self.limbs is None or self.limbs.identical else str(limb + 1)
+        driven = "U" if self.limb_geometry[limb].drive == "rotary" else "C"
         return f"{driven}{own}", f"S{own}"
+
+    @property
+    def limb_geometry(self) -> tuple[LimbGeometry, ...]:
+        """Each limb by its numbers; none for a mechanism of the user's own."""
+        return self.limbs.geometry() if self.limbs is not None else ()
+
+    @property
+    def _drive_kinds(self) -> tuple[DriveKind, ...]:
+        """Of the drives but a telescope's."""
+        if self.mechanism is not None:
+            return self.mechanism.drives
+        return tuple(limb.drive for limb in self.limb_geometry)
+
+    @property
+    def platform_turns(self) -> bool:
+        """Whether ψ is a coordinate of the platform, and not of a telescope."""
+        if self.mechanism is not None:
+            return len(self.mechanism.drives) > 3
+        return not isinstance(self.platform, RigidPlatform)
 
     def is_linear(self, joint: str) -> bool:
         """Whether a joint slides: coordinates in m and forces in N instead of rad and N m."""
+        if self.mechanism is not None and joint in self.mechanism.joints:
+            return self.mechanism.joints[joint] == "linear"
         if joint == "platform":
             return self.platform.slides
-        limbs = tuple(f"drive{i + 1}" for i in range(self.limbs.count))
-        return joint == "slide" or (joint in limbs and self.limbs.drive == "linear")
+        kinds = {f"drive{i + 1}": kind for i, kind in enumerate(self._drive_kinds)}
+        return joint == "slide" or kinds.get(joint) == "linear"
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all joints that may have friction."""
+        if self.mechanism is not None:
+            return self.drives + tuple(self.mechanism.joints)
         platform = () if isinstance(self.platform, RigidPlatform) else ("platform",)
         return self.drives + platform + (("slide",) if self.telescope else ())
 
     @property
     def turn(self) -> "Turn":
         """Where the tool's angle ψ may go, and how fast."""
-        if not isinstance(self.platform, RigidPlatform):
-            p = self.platform
+        p = self.mechanism or self.platform
+        if self.platform_turns and not isinstance(p, RigidPlatform):
             low, high = np.deg2rad(p.angle_deg)
             speed, acceleration = np.deg2rad([p.speed_deg_s, p.acceleration_deg_s2])
             return Turn(float(low), float(high), float(speed), float(acceleration))
@@ -185,6 +214,7 @@ class RobotDescription(_Part):
 
     @model_validator(mode="after")
     def _check(self) -> "RobotDescription":
+        self._check_drives()
         _exactly("bodies", self.bodies, self.body_names)
         _among("friction", self.friction, self.joints)
         _among("springs", self.springs, self.joints)
@@ -198,27 +228,35 @@ class RobotDescription(_Part):
                 raise ValueError(f"friction.{joint} has a load term, which only drives can have")
         _among("rotor_inertia", self.rotor_inertia, self.drives)
         _among("drive_limits", self.drive_limits, self.drives)
-        self._check_drives()
         if not np.any(self.gravity):
             raise ValueError("gravity is zero; give the vector in the world frame, in m/s²")
         return self
 
     def _check_drives(self) -> None:
-        wanted = 3 if isinstance(self.platform, RigidPlatform) else 4
-        if self.limbs.count != wanted:
-            raise ValueError(
-                f"a platform of kind {self.platform.kind} needs {wanted} limbs, but "
-                f"limbs.azimuth_deg has {self.limbs.count}"
-            )
-        if self.telescope is not None and wanted == 4:
-            raise ValueError(
-                "telescope is given, but the platform turns its tool itself; leave one of them out"
-            )
+        if (self.limbs is None) == (self.mechanism is None):
+            given = "neither" if self.limbs is None else "both"
+            raise ValueError(f"give either limbs or mechanism; {given} is given")
+        if self.limbs is not None:
+            self._check_composition(self.limbs)
+        elif self.telescope is not None or self.platform != RigidPlatform():
+            raise ValueError("mechanism is in place of limbs, platform and telescope")
         for drive, limits in self.drive_limits.items():
             foreign = limits.foreign(linear=self.is_linear(drive))
             if foreign:
                 kind = "linear" if self.is_linear(drive) else "rotary"
                 raise ValueError(f"drive_limits.{drive} has {foreign[0]}, but the drive is {kind}")
+
+    def _check_composition(self, limbs: Limbs) -> None:
+        wanted = 3 if isinstance(self.platform, RigidPlatform) else 4
+        if limbs.count != wanted:
+            raise ValueError(
+                f"a platform of kind {self.platform.kind} needs {wanted} limbs, but "
+                f"limbs.azimuth_deg has {limbs.count}"
+            )
+        if self.telescope is not None and wanted == 4:
+            raise ValueError(
+                "telescope is given, but the platform turns its tool itself; leave one of them out"
+            )
 
 
 def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:

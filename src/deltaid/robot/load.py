@@ -17,6 +17,7 @@ from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
 from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.own import with_named_file
 from deltaid.robot.plain import plain
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -55,7 +56,19 @@ def load_robot(robot: str | Path) -> RobotDescription:
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
     if not os.path.exists(robot):  # unlike Path.exists it never raises
         raise _unknown(str(robot))
-    return load_yaml(Path(robot), RobotDescription)
+    return bound(load_yaml(Path(robot), RobotDescription), str(robot))
+
+
+def bound(robot: RobotDescription, where: str) -> RobotDescription:
+    """A description tied to the Python file that the user has named, if it needs one.
+
+    Raises:
+        DescriptionError: it needs one, and none has been named, or another one.
+    """
+    if robot.mechanism is None:
+        return robot
+    own = with_named_file(robot.mechanism, where)
+    return robot.model_copy(update={"mechanism": own})
 
 
 def load_yaml(path: Path, model: type[_Model]) -> _Model:

@@ -1,0 +1,179 @@
+"""Mechanisms of the user's own: a Python function from z to poses, drives and joints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import deltaid
+from command import refused, run
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import DescriptionError
+from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.identification.demo import mass_matrix_error
+from deltaid.identification.identify import identify
+from deltaid.identification.model import IdentifiedModel
+from deltaid.mechanism.skeleton import Skeleton
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
+from deltaid.robot import own
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import bound, load_robot
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+HELI4, FILE = str(EXAMPLES / "heli4.yaml"), str(EXAMPLES / "heli4.py")
+
+# A Delta of the user's own formulas, from angles and not from vectors.
+DELTA = """
+import casadi as ca
+import numpy as np
+import deltaid
+
+BASE, PLATFORM, ARM, STRUT = 0.33, 0.125, 0.42, 1.055
+
+def mechanism(z):
+    drives, bodies = [], [deltaid.BodyPose("plate", ca.SX.eye(3), z)]
+    for azimuth in np.deg2rad([0.0, 120.0, 240.0]):
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        turn = ca.DM([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        x, y, down = ca.vertsplit(turn.T @ z * ca.DM([1, 1, -1]))
+        x = x + PLATFORM - BASE
+        swing = ca.acos((x**2 + y**2 + down**2 + ARM**2 - STRUT**2)
+                        / (2 * ARM * ca.sqrt(x**2 + down**2)))
+        q = ca.atan2(down, x) - swing
+        arm = turn @ rotation_y(q)
+        elbow = turn @ ca.vertcat(BASE + ARM * ca.cos(q), 0, -ARM * ca.sin(q))
+        along = (z + turn @ ca.DM([PLATFORM, 0, 0]) - elbow) / STRUT
+        in_limb = turn.T @ along
+        strut = turn @ rotation_y(ca.atan2(-in_limb[2], in_limb[0])) @ rotation_z(
+            ca.asin(in_limb[1]))
+        drives.append(q)
+        bodies.append(deltaid.BodyPose("arm", arm, turn @ ca.DM([BASE, 0, 0])))
+        bodies.append(deltaid.BodyPose("rod", strut, elbow, count=2))
+    return deltaid.MechanismParts(drives=drives, bodies=bodies)
+
+def rotation_y(a):
+    c, s = ca.cos(a), ca.sin(a)
+    return ca.vertcat(ca.horzcat(c, 0, s), ca.horzcat(0, 1, 0), ca.horzcat(-s, 0, c))
+
+def rotation_z(a):
+    c, s = ca.cos(a), ca.sin(a)
+    return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
+"""
+
+
+@pytest.fixture
+def heli4() -> RobotDescription:
+    deltaid.use_mechanism(FILE)
+    return load_robot(HELI4)
+
+
+def own_delta(folder: Path) -> RobotDescription:
+    """The catalogue's Delta with its geometry as a function, saved and loaded again."""
+    (folder / "delta.py").write_text(DELTA)
+    deltaid.use_mechanism(folder / "delta.py")
+    data = load_robot("clavel-delta3").model_dump(exclude_none=True)
+    for key in ("limbs", "platform", "strut_swing_deg"):
+        data.pop(key, None)
+    names = {"U": "arm", "S": "rod", "P": "plate"}
+    data["bodies"] = {names[name]: body for name, body in data["bodies"].items()}
+    data["mechanism"] = {"drives": ["rotary"] * 3, "bodies": list(names.values())}
+    return bound(RobotDescription.model_validate(data), "delta.yaml")
+
+
+def test_a_function_of_ones_own_is_the_same_robot_as_the_composition(tmp_path):
+    composed, own = Dynamics(load_robot("clavel-delta3")), Dynamics(own_delta(tmp_path))
+    rng = np.random.default_rng(0)
+    motion = random_motion(composed.kinematics, rng)
+    z, zd, zdd = motion.evaluate(rng.uniform(0, 10, 300))
+    q, qd, qdd = composed.kinematics.drive_motion(z, zd, zdd)
+    for mine, theirs in zip(own.kinematics.drive_motion(z, zd, zdd), (q, qd, qdd), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-9 * np.abs(theirs).max())
+    np.testing.assert_allclose(own.kinematics.forward(q), z, atol=1e-10)  # Newton's, not closed
+    p = surrogate_parameters(composed.robot, rng)
+    expected = composed.torque(z, qd, qdd, p)
+    np.testing.assert_allclose(
+        own.torque(z, qd, qdd, p), expected, atol=1e-10 * np.abs(expected).max()
+    )
+    M = composed.mass_matrix(q, p)
+    np.testing.assert_allclose(own.mass_matrix(q, p), M, atol=1e-10 * np.abs(M).max())
+
+
+def test_the_example_runs_the_whole_pipeline(heli4, tmp_path):
+    dynamics, rng = Dynamics(heli4), np.random.default_rng(1)
+    exciter = Exciter(dynamics, ExcitationSettings(harmonics=3, duration=6.0, starts=1))
+    result = exciter.optimise()
+    assert all(limit.share <= 1.0 for limit in result.limits)
+    truth = surrogate_parameters(heli4, rng)
+    recording = simulate_recording(
+        dynamics, truth, result.run, rng, duration=result.run.duration, rate=500.0
+    )
+    write_recording(recording, tmp_path / "log.csv")
+    model = identify(heli4, [tmp_path / "log.csv"]).model
+    z, _, _ = result.run.evaluate(np.linspace(0, result.run.duration, 200))
+    diagonal, off = mass_matrix_error(dynamics, z, truth, model.p)
+    assert max(diagonal, off) < 1e-4
+    friction = dynamics.layout.friction
+    np.testing.assert_allclose(model.p[friction], truth[friction], rtol=1e-4)
+    model.save(tmp_path / "model.yaml")
+    assert IdentifiedModel.load(tmp_path / "model.yaml").robot == heli4
+    assert np.all(np.isfinite(Skeleton(heli4, dynamics.kinematics.mechanism).evaluate(z)))
+    deltaid.use_mechanism(_file(tmp_path, DELTA))
+    with pytest.raises(DescriptionError, match="belongs to a Python file"):
+        IdentifiedModel.load(tmp_path / "model.yaml")
+
+
+def test_the_file_is_named_on_the_command_line_or_nothing_runs(tmp_path):
+    done = run("--mechanism", FILE, "base", HELI4, "--json")
+    assert done.code == 0, done.err
+    assert '"base_parameters": 26' in done.out
+    own._named.clear()  # another process
+    assert "--mechanism FILE.py" in refused("base", HELI4, folder=tmp_path)
+
+
+def _file(folder: Path, text: str, name: str = "mine.py") -> Path:
+    (folder / name).write_text(text)
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1\n", "defines no function `mechanism`"),
+        ("def mechanism(z:\n", "fails: SyntaxError"),
+        ("import numpy\n\nraise RuntimeError('no licence')\n", "line 3, RuntimeError: no licence"),
+        ("def mechanism(z):\n    return 1 / 0\n", "line 2, ZeroDivisionError"),
+        ("def mechanism(z):\n    return {}\n", "returns dict, not a deltaid.MechanismParts"),
+        (
+            "import deltaid\ndef mechanism(z):\n"
+            "    return deltaid.MechanismParts(drives=[z[0]], bodies=[])\n",
+            "returns 1 drives, but the description has 3",
+        ),
+        (
+            DELTA.replace('deltaid.BodyPose("rod", strut, elbow, count=2)', "bodies[0]"),
+            "returns no body 'rod'",
+        ),
+        (
+            DELTA.replace("return deltaid.MechanismParts(", "z = ca.SX.sym('w', 3); drives[0] = "
+                          "z[0]; return deltaid.MechanismParts("),
+            "uses a symbol 'w_0' that is not an entry of z",
+        ),
+        (DELTA.replace('"plate", ca.SX.eye(3)', '"plate", ca.SX.eye(2)'), "rotation of shape"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_told(tmp_path, text, message):
+    robot = own_delta(tmp_path)
+
+    def build() -> None:
+        digest = deltaid.use_mechanism(_file(tmp_path, text))
+        named = robot.mechanism.model_copy(update={"sha256": digest})
+        Dynamics(robot.model_copy(update={"mechanism": named}))
+
+    with pytest.raises(DescriptionError) as caught:
+        build()
+    assert message in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(DescriptionError, match="cannot be read"):
+        deltaid.use_mechanism(tmp_path / "none.py")
