@@ -20,8 +20,8 @@ from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import bound, load_robot
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-HELI4, FILE = str(EXAMPLES / "heli4.yaml"), str(EXAMPLES / "heli4.py")
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "heli4"
+HELI4, FILE = str(EXAMPLES / "robot.yaml"), str(EXAMPLES / "mechanism.py")
 
 # A Delta of the user's own formulas, from angles and not from vectors.
 DELTA = """
