@@ -1,7 +1,8 @@
 """The whole way for a machine that is not in the catalogue: excite, record, identify, verify.
 
 Its geometry is a Python function (heli4/mechanism.py), all else a description (heli4/robot.yaml).
-The recording is simulated; with a machine, run motion.csv on it and log positions and torques.
+The recordings are simulated; with a machine, run the motion files on it and log positions and
+torques.
 
     python own_mechanism.py [FOLDER]
 """
@@ -32,13 +33,13 @@ def main(folder: Path) -> None:
     dynamics, rng = deltaid.Dynamics(robot), np.random.default_rng(0)
 
     exciter = Exciter(dynamics, ExcitationSettings(duration=10.0, starts=2))
-    best = exciter.optimise().run
-    write_run(dynamics.kinematics, best, 1000.0, folder / "motion.csv")
+    runs = {"identify": exciter.optimise().run, "verify": exciter.optimise(offset=100).run}
 
     truth = surrogate_parameters(robot, rng)  # in place of the machine
-    for name in ("identify", "verify"):
+    for name, run in runs.items():
+        write_run(dynamics.kinematics, run, 1000.0, folder / f"{name}-motion.csv")
         recording = simulate_recording(
-            dynamics, truth, best, rng, duration=best.duration, noise=SensorNoise(torque=0.02)
+            dynamics, truth, run, rng, duration=run.duration, noise=SensorNoise(torque=0.02)
         )
         write_recording(recording, folder / f"{name}.csv")
 

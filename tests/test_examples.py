@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaid import IdentifiedModel
+from deltaid import IdentifiedModel, use_mechanism
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
@@ -29,6 +29,8 @@ def test_example_runs_in_a_folder(script: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert not list(here.iterdir())
     assert {path: path.stat().st_mtime_ns for path in EXAMPLES.iterdir()} == before
+    if script.name == "own_mechanism.py":
+        use_mechanism(EXAMPLES / "heli4" / "mechanism.py")
     model = IdentifiedModel.load(target / "model.yaml")
     assert model.consistent
     assert max(model.fit.nrmse) < 0.02
