@@ -26,6 +26,7 @@ from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.parameters import parameter_section
 from deltaid.report.torques import torque_blocks
 from deltaid.report.validation import validation_page
+from deltaid.robot.joint_units import TURNING
 from deltaid.robot.load import catalogue, load_robot, save_yaml
 from deltaid.robot.shapes import HollowCylinder
 from logs import recorded, write
@@ -230,10 +231,11 @@ def test_skeleton_has_the_robots_lengths(name: str) -> None:
     bodies = np.array([segment.body for segment in skeleton.segments])
     lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     np.testing.assert_allclose(lengths[:, bodies == "S"], robot.limbs.strut, rtol=1e-12)
-    assert (bodies == "S").sum() == 3 * robot.limbs.struts_per_limb
-    arms = np.isclose(lengths[:, bodies == "U"], robot.limbs.upper_arm, rtol=1e-12)
-    assert np.all(arms.sum(axis=1) == 3)
-    platform = ends[:, bodies == "P"].mean(axis=(1, 2))
+    assert (bodies == "S").sum() == robot.limbs.count * robot.limbs.struts_per_limb
+    if robot.limbs.drive == "rotary":
+        arms = np.isclose(lengths[:, bodies == "U"], robot.limbs.upper_arm, rtol=1e-12)
+        assert np.all(arms.sum(axis=1) == robot.limbs.count)
+    platform = ends[:, bodies == robot.platform.bodies[0]].mean(axis=(1, 2))
     np.testing.assert_allclose(platform, z[:, :3], atol=1e-12)
     assert np.ptp(ends[:, bodies == "base"], axis=0).max() < 1e-12
 
@@ -268,7 +270,7 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
         residual_density=np.ones((19, 2)),
         cutoff=None,
     )
-    blocks = torque_blocks(c, ("drive1", "drive2"))
+    blocks = torque_blocks(c, {"drive1": TURNING, "drive2": TURNING})
     np.testing.assert_array_equal(blocks[0].figure.data[0].x, time)
     assert blocks[0].figure.data[0].y.dtype == np.float32
     assert len(render(Page("t", "", (), (Section("s", blocks),)))) > 4e6

@@ -8,7 +8,18 @@ from typing import Annotated
 
 import typer
 
-from deltaid.cli import base, demo, excite, identify, reproduce, robots, schema, torque, validate
+from deltaid.cli import (
+    base,
+    demo,
+    excite,
+    identify,
+    reproduce,
+    robots,
+    schema,
+    show,
+    torque,
+    validate,
+)
 from deltaid.cli.output import print_error
 from deltaid.errors import DeltaidError
 
@@ -21,7 +32,7 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (demo, robots, schema, excite, identify, validate, torque, base, reproduce):
+for module in (demo, robots, schema, show, excite, identify, validate, torque, base, reproduce):
     module.register(app)
 
 

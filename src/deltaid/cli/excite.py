@@ -1,8 +1,9 @@
 """`deltaid excite`: a motion that makes the parameters visible and keeps the machine's limits."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from deltaid.excitation.excite import Excitation, Exciter
+    from deltaid.robot.joint_units import JointUnits
 
 
 class Criterion(StrEnum):
@@ -220,10 +222,19 @@ def _print(exciter: "Exciter", result: "Excitation", files: list[Path]) -> None:
         f"{number(result.criterion_after)} after; {run.repeats} periods of "
         f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, {run.duration:.4g} s in all"
     )
-    torques = ", ".join(f"{value:.3g}" for value in result.torque_max)
-    console.print(f"largest torques at the prior: {torques} N m")
+    units = exciter.dynamics.robot.drive_units.values()
+    efforts = " and ".join(dict.fromkeys(f"{u.effort}s" for u in units))
+    console.print(f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}")
     for path in files:
         console.print(f"wrote {path}")
+
+
+def _with_units(values: Iterable[float], units: "Iterable[JointUnits]") -> str:
+    """Numbers with their units, each unit once where consecutive ones are the same."""
+    groups = groupby(zip(values, units, strict=True), key=lambda pair: pair[1].force)
+    return ", ".join(
+        f"{', '.join(f'{value:.3g}' for value, _ in group)} {unit}" for unit, group in groups
+    )
 
 
 def _share(value: float, std: float) -> str:

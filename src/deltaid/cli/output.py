@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from deltaid.identification.model import Parameter
 
 # Columns whose cells are words.
-_TEXT_COLUMNS = ("unit", "from", "robot", "base parameter", "chosen law")
+_TEXT_COLUMNS = ("unit", "from", "robot", "mechanism", "base parameter", "chosen law")
 # Columns that may take several lines where the terminal is narrow.
-_WRAPPED_COLUMNS = ("robot", "base parameter", "chosen law")
+_WRAPPED_COLUMNS = ("robot", "mechanism", "base parameter", "chosen law")
 
 console = Console(highlight=False, soft_wrap=True, emoji=False)
 error_console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)

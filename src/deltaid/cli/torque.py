@@ -19,7 +19,7 @@ def torque(
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,
 ) -> None:
-    """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m.
+    """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m (N).
 
     Without recorded velocities and accelerations the positions are filtered and differentiated,
     and as many rows as the filter is long are missing at either end.

@@ -75,10 +75,13 @@ def error_table(model: "IdentifiedModel", verification: "TorqueError | None") ->
     """Torque errors per drive, on the identification's recordings and on another one."""
     from deltaid.cli.output import number, percent, table
 
-    fit, rows = model.fit, []
+    fit, rows, units = model.fit, [], model.robot.drive_units
+    alike, first = len(set(units.values())) == 1, next(iter(units.values()))
+    heading = [f"{first.effort} error, {first.force}"] if alike else ["error of drive", "unit"]
     for i, drive in enumerate(model.robot.drives):
         row = [
             drive,
+            *([] if alike else [units[drive].force]),
             number(fit.rms[i], 3),
             percent(fit.nrmse[i]),
             number(fit.rms_unfiltered[i], 3),
@@ -90,7 +93,7 @@ def error_table(model: "IdentifiedModel", verification: "TorqueError | None") ->
                 number(verification.rms_unfiltered[i], 3),
             ]
         rows.append(row)
-    columns = ["torque error, N m", "rms", "share", "unfiltered"]
+    columns = [*heading, "rms", "share", "unfiltered"]
     if verification is not None:
         columns += ["verify rms", "share", "unfiltered"]
     return table("", columns, rows)

@@ -50,8 +50,8 @@ def parameter_layout(robot: RobotDescription) -> ParameterLayout:
     names += [f"rotor.{d}" for d in rotors]
     units = list(INERTIA_UNITS) * len(bodies)
     units += [term.unit for term in terms]
-    units += ["N/m" if robot.is_linear(j) else "N m/rad" for j in springs]
-    units += ["kg m²"] * len(rotors)
+    units += [robot.units(j).stiffness for j in springs]
+    units += [robot.units(d).inertia for d in rotors]
     n, joints = 10 * len(bodies), len(robot.friction_joints)
     springs_at = n + len(terms)
     end = springs_at + len(springs)

@@ -250,7 +250,7 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
         own = law.at_rest + (law.load or 0.0) * largest if law else 0.0
         left[i] = largest - own - (passive * arms[i] if i < len(arms) else 0.0)
         if left[i] <= 0:
-            unit, key = ("N", "force") if robot.is_linear(drive) else ("N m", "torque")
+            unit, key = robot.units(drive).force, robot.units(drive).effort
             raise DeltaidError(
                 f"a {key} limit of {largest:g} {unit} is no more than the joint's Coulomb friction",
                 where=f"{robot.name}, drive_limits.{drive}.{key}",

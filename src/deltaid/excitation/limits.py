@@ -83,9 +83,10 @@ def _drives(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
         given = robot.drive_limits.get(drive)
         if given is None:
             continue
-        place = "position" if robot.is_linear(drive) else "angle"
         if given.range is not None:
-            limits.append(_between(f"{drive} {place}", motion.q[i], given.range))
+            limits.append(
+                _between(f"{drive} {robot.units(drive).motion}", motion.q[i], given.range)
+            )
         if given.top_speed is not None:
             limits.append(Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True))
         if given.top_acceleration is not None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from deltaid.excitation.excite import Exciter
 from deltaid.excitation.run import Run
+from deltaid.robot.joint_units import JointUnits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,13 +32,13 @@ def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
     _draw_path(left.subplots(2, 1), z)
-    rows = (np.rad2deg(q), np.rad2deg(qd), exciter.preview(run, _SAMPLES))
+    units = exciter.dynamics.robot.drive_units
+    shown = np.array([u.per_shown for u in units.values()])
+    rows = (q * shown, qd * shown, exciter.preview(run, _SAMPLES))
+    labels = ("{0.motion} [{0.shown}]", "speed [{0.shown}/s]", "{0.effort}, predicted [{0.force}]")
     axes = right.subplots(3, 1, sharex=True)
-    for axis, values, label in zip(
-        axes, rows, ("angle [deg]", "speed [deg/s]", "torque, predicted [N m]"), strict=True
-    ):
-        _draw_drives(axis, time, values, exciter.dynamics.robot.drives)
-        axis.set_ylabel(label)
+    for axis, values, label in zip(axes, rows, labels, strict=True):
+        _draw_drives(axis, time, values, units, label)
     axes[0].legend(loc="upper right", ncols=len(exciter.dynamics.robot.drives), fontsize="small")
     axes[-1].set_xlabel("time [s]")
     for axis in axes:
@@ -61,15 +62,17 @@ def _draw_path(axes: Any, z: np.ndarray) -> None:
 
 
 def _draw_drives(
-    axis: "Axes", time: np.ndarray, values: np.ndarray, drives: tuple[str, ...]
+    axis: "Axes", time: np.ndarray, values: np.ndarray, drives: dict[str, JointUnits], label: str
 ) -> None:
-    """All drives in one plot; one that is ten times the others gets an axis of its own."""
-    sizes = np.abs(values).max(axis=0)
-    for i, drive in enumerate(drives):
+    """All drives in one plot; one of another size or unit gets an axis of its own."""
+    sizes, first = np.abs(values).max(axis=0), next(iter(drives.values()))
+    axis.set_ylabel(label.format(first))
+    for i, (drive, units) in enumerate(drives.items()):
         large = sizes[i] > 5 * np.median(sizes)
         small = sizes[i] < 0.2 * np.median(sizes)
-        if large or small:
+        if large or small or units != first:
             twin = axis.twinx()
+            twin.set_ylabel(label.format(units), color=f"C{i}")
             twin.plot(time, values[:, i], color=f"C{i}", linewidth=0.9)
             twin.tick_params(axis="y", colors=f"C{i}")
             axis.plot([], [], color=f"C{i}", label=f"{drive} (right)")

@@ -60,15 +60,17 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
     time = np.linspace(0, run.duration, _SAMPLES)
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
-    drives, torque = dynamics.robot.drives, exciter.preview(run, _SAMPLES)
+    units = dynamics.robot.drive_units
+    first, shown = next(iter(units.values())), np.array([u.per_shown for u in units.values()])
     axes = dict(zip("xyz", style.SERIES[4:], strict=True))
-    turns = dict(zip(drives, style.SERIES, strict=False))
+    turns = dict(zip(units, style.SERIES, strict=False))
     rows = [
         ("platform [m]", z[:, :3], axes),
-        ("angle [deg]", np.rad2deg(q), turns),
-        ("speed [deg/s]", np.rad2deg(qd), turns),
-        ("torque [N m]", torque, turns),
+        ("{0.motion} [{0.shown}]", q * shown, turns),
+        ("speed [{0.shown}/s]", qd * shown, turns),
+        ("{0.effort} [{0.force}]", exciter.preview(run, _SAMPLES), turns),
     ]
+    foreign = np.array([u != first for u in units.values()])
     figure = make_subplots(
         rows=len(rows),
         cols=1,
@@ -77,7 +79,7 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
         specs=[[{"secondary_y": True}]] * len(rows),
     )
     for row, (title, values, colors) in enumerate(rows, 1):
-        right = _of_another_size(values) if colors is turns else np.zeros(3, dtype=bool)
+        right = foreign | _of_another_size(values) if colors is turns else np.zeros(3, bool)
         for i, (name, color) in enumerate(colors.items()):
             figure.add_scatter(
                 x=time.astype(np.float32),
@@ -93,18 +95,20 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
                 secondary_y=bool(right[i]),
             )
             if right[i]:
-                own = {"title_text": name, "color": color, "showgrid": False, "tickmode": "auto"}
+                own_title = f"{name} {title.format(units[name])}" if foreign[i] else name
+                own = {"title_text": own_title, "color": color, "showgrid": False}
+                own["tickmode"] = "auto"
                 figure.update_yaxes(own, row=row, col=1, secondary_y=True)
-        figure.update_yaxes(title_text=title, row=row, col=1, secondary_y=False)
+        figure.update_yaxes(title_text=title.format(first), row=row, col=1, secondary_y=False)
     for edge in (run.ramp, run.duration - run.ramp):
         figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
     figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
     figure.update_layout(height=880)
     return Figure(
         figure,
-        "Platform point, drive angles, drive speeds, and the torques that the prior predicts. "
-        "A drive whose numbers are of another size has its own axis on the right. Dotted lines are "
-        "the ends of the ramps from and to rest.",
+        "Platform point, coordinates and speeds of the drives, and the torques or forces that the "
+        "prior predicts. A drive whose numbers are of another size or unit has its own axis on the "
+        "right. Dotted lines are the ends of the ramps from and to rest.",
     )
 
 

@@ -83,11 +83,9 @@ def _laws(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Figure
             trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
             named.add(trace.name)
             figure.add_trace(trace, row=row, col=col)
-        sliding = joint not in model.robot.drives
-        figure.update_xaxes(
-            title_text="speed [m/s]" if sliding else "speed [rad/s]", row=row, col=col
-        )
-        figure.update_yaxes(title_text="force [N]" if sliding else "torque [N m]", row=row, col=col)
+        units = model.robot.units(joint)
+        figure.update_xaxes(title_text=f"speed [{units.speed}]", row=row, col=col)
+        figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", row=row, col=col)
     figure.update_annotations(font_size=13)
     figure.update_layout(
         height=270 * rows + 100,

@@ -70,7 +70,7 @@ def identification_page(result: Identification, verification: Verification | Non
 
 def torque_section(model: IdentifiedModel, comparison: Comparison, title: str) -> Section:
     """All figures of torques along one recording."""
-    return Section(title, torque_blocks(comparison, model.robot.drives))
+    return Section(title, torque_blocks(comparison, model.robot.drive_units))
 
 
 def motion_section(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Section:
@@ -87,14 +87,17 @@ def motion_section(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Se
 
 def error_table(model: IdentifiedModel, verification: TorqueError | None) -> Table:
     """Torque errors per drive, on the model's own recordings and on another one."""
-    columns = ("drive", "rms [N m]", "share", "unfiltered rms [N m]")
+    units = model.robot.drive_units
+    one = len({u.force for u in units.values()}) == 1
+    unit = f" [{next(iter(units.values())).force}]" if one else ""
+    columns = ("drive", f"rms{unit}", "share", f"unfiltered rms{unit}")
     kinds: list[Fit | TorqueError] = [model.fit]
     if verification is not None:
-        columns += ("verification rms [N m]", "share", "unfiltered rms [N m]")
+        columns += (f"verification rms{unit}", "share", f"unfiltered rms{unit}")
         kinds.append(verification)
     rows = tuple(
         (
-            drive,
+            drive if one else f"{drive} [{units[drive].force}]",
             *(
                 cell
                 for error in kinds
@@ -110,8 +113,8 @@ def error_table(model: IdentifiedModel, verification: TorqueError | None) -> Tab
     return Table(
         columns,
         rows,
-        "Root mean square of measured minus predicted torque, also as a share of the measured "
-        "torque's own root mean square. Unfiltered is against the torque as recorded, with all "
+        "Root mean square of measured minus predicted torque or force, also as a share of the "
+        "measured one's own root mean square. Unfiltered is against what was recorded, with all "
         "its noise.",
     )
 
@@ -123,10 +126,16 @@ def _title(log: Log, count: int) -> str:
 def _error_facts(model: IdentifiedModel, verification: Verification | None) -> tuple[Fact, ...]:
     facts = []
     for i, drive in enumerate(model.robot.drives):
-        note = f"{number(model.fit.rms[i], 2)} N m rms"
+        note = f"{number(model.fit.rms[i], 2)} {model.robot.units(drive).force} rms"
         if verification is not None:
             note = f"{note}; verification {percent(float(verification.error.nrmse[i]))}"
-        facts.append(Fact(f"{drive}, torque error", percent(model.fit.nrmse[i]), note))
+        facts.append(
+            Fact(
+                f"{drive}, {model.robot.units(drive).effort} error",
+                percent(model.fit.nrmse[i]),
+                note,
+            )
+        )
     return tuple(facts)
 
 

@@ -9,12 +9,15 @@ from scipy import stats
 from deltaid.report import style
 from deltaid.report.comparison import Comparison
 from deltaid.report.page import Figure
+from deltaid.robot.joint_units import JointUnits
 
 _SPEED_BINS, _RESIDUAL_BINS = 30, 60
 _SCATTER = 2500  # points a drive
 
+Drives = dict[str, JointUnits]
 
-def torque_blocks(comparison: Comparison, drives: tuple[str, ...]) -> tuple[Figure, ...]:
+
+def torque_blocks(comparison: Comparison, drives: Drives) -> tuple[Figure, ...]:
     """All figures of one recording."""
     return (
         over_time(comparison, drives),
@@ -24,7 +27,7 @@ def torque_blocks(comparison: Comparison, drives: tuple[str, ...]) -> tuple[Figu
     )
 
 
-def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
+def over_time(c: Comparison, drives: Drives) -> Figure:
     """Measured and predicted torque, and below each drive's the residual, with one time axis."""
     n = len(drives)
     figure = make_subplots(
@@ -35,7 +38,7 @@ def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
         vertical_spacing=0.22 / (2 * n),
     )
     time = _compact(c.time)
-    for i, drive in enumerate(drives):
+    for i, (drive, units) in enumerate(drives.items()):
         residual = c.measured[:, i] - c.predicted[:, i]
         for name, values, color, width, row in (
             ("measured", c.measured[:, i], style.MEASURED, 2.6, 2 * i + 1),
@@ -50,11 +53,12 @@ def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
                 showlegend=i == 0,
                 mode="lines",
                 line={"color": color, "width": width},
-                hovertemplate=f"{drive} {name} %{{y:.4g}} N m at %{{x:.4g}} s<extra></extra>",
+                hovertemplate=f"{drive} {name} %{{y:.4g}} {units.force} at %{{x:.4g}} s"
+                "<extra></extra>",
                 row=row,
                 col=1,
             )
-        figure.update_yaxes(title_text=f"{drive} [N m]", row=2 * i + 1, col=1)
+        figure.update_yaxes(title_text=f"{drive} [{units.force}]", row=2 * i + 1, col=1)
         figure.update_yaxes(title_text="residual", row=2 * i + 2, col=1)
     figure.update_xaxes(title_text="time [s]", row=2 * n, col=1)
     figure.update_layout(height=280 * n + 90, dragmode="zoom", hovermode="closest")
@@ -68,13 +72,13 @@ def over_time(c: Comparison, drives: tuple[str, ...]) -> Figure:
     filtered = f" after the low-pass of {c.cutoff:.3g} Hz" if c.cutoff else ""
     return Figure(
         figure,
-        f"Torque of each drive{filtered}, measured and predicted by the model, and the residual "
-        f"(measured minus predicted). Drag to zoom; the time axes move together, a double click "
+        f"{_efforts(drives)} of each drive{filtered}, measured and predicted by the model, and the "
+        f"residual (measured minus predicted). Drag to zoom; the time axes move together, a double click "
         f"shows everything again. {shown}",
     )
 
 
-def over_speed(c: Comparison, drives: tuple[str, ...]) -> Figure:
+def over_speed(c: Comparison, drives: Drives) -> Figure:
     """Residual over the drive's speed: what friction leaves shows here."""
     figure = _grid(drives)
     keep = slice(None, None, max(1, -(-len(c.speed) // _SCATTER)))
@@ -105,7 +109,7 @@ def over_speed(c: Comparison, drives: tuple[str, ...]) -> Figure:
             row=row,
             col=col,
         )
-    _axes(figure, drives, "speed [rad/s]", "residual [N m]")
+    _axes(figure, drives, "speed [{0.speed}]", "residual [{0.force}]")
     return Figure(
         figure,
         "Residual over the speed of its drive, with mean and standard deviation in intervals of "
@@ -113,7 +117,7 @@ def over_speed(c: Comparison, drives: tuple[str, ...]) -> Figure:
     )
 
 
-def histogram(c: Comparison, drives: tuple[str, ...]) -> Figure:
+def histogram(c: Comparison, drives: Drives) -> Figure:
     """How residuals are distributed, against a normal distribution of equal spread."""
     figure = _grid(drives)
     for i, (row, col) in enumerate(_cells(drives)):
@@ -142,7 +146,7 @@ def histogram(c: Comparison, drives: tuple[str, ...]) -> Figure:
             row=row,
             col=col,
         )
-    _axes(figure, drives, "residual [N m]", "density [1/(N m)]")
+    _axes(figure, drives, "residual [{0.force}]", "density [1/({0.force})]")
     figure.update_layout(bargap=0)
     return Figure(
         figure,
@@ -150,7 +154,7 @@ def histogram(c: Comparison, drives: tuple[str, ...]) -> Figure:
     )
 
 
-def spectrum(c: Comparison, drives: tuple[str, ...]) -> Figure:
+def spectrum(c: Comparison, drives: Drives) -> Figure:
     """Amplitude spectra of the torque as recorded and of the residual."""
     figure = _grid(drives)
     for i, (row, col) in enumerate(_cells(drives)):
@@ -171,14 +175,14 @@ def spectrum(c: Comparison, drives: tuple[str, ...]) -> Figure:
             )
     if c.cutoff:
         figure.add_vline(x=c.cutoff, line={"color": style.PRIOR, "dash": "dot"})
-    _axes(figure, drives, "frequency [Hz]", "density [N m/√Hz]")
+    _axes(figure, drives, "frequency [Hz]", "density [{0.force}/√Hz]")
     figure.update_xaxes(type="log", dtick=1)
     figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     dotted = f" The dotted line is the filter's cut-off of {c.cutoff:.3g} Hz." if c.cutoff else ""
     return Figure(
         figure,
-        "Amplitude spectral density (Welch's mean over segments) of the torque as recorded, and of "
-        f"what the model does not explain of it.{dotted}",
+        "Amplitude spectral density (Welch's mean over segments) of the "
+        f"{_efforts(drives).lower()} as recorded, and of what the model does not explain of it.{dotted}",
     )
 
 
@@ -201,13 +205,18 @@ def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
     return (0.5 * (edges[1:] + edges[:-1]))[enough], mean[enough], spread[enough]
 
 
-def _grid(drives: tuple[str, ...]) -> go.Figure:
+def _efforts(drives: Drives) -> str:
+    """'Torque', 'Force' or both, by what the drives give."""
+    return " or ".join(dict.fromkeys(u.effort for u in drives.values())).capitalize()
+
+
+def _grid(drives: Drives) -> go.Figure:
     """One panel a drive, two in a row."""
     rows = -(-len(drives) // 2)
     figure = make_subplots(
         rows=rows,
         cols=2,
-        subplot_titles=drives,
+        subplot_titles=tuple(drives),
         horizontal_spacing=0.12,
         vertical_spacing=0.3 / rows,
     )
@@ -216,15 +225,19 @@ def _grid(drives: tuple[str, ...]) -> go.Figure:
     return figure
 
 
-def _cells(drives: tuple[str, ...]) -> list[tuple[int, int]]:
+def _cells(drives: Drives) -> list[tuple[int, int]]:
     return [(i // 2 + 1, i % 2 + 1) for i in range(len(drives))]
 
 
-def _axes(figure: go.Figure, drives: tuple[str, ...], x: str, y: str) -> None:
-    """Titles at the outer axes only; legend above the panels' titles."""
-    for i, (row, col) in enumerate(_cells(drives)):
-        if i + 2 >= len(drives):
-            figure.update_xaxes(title_text=x, row=row, col=col)
-        if col == 1:
-            figure.update_yaxes(title_text=y, row=row, col=col)
+def _axes(figure: go.Figure, drives: Drives, x: str, y: str) -> None:
+    """Titles with each drive's units, at the outer axes only where all drives have the same.
+
+    Legend above the panels' titles.
+    """
+    alike = len(set(drives.values())) == 1
+    for i, ((row, col), units) in enumerate(zip(_cells(drives), drives.values(), strict=True)):
+        if i + 2 >= len(drives) or not alike:
+            figure.update_xaxes(title_text=x.format(units), row=row, col=col)
+        if col == 1 or not alike:
+            figure.update_yaxes(title_text=y.format(units), row=row, col=col)
     figure.update_layout(legend={"y": 1.0, "yanchor": "top", "yref": "container"}, margin={"t": 75})

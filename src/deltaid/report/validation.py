@@ -27,9 +27,10 @@ def validation_page(
         subtitle=f"Model identified from {file_names(model)}, compared with {log.path.name}",
         facts=tuple(
             Fact(
-                f"{drive}, torque error",
+                f"{drive}, {model.robot.units(drive).effort} error",
                 percent(float(error.nrmse[i])),
-                f"{number(float(error.rms[i]), 2)} N m rms; identification "
+                f"{number(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms; "
+                "identification "
                 f"{percent(model.fit.nrmse[i])}",
             )
             for i, drive in enumerate(model.robot.drives)

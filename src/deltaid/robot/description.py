@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from deltaid.robot.body import Body
 from deltaid.robot.drive_limits import DriveLimits
 from deltaid.robot.friction import TERM_KINDS, Friction, FrictionTerm, friction_terms
+from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.platform import Platform, RigidPlatform
@@ -81,7 +82,7 @@ class RobotDescription(_Part):
     )
     rotor_inertia: dict[str, Positive] = Field(
         default_factory=dict,
-        description="prior inertia of motor and gear reduced to a drive's axis, kg m²",
+        description="prior inertia of motor and gear reduced to a drive, kg m², or kg for a rail",
     )
     workspace: Workspace
     drive_limits: dict[str, DriveLimits] = Field(default_factory=dict)
@@ -154,6 +155,15 @@ class RobotDescription(_Part):
             return self.platform.slides
         kinds = {f"drive{i + 1}": kind for i, kind in enumerate(self._drive_kinds)}
         return joint == "slide" or kinds.get(joint) == "linear"
+
+    def units(self, joint: str) -> JointUnits:
+        """Units and words for a joint that turns or slides."""
+        return SLIDING if self.is_linear(joint) else TURNING
+
+    @property
+    def drive_units(self) -> dict[str, JointUnits]:
+        """Units and words for each drive, in the order of q."""
+        return {drive: self.units(drive) for drive in self.drives}
 
     @property
     def joints(self) -> tuple[str, ...]:

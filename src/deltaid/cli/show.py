@@ -1,0 +1,101 @@
+"""`deltaid show`: a robot to look at, as tables, as a page, or live in a browser."""
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from deltaid.show.rest import AtRest
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("show")(show)
+
+
+def show(
+    robot: Annotated[
+        str, typer.Argument(help="Catalogue name or YAML file of the robot, or a saved model.")
+    ],
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", "-o", help="HTML page: picture, workspace, reach, condition."),
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Open a view in which one drags the platform.")
+    ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(help="Port of the live view. Default: 8080, or the next that is free."),
+    ] = None,
+) -> None:
+    """Show a robot at rest: what it can reach, which limits end that, condition, holding torques.
+
+    Without options it prints tables.
+    """
+    from deltaid.cli.output import progress, require_report
+    from deltaid.show.subject import load_subject
+
+    if report is not None:
+        require_report(report, [Path(robot)])
+    if live:
+        _require_live(port)
+    subject = load_subject(robot)
+    with progress(False) as say:
+        say("compiling")
+        at_rest = subject.at_rest()
+    if report is not None or not live:
+        _survey(at_rest, report, subject.origin)
+    if live:
+        _open(at_rest, port)
+
+
+def _require_live(port: int | None) -> None:
+    from deltaid.errors import DeltaidError
+    from deltaid.show.live import require_port, require_viser
+
+    require_viser()
+    if port is not None:
+        if not 0 <= port <= 65535:
+            raise DeltaidError(f"must lie between 0 and 65535, not {port}", where="--port")
+        require_port(port)
+
+
+def _survey(robot: "AtRest", report: Path | None, origin: str) -> None:
+    from deltaid.cli.output import console, print_warnings, table
+    from deltaid.report.page import write_page
+    from deltaid.show import page
+    from deltaid.show.reach import reach, survey
+
+    found, surveyed = reach(robot), survey(robot)
+    if report is not None:
+        write_page(page.robot_page(robot, found, surveyed, origin), report)
+        console.print(f"wrote {report}")
+        return
+    print_warnings(page.warnings(robot, surveyed))
+    console.print(f"[bold]{robot.robot.title or robot.robot.name}[/]")
+    for fact in page.facts(robot, found, surveyed):
+        console.print(f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else ""))
+    for title, part in (
+        ("Drives", page.drive_table(robot, surveyed)),
+        ("Limits in the workspace", page.use_table(robot, surveyed)),
+        ("What ends ways from home", page.end_table(robot, found)),
+    ):
+        console.print()
+        console.print(table(title, part.columns, part.rows))
+
+
+def _open(robot: "AtRest", port: int | None) -> None:
+    from deltaid.cli.output import console
+    from deltaid.show.live import DEFAULT_PORT, LiveView
+
+    live = LiveView(robot, DEFAULT_PORT if port is None else port)
+    console.print(f"{robot.robot.name} is shown at {live.url} until Ctrl-C")
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        console.print("closed")
+    finally:
+        live.close()
