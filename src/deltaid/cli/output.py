@@ -62,7 +62,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         justify = "left" if text else "right"
         width = widths[i] if i == 0 and rows else None
         result.add_column(
-            column,
+            escape(column),
             justify=justify,
             header_style="dim",
             no_wrap=column not in _WRAPPED_COLUMNS,

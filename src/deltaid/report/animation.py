@@ -12,6 +12,7 @@ from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.recording.windows import windows
 from deltaid.report import style
+from deltaid.report.members import members
 from deltaid.report.page import Figure
 from deltaid.report.workspace import outline
 
@@ -19,25 +20,6 @@ _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
 # From slightly above, as far away as the axes' titles need.
 CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
 _SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
-_COLORS = {
-    "base": style.PRIOR,
-    "U": style.SERIES[0],
-    "S": style.SERIES[5],
-    "P": style.SERIES[3],
-    "TU": style.SERIES[2],
-    "TL": style.SERIES[4],
-    "EE": style.SERIES[1],
-}
-_NAMES = {
-    "base": "base",
-    "U": "upper arms",
-    "S": "struts",
-    "P": "platform",
-    "TU": "upper bar",
-    "TL": "lower bar",
-    "EE": "end effector",
-}
-_WIDTHS = {"U": 8, "P": 6, "S": 3}
 
 
 @dataclass(frozen=True)
@@ -69,10 +51,11 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     skeleton = Skeleton(kinematics.robot, kinematics.mechanism)
     shapes = skeleton.evaluate(motion.z[chosen])
     moving = [name for name in skeleton.bodies if name != "base"]
-    still = _still(kinematics, motion, seen)
-    traces = [_lines("base", _of(skeleton, shapes[0], "base")), *still]
+    lines = robot_lines(skeleton, shapes[0])
+    base = [lines[name] for name in skeleton.bodies if name == "base"]
+    traces = [*base, *_still(kinematics, motion, seen)]
     first = len(traces)
-    traces += [_lines(name, _of(skeleton, shapes[0], name)) for name in moving]
+    traces += [lines[name] for name in moving]
     frames = [
         go.Frame(
             name=str(k),
@@ -89,7 +72,7 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     _controls(figure, frames, motion.time[chosen], round(1000 * span / max(len(chosen) - 1, 1)))
     edges = outline(kinematics.robot.workspace)
     drawn = (shapes.reshape(-1, 3), motion.z[:, :3], edges[~np.isnan(edges[:, 0])])
-    _scene(figure, np.concatenate(drawn))
+    fix_scene(figure, np.concatenate(drawn))
     return Figure(figure, caption)
 
 
@@ -133,14 +116,20 @@ def _of(
     return ends.reshape(-1, 3).T.astype(np.float32)
 
 
-def _lines(body: str, points: Float[np.ndarray, "3 points"]) -> go.Scatter3d:
-    return go.Scatter3d(
-        dict(zip("xyz", points, strict=True)),
-        name=_NAMES.get(body, body),
-        mode="lines",
-        line={"color": _COLORS.get(body, style.PRIOR), "width": _WIDTHS.get(body, 5)},
-        hoverinfo="skip",
-    )
+def robot_lines(
+    skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"]
+) -> dict[str, go.Scatter3d]:
+    """A robot in one pose: one line a body, by its name."""
+    return {
+        body: go.Scatter3d(
+            dict(zip("xyz", _of(skeleton, shape, body), strict=True)),
+            name=style.label(member.label),
+            mode="lines",
+            line={"color": member.color, "width": member.width},
+            hoverinfo="skip",
+        )
+        for body, member in members(skeleton.bodies).items()
+    }
 
 
 def _controls(
@@ -186,8 +175,10 @@ def _controls(
     )
 
 
-def _scene(figure: go.Figure, points: Float[np.ndarray, "points 3"]) -> None:
-    """Fixed ranges of equal scale around everything that is drawn."""
+def fix_scene(
+    figure: go.Figure, points: Float[np.ndarray, "points 3"], height: int = 640, below: int = 120
+) -> None:
+    """Fixed ranges of equal scale around everything that is drawn; pixels kept free below."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.05 * float((high - low).max())
     axes = {
@@ -195,8 +186,8 @@ def _scene(figure: go.Figure, points: Float[np.ndarray, "points 3"]) -> None:
         for i, name in enumerate("xyz")
     }
     figure.update_layout(
-        height=640,
-        margin={"l": 0, "r": 0, "t": 60, "b": 120},
+        height=height,
+        margin={"l": 0, "r": 0, "t": 60, "b": below},
         scene={
             **axes,
             "aspectmode": "data",
