@@ -214,18 +214,18 @@ def oracle_regressor(t: ComposedTwin, z: np.ndarray, qd: np.ndarray, qdd: np.nda
 
 
 @pytest.mark.parametrize("kind", ["h4", "par4", "i4"])
-def test_the_whole_robot_turned_by_a_quarter_is_the_same_robot(kind: str) -> None:
-    """Its home pose turns too: at ψ = 0 the turned H4 and Par4 are near a singularity."""
+def test_the_whole_robot_turned_by_a_half_is_the_same_robot(kind: str) -> None:
+    """Its home pose turns too: at ψ = 0 the turned H4 and Par4 are beyond singularities."""
     z, q, _, _ = states(kind)
     robot, k = twin(MAKES[kind]).robot, twin(MAKES[kind]).oracle.ratio
-    quarter = {"azimuth_deg": tuple(angle + 90 for angle in robot.limbs.azimuth_deg)}
+    half = {"azimuth_deg": tuple(angle + 180 for angle in robot.limbs.azimuth_deg)}
     if kind == "i4":
-        k, turned = 0.0, {"direction_deg": robot.platform.direction_deg + 90}
+        k, turned = 0.0, {"direction_deg": robot.platform.direction_deg + 180}
     else:
-        turned = {"angle_deg": tuple(angle + 90 * k for angle in robot.platform.angle_deg)}
-    limbs = robot.limbs.model_copy(update=quarter)
+        turned = {"angle_deg": tuple(angle + 180 * k for angle in robot.platform.angle_deg)}
+    limbs = robot.limbs.model_copy(update=half)
     platform = robot.platform.model_copy(update=turned)
     kinematics = Kinematics(robot.model_copy(update={"limbs": limbs, "platform": platform}))
-    at = np.column_stack([-z[:, 1], z[:, 0], z[:, 2], z[:, 3] + k * np.pi / 2])
+    at = np.column_stack([-z[:, 0], -z[:, 1], z[:, 2], z[:, 3] + k * np.pi])
     np.testing.assert_allclose(kinematics.inverse(at), q, rtol=0, atol=1e-13)
     np.testing.assert_allclose(kinematics.forward(q), at, rtol=0, atol=1e-12)
