@@ -18,6 +18,7 @@ from composed import (
     random_states,
     twin,
 )
+from deltaid.errors import KinematicsError
 from deltaid.identification.least_squares import random_motion_base
 from deltaid.mechanism.kinematics import Kinematics
 from support import assert_close, slope
@@ -229,3 +230,19 @@ def test_the_whole_robot_turned_by_a_half_is_the_same_robot(kind: str) -> None:
     at = np.column_stack([-z[:, 0], -z[:, 1], z[:, 2], z[:, 3] + k * np.pi])
     np.testing.assert_allclose(kinematics.inverse(at), q, rtol=0, atol=1e-13)
     np.testing.assert_allclose(kinematics.forward(q), at, rtol=0, atol=1e-12)
+
+
+# --- errors ---------------------------------------------------------------------------------------
+
+
+def test_what_a_rail_cannot_reach() -> None:
+    """Struts square to the rail are the edge; beyond it the missing length is named."""
+    t, kinematics = twin(MAKES["delta, rails"]), dynamics(MAKES["delta, rails"]).kinematics
+    limb = t.oracle.limbs[1]
+    outward = limb.base / np.linalg.norm(limb.base)
+    edge = limb.base - limb.seat - limb.strut * outward - [0, 0, 0.8]
+    with pytest.raises(KinematicsError, match="struts of limb 2 stand square to its rail"):
+        kinematics.inverse(edge[None])
+    beyond = edge - 0.01 * outward
+    with pytest.raises(KinematicsError, match=r"limb 2 cannot reach .*: 0\.01 m are missing"):
+        kinematics.inverse(beyond[None])

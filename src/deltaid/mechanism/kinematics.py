@@ -200,10 +200,11 @@ class Kinematics:
         condition = self.condition(z)
         bad = np.flatnonzero(~(condition < SINGULAR_CONDITION))
         if bad.size:
-            i = bad[0]
+            i, linear = bad[0], self.robot.limbs.drive == "linear"
+            edge = "struts square to a rail" if linear else "an arm and its struts in line"
             raise KinematicsError(
                 f"the pose z = {_numbers(z[i])} is singular: drives and platform lose their "
-                "one-to-one relation (an arm and its struts in line, or the struts coplanar)",
+                f"one-to-one relation ({edge}, or the struts coplanar)",
                 where=f"sample {i}",
                 cure="keep the motion away from the edge of the workspace",
             )
@@ -213,9 +214,11 @@ class Kinematics:
         if bad.size:
             i, limb = bad[0]
             if abs(reach[i, limb]) <= _EDGE:
+                stretched = f"arm and struts of limb {limb + 1} lie in line"
+                if self.robot.limbs.drive == "linear":
+                    stretched = f"the struts of limb {limb + 1} stand square to its rail"
                 raise KinematicsError(
-                    f"the pose z = {_numbers(z[i])} is singular: arm and struts of limb {limb + 1} "
-                    "lie in line",
+                    f"the pose z = {_numbers(z[i])} is singular: {stretched}",
                     where=f"sample {i}",
                     cure="keep the motion away from the edge of the workspace",
                 )
