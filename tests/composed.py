@@ -11,7 +11,7 @@ import numpy as np
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.robot.description import RobotDescription
 from oracle.composed import ComposedOracle, Kind, LimbShape
-from oracle.tree import random_body
+from oracle.tree import Body, random_body
 from support import body_parameters, explicit_body
 
 # Where a body's mass lies on average, in its link frame (m).
@@ -64,7 +64,7 @@ class ComposedTwin:
 def twin(make: Make, seed: int = 0) -> ComposedTwin:
     """A robot of the given make: generic geometry, bodies, friction, springs, rotors, gravity."""
     oracle = random_composed(make, np.random.default_rng(seed))
-    return ComposedTwin(make, describe(oracle, make), oracle, parameters(oracle, make))
+    return ComposedTwin(make, describe(oracle, make), oracle, parameters(oracle))
 
 
 @cache
@@ -99,13 +99,15 @@ def random_composed(make: Make, rng: np.random.Generator) -> ComposedOracle:
         rest=rng.uniform(-0.3, 0.3, joints),
         rotor_inertia=rng.uniform(0.01, 0.1, dof),
     )
-    return replace(oracle, bodies=random_bodies(oracle, make, rng))
+    return replace(oracle, bodies=random_bodies(oracle, rng))
 
 
 def _random_limbs(make: Make, rng: np.random.Generator) -> tuple[LimbShape, ...]:
     azimuths = _STAR if make.kind == "rigid" else _SQUARE
     azimuths = azimuths + rng.uniform(-0.25, 0.25, len(azimuths))
     radius, seat, arm, strut = rng.uniform((0.2, 0.05, 0.33, 0.75), (0.28, 0.08, 0.37, 0.85))
+    if make.linear:  # so that struts on rails lean as much as those on arms
+        radius += 0.05 if max(make.tilt) > 0 else 0.25
     limbs = []
     for i, azimuth in enumerate(azimuths):
         share, height = np.ones(4), np.zeros((2, 3))
@@ -136,8 +138,8 @@ def body_names(oracle: ComposedOracle) -> tuple[str, ...]:
     return (*dict.fromkeys(limbs), *_PARTS[oracle.kind], *bar)
 
 
-def random_bodies(oracle: ComposedOracle, make: Make, rng: np.random.Generator) -> dict[str, Any]:
-    """Generic bodies; the carriage of a rail lies around its joint."""
+def random_bodies(oracle: ComposedOracle, rng: np.random.Generator) -> dict[str, Body]:
+    """Generic bodies for all names of a robot."""
     bodies = {}
     for name in body_names(oracle):
         centre = _CENTRES.get(name if name in _CENTRES else name[:1], (0, 0, 0))
@@ -152,7 +154,7 @@ def joint_names(oracle: ComposedOracle) -> tuple[str, ...]:
     return drives + own
 
 
-def parameters(oracle: ComposedOracle, make: Make) -> np.ndarray:
+def parameters(oracle: ComposedOracle) -> np.ndarray:
     """p: bodies, viscous, Coulomb, springs, rotors."""
     bodies = [body_parameters(oracle.bodies[name]) for name in body_names(oracle)]
     joints = (oracle.viscous, oracle.coulomb, oracle.stiffness, oracle.rotor_inertia)
@@ -247,7 +249,7 @@ def random_states(
             row[:3] = rng.uniform((-0.2, -0.2, -0.95), (0.2, 0.2, -0.65))
             row[3:] = middle + reach * rng.uniform(-1, 1, oracle.dof - 3)
             reachable = np.isfinite(oracle.positions(row)).all()
-            if reachable and oracle.well_posed(row) > 3e-3:
+            if reachable and oracle.well_posed(row) > 3e-3 and oracle.gain(row) < 4:
                 break
         else:
             raise RuntimeError("no feasible state found for this geometry")

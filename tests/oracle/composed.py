@@ -355,3 +355,8 @@ class ComposedOracle(TreeOracle):
         closure = self._closure()
         rest = [k for k in range(self._model.nv) if k not in free]
         return float(np.linalg.svd(closure[:, rest], compute_uv=False)[-1])
+
+    def gain(self, z: Array) -> float:
+        """Largest speed of the first part for a drive speed of one: large near singularities."""
+        proj, _ = self._set(z, np.zeros(self.dof))
+        return float(np.abs(proj[[self._index[name] for name in ("px", "py", "pz")]]).max())

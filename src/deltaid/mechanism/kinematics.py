@@ -5,7 +5,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
@@ -14,6 +14,7 @@ from deltaid.mechanism.mechanism import build_mechanism
 from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import RigidPlatform
 
 Samples = Float[np.ndarray, "samples dof"]
 
@@ -86,9 +87,9 @@ class Kinematics:
     def forward(self, q: Samples) -> Samples:
         """Task coordinates z(q) in the described working mode.
 
-        In closed form where there is one (platform below the drives), else by Newton's method from
-        the home pose, on its side of singularities (`mechanism.newton`); rows are then taken for
-        consecutive samples of a motion.
+        In closed form where there is one (platform below or above the drives, as in the home pose),
+        else by Newton's method from the home pose, on its side of singularities
+        (`mechanism.newton`); rows are then taken for consecutive samples of a motion.
 
         Raises:
             KinematicsError: no platform position closes the loops, its Jacobian is singular, or a
@@ -159,6 +160,19 @@ class Kinematics:
         """Condition, determinant and gain of the Jacobian."""
         return Regularity(*self._regularity_kernel(_as_samples(z, self.dof).T))
 
+    def passages(self, z: Samples) -> Int[np.ndarray, " passages"]:
+        """Samples i of a motion z(t) between which and i + 1 it passes through a singularity.
+
+        Beyond a singularity a robot is on another branch than its home pose, where the same drive
+        coordinates often have a solution too; z(q) then turns back where the robot went on. The
+        distance d = 1/cond J falls towards zero there and rises again without rounding off: from
+        either side, the last two samples' line reaches zero before the next sample.
+        """
+        d = 1 / self.condition(z)
+        falls = 2 * d[1:-2] < d[:-3]
+        rises = 2 * d[2:-1] < d[3:]
+        return np.flatnonzero(falls & rises) + 1
+
     def drive_motion(self, z: Samples, zd: Samples, zdd: Samples) -> tuple[Samples, ...]:
         """(q, q̇, q̈) of a motion given in task coordinates.
 
@@ -188,10 +202,11 @@ class Kinematics:
         condition = self.condition(z)
         bad = np.flatnonzero(~(condition < SINGULAR_CONDITION))
         if bad.size:
-            i = bad[0]
+            i, linear = bad[0], self.robot.is_linear("drive1")
+            edge = "struts square to a rail" if linear else "an arm and its struts in line"
             raise KinematicsError(
                 f"the pose z = {_numbers(z[i])} is singular: drives and platform lose their "
-                "one-to-one relation (an arm and its struts in line, or the struts coplanar)",
+                f"one-to-one relation ({edge}, or the struts coplanar)",
                 where=f"sample {i}",
                 cure="keep the motion away from the edge of the workspace",
             )
@@ -201,9 +216,11 @@ class Kinematics:
         if bad.size:
             i, limb = bad[0]
             if abs(reach[i, limb]) <= _EDGE:
+                stretched = f"arm and struts of limb {limb + 1} lie in line"
+                if self.robot.is_linear("drive1"):
+                    stretched = f"the struts of limb {limb + 1} stand square to its rail"
                 raise KinematicsError(
-                    f"the pose z = {_numbers(z[i])} is singular: arm and struts of limb {limb + 1} "
-                    "lie in line",
+                    f"the pose z = {_numbers(z[i])} is singular: {stretched}",
                     where=f"sample {i}",
                     cure="keep the motion away from the edge of the workspace",
                 )
@@ -225,8 +242,10 @@ class Kinematics:
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
-        """A pose in the middle of the workspace, z."""
-        return np.append(self.robot.workspace.inner_box[0], np.zeros(self.dof - 3))
+        """A pose in the middle of the workspace, z; ψ of a platform in the middle of its range."""
+        turn = self.robot.turn
+        middle = 0.0 if isinstance(self.robot.platform, RigidPlatform) else turn.low + turn.high
+        return np.append(self.robot.workspace.inner_box[0], np.full(self.dof - 3, 0.5 * middle))
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:

@@ -56,8 +56,9 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         q_symbols=q_symbols,
         closure=closure,
         modes=modes,
-        forward=_closed_form(robot, q_symbols, geometry),
+        forward=_closed_form(robot, (z, q), q_symbols),
         lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if len(robot.drives) > 3 else [])),
+        period=platform.period,
     )
 
 
@@ -91,10 +92,15 @@ def _closure(
     return ca.vertcat(*closure), ca.vertcat(*modes)
 
 
-def _closed_form(
-    robot: RobotDescription, q: ca.SX, geometry: tuple[LimbGeometry, ...]
-) -> ClosedForm | None:
+def _closed_form(robot: RobotDescription, task: tuple[ca.SX, ca.SX], q: ca.SX) -> ClosedForm | None:
+    """Three spheres that meet, on the side of the elbows on which the home pose is."""
+    geometry = robot.limb_geometry
     if not isinstance(robot.platform, RigidPlatform) or len(geometry) != 3:
         return None
-    point, margin, modes = meeting_point(q[:3], geometry)
+    sides = [meeting_point(q[:3], geometry, below=below) for below in (True, False)]
+    home = np.append(robot.workspace.inner_box[0], np.zeros(q.numel() - 3))
+    at_home = ca.Function("sides", [q], [point for point, _, _ in sides])
+    ends = at_home(ca.Function("q", list(task[:1]), list(task[1:]))(home))
+    below, above = (np.linalg.norm(np.asarray(end)[:, 0] - home[:3]) for end in ends)
+    point, margin, modes = sides[1 if above < below else 0]
     return ClosedForm(ca.vertcat(point, q[3:]), margin, geometry[0].strut, modes)

@@ -85,6 +85,7 @@ class Mechanism:
         drawing: (body, start, end) of lines to draw in place of the limbs' own, world [m].
         lengths: for each task coordinate what it moves the platform's parts by: 1 for r, for the ψ
             of a platform [m/rad] how far its parts move, 1 for the ψ of a telescope.
+        period: turn of ψ [rad] that the drives do not show; None where they show every turn.
     """
 
     z: ca.SX
@@ -98,6 +99,7 @@ class Mechanism:
     modes: ca.SX
     forward: ClosedForm | None
     lengths: tuple[float, ...]
+    period: float | None = None
     drawing: tuple[tuple[str, ca.SX, ca.SX], ...] = ()
 
     @property

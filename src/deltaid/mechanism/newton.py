@@ -7,9 +7,12 @@ z(q) solves Φ(z, q) = 0 (`Mechanism.closure`); a step is z ← z − Φ_z⁻¹ 
    home pose's branch.
 2. All others start from their anchor.
 3. What has not converged on this branch takes the way of the anchors, once more with finer steps.
+4. What is still lost, because that line leaves what the robot can reach, starts from the last
+   sample before it that is solved.
 
 A sample counts as solved when its residual is small, every limb is in its described working mode
 and det Φ_z has the sign that it has at home: beyond a singularity the robot is on another branch.
+Turns of ψ that the drives do not show are taken off: ψ is the one nearest to home's.
 """
 
 from dataclasses import dataclass
@@ -18,6 +21,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
+from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.mechanism.vectors import inverse
@@ -27,6 +31,8 @@ Samples = Float[np.ndarray, "samples dof"]
 _STRIDE = 32
 # Steps along the way from home, coarse and fine, and Newton iterations at each and at the end.
 _COARSE, _FINE, _ON_THE_WAY, _AT_THE_END = 6, 60, 2, 8
+# How often solved samples are handed on to lost ones.
+_HANDED_ON = 4
 # Residual [m, rad] below which the loops are closed: far above rounding, far below any length.
 _CLOSED = 1e-12
 # Distance [m] by which a limb may be in the wrong mode for rounding.
@@ -53,6 +59,9 @@ class NewtonForward:
 
     Args:
         home: a regular pose in the described working mode, z.
+
+    Raises:
+        KinematicsError: the home pose is out of reach.
     """
 
     def __init__(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
@@ -67,6 +76,12 @@ class NewtonForward:
         self._check = BatchKernel(everything, check)
         inverse_kinematics = ca.Function("q", [z], [mechanism.q])
         self._q_home = np.asarray(inverse_kinematics(home)).ravel()
+        if not np.isfinite(self._q_home).all():
+            raise KinematicsError(
+                f"the middle of the workspace, {np.round(home[:3], 4)} m, is out of reach",
+                where="workspace",
+                cure="forward kinematics starts there; check workspace and the limbs' lengths",
+            )
         self._sign = np.sign(self._evaluate(home[None], self._q_home[None])[1][0])
 
     def solve(self, q: Samples) -> Solved:
@@ -81,6 +96,21 @@ class NewtonForward:
                 break
             z[lost] = self._from_home(q[lost], steps)
             found = self._judge(z, q)
+        return self._from_neighbours(q, found)
+
+    def _from_neighbours(self, q: Samples, found: Solved) -> Solved:
+        """Carry on from solved samples into lost ones, while that helps."""
+        for _ in range(_HANDED_ON):
+            solved = found.on_branch
+            last = np.maximum.accumulate(np.where(solved, np.arange(len(q)), -1))
+            lost = np.flatnonzero(~solved & (last >= 0))
+            if not lost.size:
+                break
+            z = found.z.copy()
+            z[lost] = self._iterate(z[last[lost]], q[lost], _AT_THE_END)
+            found = self._judge(z, q)
+            if not found.on_branch[lost].any():
+                break
         return found
 
     def _from_home(self, q: Samples, steps: int) -> Samples:
@@ -93,6 +123,9 @@ class NewtonForward:
     def _iterate(self, z: Samples, q: Samples, times: int) -> Samples:
         for _ in range(times):
             z = self._step(np.hstack([z, q]).T).T
+        period = self._mechanism.period
+        if period is not None:
+            z[:, 3] -= period * np.round((z[:, 3] - self._home[3]) / period)
         return z
 
     def _evaluate(self, z: Samples, q: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

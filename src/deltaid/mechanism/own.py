@@ -18,7 +18,6 @@ from deltaid.mechanism.mechanism_type import Mechanism, MovingBody
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import FUNCTION, OwnMechanism, failure, function_of
 
-
 # What depends on z is an SX; what does not may be a number.
 Expression = ca.SX | ca.DM | np.ndarray | float
 

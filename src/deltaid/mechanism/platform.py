@@ -33,12 +33,14 @@ class PlatformParts:
         bodies: all moving bodies.
         joint: coordinate of the platform's own joint, θ [rad] or s [m]; None without one.
         length: how far a part moves with ψ [m/rad]; None where the platform only translates.
+        period: turn of ψ [rad] after which all parts but the tool are where they were, or None.
     """
 
     points: tuple[ca.SX, ...]
     bodies: tuple[PlatformBody, ...]
     joint: ca.SX | None
     length: float | None
+    period: float | None
 
 
 def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
@@ -47,7 +49,7 @@ def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
     attachments = [ca.DM(limb.attachment) for limb in robot.limb_geometry]
     if isinstance(platform, RigidPlatform):
         points = tuple(r + d for d in attachments)
-        return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None, None)
+        return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None, None, None)
     psi = z[3]
     joint = psi / platform.ratio
     half = _half(platform, joint)
@@ -55,7 +57,9 @@ def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
     points = tuple(parts[0 if platform.on_first(i) else 1] + d for i, d in enumerate(attachments))
     tool = PlatformBody("EE", 1, rotation_z(psi), r + ca.DM(np.array(platform.tool)))
     bodies = (*_bodies(platform, parts, r, joint), tool)
-    return PlatformParts(points, bodies, joint, _half_length(platform) / abs(platform.ratio))
+    length = _half_length(platform) / abs(platform.ratio)
+    period = None if platform.slides else 2 * np.pi * abs(platform.ratio)
+    return PlatformParts(points, bodies, joint, length, period)
 
 
 def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.SX:

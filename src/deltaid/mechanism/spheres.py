@@ -6,8 +6,10 @@ from deltaid.mechanism.limb import elbow, mode_margin
 from deltaid.robot.limbs import LimbGeometry
 
 
-def meeting_point(q: ca.SX, limbs: tuple[LimbGeometry, ...]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Platform point from three drive coordinates: where three spheres meet, the lower of the two.
+def meeting_point(
+    q: ca.SX, limbs: tuple[LimbGeometry, ...], *, below: bool
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Platform point from three drive coordinates: the lower or upper point where spheres meet.
 
     The sphere of limb i has the strut's length as radius and its elbow, moved by the attachment, as
     centre c_i. With a = c_1 − c_0, b = c_2 − c_0, n = a × b, points at distances l_i satisfy
@@ -24,6 +26,7 @@ def meeting_point(q: ca.SX, limbs: tuple[LimbGeometry, ...]) -> tuple[ca.SX, ca.
     foot = (alpha * ca.cross(b, n) + beta * ca.cross(n, a)) / (2 * n_squared)
     margin = squares[0] - ca.sumsqr(foot)
     down = ca.if_else(n[2] > 0, -1.0, 1.0)
-    point = centres[0] + foot + down * ca.sqrt(margin / n_squared) * n
+    side = down if below else -down
+    point = centres[0] + foot + side * ca.sqrt(margin / n_squared) * n
     modes = [mode_margin(q[i], point + ca.DM(l.attachment), l) for i, l in enumerate(limbs)]
     return point, margin, ca.vertcat(*modes)

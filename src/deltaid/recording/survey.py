@@ -41,7 +41,9 @@ class Survey:
     nearest: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
     farthest: np.ndarray = field(default_factory=lambda: np.full(3, -np.inf))
     outside: int = 0
+    strained: int = 0
     jitter: int = 0
+    first_strained: str = ""
     first_outside: str = ""
     first_jitter: str = ""
     warnings: list[str] = field(default_factory=list)
@@ -102,6 +104,12 @@ class Survey:
             self.warnings.append(
                 f"{self.outside} of {self.samples} samples lie outside the workspace of the "
                 f"description, the first in {self.first_outside}"
+            )
+        if self.strained:
+            self.warnings.append(
+                f"{self.strained} of {self.samples} samples are nearer to a singular pose than the "
+                f"description's largest_condition of {self.kinematics.robot.largest_condition:g}, "
+                f"the first in {self.first_strained}"
             )
         if self.jitter:
             self.warnings.append(
@@ -193,6 +201,10 @@ class Survey:
                 cure="an arm and its struts are in line there, or the struts in one plane; check "
                 "zero and sign of the drives, and the robot's lengths",
             )
+        strained = np.flatnonzero(regular.condition > self.kinematics.robot.largest_condition)
+        if strained.size and not self.strained:
+            self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
+        self.strained += strained.size
         left = self.branch.add(time, q, z, regular)
         if left is not None:
             raise RecordingError(

@@ -94,7 +94,9 @@ class I4Platform(_Articulated):
     direction_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
         default=0.0, description="direction e of the slide about world z, degrees"
     )
-    ratio: Positive | Ratio = Field(description="k of ψ = k s: one over the pinion's radius, rad/m")
+    ratio: Positive | Ratio = Field(
+        description="k of ψ = k s, rad/m: one over the diameter of a pinion between two racks"
+    )
 
 
 Platform = Annotated[

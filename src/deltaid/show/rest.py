@@ -17,7 +17,7 @@ from deltaid.excitation.limits import (
 )
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Samples
-from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.robot.description import RobotDescription
 
 

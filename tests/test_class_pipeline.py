@@ -1,0 +1,195 @@
+"""Every catalogue robot through the whole pipeline: what its file states, motion, fit, commands."""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.stats import qmc
+
+from command import run
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.identification.demo import mass_matrix_error
+from deltaid.identification.identify import identify
+from deltaid.identification.least_squares import random_motion_base
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import catalogue, catalogue_text
+from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
+from deltaid.robot.workspace import Box, Cylinder
+
+STATED = re.compile(r"(\d+) base parameters; condition over the workspace ([\d.]+) to ([\d.]+)\.")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A catalogue robot, compiled, and what its file says of it."""
+
+    name: str
+    dynamics: Dynamics
+    base: int
+    condition: tuple[float, float]
+
+    @property
+    def robot(self) -> RobotDescription:
+        return self.dynamics.robot
+
+
+@pytest.fixture(scope="module", params=catalogue())
+def case(request) -> Case:
+    from deltaid.robot.load import load_robot
+
+    stated = STATED.search(catalogue_text(request.param))
+    assert stated, "the file does not state base parameters and condition"
+    base, low, high = stated.groups()
+    dynamics = compiled(load_robot(request.param))
+    return Case(request.param, dynamics, int(base), (float(low), float(high)))
+
+
+def over_workspace(robot: RobotDescription, power: int = 13) -> np.ndarray:
+    """Poses z all over the workspace and the range of ψ, and on their edges."""
+    u = np.clip(1.3 * (qmc.Sobol(4, seed=0).random_base2(power) - 0.5) + 0.5, 0, 1)
+    space = robot.workspace
+    if isinstance(space, Cylinder):
+        radius, angle = space.radius * np.sqrt(u[:, 0]), 2 * np.pi * u[:, 1]
+        low, high = space.z
+        height = low + u[:, 2] * (high - low)
+        z = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    else:
+        assert isinstance(space, Box)
+        bounds = np.array([space.x, space.y, space.z])
+        z = bounds[:, 0] + u[:, :3] * np.diff(bounds).T
+    if len(robot.drives) == 3:
+        return z
+    turn = robot.turn
+    return np.column_stack([z, turn.low + u[:, 3] * (turn.high - turn.low)])
+
+
+def held_points(robot: RobotDescription, z: np.ndarray) -> list[np.ndarray]:
+    """Middle of each limb's strut joints on the platform, from the formulas of the literature."""
+    limbs, platform = robot.limbs, robot.platform
+    assert limbs is not None
+    points = []
+    for i, azimuth in enumerate(np.deg2rad(limbs.azimuth_deg)):
+        if limbs.platform_points is not None:
+            fixed = np.array(limbs.platform_points[i])
+        else:
+            fixed = limbs.platform_radius * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        point = z[:, :3] + fixed
+        if not isinstance(platform, RigidPlatform):
+            joint, side = z[:, 3] / platform.ratio, 1 if i + 1 in platform.first else -1
+            if isinstance(platform, I4Platform):
+                e = np.deg2rad(platform.direction_deg)
+                point += 0.5 * side * joint[:, None] * [np.cos(e), np.sin(e), 0.0]
+            else:
+                par4 = isinstance(platform, Par4Platform)
+                length = 0.5 * platform.length if par4 else platform.half_length
+                across = np.column_stack([np.cos(joint), np.sin(joint), np.zeros_like(joint)])
+                point += side * length * across
+        points.append(point)
+    return points
+
+
+def test_the_file_states_base_parameters_and_condition(case: Case) -> None:
+    for seed in range(3):
+        assert random_motion_base(case.dynamics, seed).rank == case.base
+    z = over_workspace(case.robot)
+    regular = case.dynamics.kinematics.regularity(z)
+    low, high = regular.condition.min(), regular.condition.max()
+    assert case.condition[0] <= low <= case.condition[0] + 0.15
+    assert case.condition[1] - 0.15 <= high <= case.condition[1]
+    assert high < case.robot.largest_condition
+    assert np.ptp(np.sign(regular.determinant)) == 0  # no singularity in between
+
+
+def test_loops_close_over_the_workspace(case: Case) -> None:
+    kinematics, robot = case.dynamics.kinematics, case.robot
+    z = over_workspace(robot, 10)
+    q = kinematics.inverse(z)
+    poses = kinematics.poses(z)
+    limbs, driven = robot.limb_geometry, [p for p in poses if p.name in ("U", "C")]
+    struts = [p for p in poses if p.name == "S"]
+    for i, held in enumerate(held_points(robot, z)):
+        end = struts[i].r_WB + limbs[i].strut * struts[i].R_WB[:, :, 0]
+        np.testing.assert_allclose(end, held, atol=1e-12)
+        elbow = driven[i].r_WB + limbs[i].upper_arm * driven[i].R_WB[:, :, 0]
+        np.testing.assert_allclose(struts[i].r_WB, elbow, atol=1e-12)
+        given = robot.drive_limits[f"drive{i + 1}"].range
+        assert given[0] <= q[:, i].min() <= q[:, i].max() <= given[1]
+    np.testing.assert_allclose(kinematics.forward(q), z, atol=1e-9)
+
+
+def test_an_excitation_keeps_its_limits(case: Case) -> None:
+    exciter = Exciter(case.dynamics, ExcitationSettings(starts=1, harmonics=3))
+    result = exciter.optimise()
+    assert result.criterion_after < result.criterion_before - 1
+    assert len(result.predictions) == case.base
+    assert max(limit.share for limit in result.limits) <= 1 + 1e-9
+    z, zd, zdd = result.run.evaluate(np.linspace(0, result.run.duration, 5000))
+    q, _, _ = case.dynamics.kinematics.drive_motion(z, zd, zdd)
+    for i, drive in enumerate(case.robot.drives):
+        given = case.robot.drive_limits[drive]
+        low, high = given.range or (-np.inf, np.inf)
+        assert low <= q[:, i].min() <= q[:, i].max() <= high
+        assert given.effort is None or result.torque_max[i] <= given.effort
+    assert np.all(case.robot.workspace.contains(z[:, :3]))
+    assert case.dynamics.kinematics.condition(z).max() < case.robot.largest_condition
+    assert np.abs(zd[[0, -1]]).max() < 1e-9
+
+
+def test_an_identification_without_noise_finds_the_truth(case: Case, tmp_path: Path) -> None:
+    rng, dynamics = np.random.default_rng(1), case.dynamics
+    truth, motion = surrogate_parameters(case.robot, rng), random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(dynamics, truth, motion, rng, duration=10, rate=200)
+    write_recording(recording, tmp_path / "log.csv")
+    model = identify(case.robot, [tmp_path / "log.csv"]).model
+    assert model.consistent
+    assert model.fit.base_parameters == case.base
+    friction = dynamics.layout.friction
+    np.testing.assert_allclose(model.p[friction], truth[friction], rtol=1e-4)
+    z, _, _ = motion.evaluate(np.linspace(0, 10, 300))
+    assert max(mass_matrix_error(dynamics, z, truth, model.p)) < 1e-4
+
+
+def test_commands(case: Case, tmp_path: Path) -> None:
+    linear = case.robot.is_linear("drive1")
+    demo = run("demo", case.name, "--keep", tmp_path)
+    assert demo.code == 0, demo.err
+    assert ("force error, N " if linear else "torque error, N m") in demo.out
+    assert ("N s/m" if linear else "N m s/rad") in demo.out
+    model, log, page = tmp_path / "model.yaml", tmp_path / "verify.csv", tmp_path / "page.html"
+    outcome = run("validate", model, log, "--report", page, "--json")
+    assert outcome.code == 0, outcome.err
+    assert max(json.loads(outcome.out)["nrmse"]) < 0.02
+    text = page.read_text(encoding="utf-8")
+    unit, other = ("N", "N m") if linear else ("N m", "N")
+    assert f"drive1 [{unit}]" in text
+    assert f"residual [{unit}]" in text
+    assert f"residual [{other}]" not in text
+    outcome = run("torque", model, log, "-o", tmp_path / "torque.csv")
+    assert outcome.code == 0, outcome.err
+    predicted = pl.read_csv(tmp_path / "torque.csv")
+    assert predicted.columns == ["t", *(f"tau{i + 1}" for i in range(len(case.robot.drives)))]
+    outcome = run("base", case.name, "--json")
+    assert json.loads(outcome.out)["base_parameters"] == case.base
+
+
+@pytest.mark.parametrize("name", ["i4-linear", "par4"])
+def test_pages_of_excitation_and_identification(name: str, tmp_path: Path) -> None:
+    page, motion = tmp_path / "page.html", tmp_path / "motion.csv"
+    arguments = ("-o", motion, "--plot", tmp_path / "m.png", "--report", page)
+    outcome = run("excite", name, "--starts", 1, "--harmonics", 2, *arguments)
+    assert outcome.code == 0, outcome.err
+    text, words = page.read_text(encoding="utf-8"), ("position [m]", "speed [m", "force [N]")
+    others = ("angle [deg]", "speed [deg", "torque [N m]")
+    given, absent = (words, others) if name == "i4-linear" else (others, words)
+    assert all(word in text for word in given)
+    assert not any(word in text for word in absent)
+    forces = name == "i4-linear"
+    assert f"largest {'forces' if forces else 'torques'} at the prior" in outcome.out
+    assert re.search(r"at the prior: .* N\n" if forces else r"at the prior: .* N m\n", outcome.out)
