@@ -9,9 +9,10 @@ from deltaid.mechanism.own import build_own
 from deltaid.mechanism.platform import PlatformParts, build_platform
 from deltaid.mechanism.spheres import meeting_point
 from deltaid.mechanism.telescope import build_telescope
+from deltaid.mechanism.vectors import unit
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.platform import RigidPlatform
+from deltaid.robot.platform import H4Platform, RigidPlatform
 
 
 def build_mechanism(robot: RobotDescription) -> Mechanism:
@@ -56,6 +57,7 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         q_symbols=q_symbols,
         closure=closure,
         modes=modes,
+        hold=_hold(robot, limbs),
         forward=_closed_form(robot, (z, q), q_symbols),
         lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if len(robot.drives) > 3 else [])),
         period=platform.period,
@@ -90,6 +92,23 @@ def _closure(
         closure.append(gap / (2 * limb.strut))
         modes.append(mode_margin(q[i], point, limb))
     return ca.vertcat(*closure), ca.vertcat(*modes)
+
+
+def _hold(robot: RobotDescription, limbs: tuple[LimbBodies, ...]) -> ca.SX:
+    """Axes n = x_S × y_L (unit vectors, world): a parallelogram has no rotation about its normal.
+
+    Parts that joints keep parallel share all three rotations. The side bars of an H4 hang on a
+    middle bar that turns about z, so each has a rotation about z of its own.
+    """
+    rows = []
+    for i, limb in enumerate(limbs):
+        x_S = limb.strut.R_LB[:, 0]
+        n = ca.SX(ca.DM(limb.strut.R_WL)) @ unit(ca.cross(x_S, ca.DM([0, 1, 0])))
+        if isinstance(robot.platform, H4Platform):
+            first = robot.platform.on_first(i)
+            n = ca.vertcat(n[:2], n[2] if first else 0, 0 if first else n[2])
+        rows.append(n.T)
+    return ca.vertcat(*rows)
 
 
 def _closed_form(robot: RobotDescription, task: tuple[ca.SX, ca.SX], q: ca.SX) -> ClosedForm | None:

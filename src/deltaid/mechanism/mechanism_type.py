@@ -85,6 +85,8 @@ class Mechanism:
         drawing: (body, start, end) of lines to draw in place of the limbs' own, world [m].
         lengths: for each task coordinate what it moves the platform's parts by: 1 for r, for the ψ
             of a platform [m/rad] how far its parts move, 1 for the ψ of a telescope.
+        hold: one row a limb: the axis about which its parallelogram keeps its part from turning, by
+            the rotations that the platform's parts could have; None for one of the user's own.
         period: turn of ψ [rad] that the drives do not show; None where they show every turn.
     """
 
@@ -99,6 +101,7 @@ class Mechanism:
     modes: ca.SX
     forward: ClosedForm | None
     lengths: tuple[float, ...]
+    hold: ca.SX | None = None
     period: float | None = None
     drawing: tuple[tuple[str, ca.SX, ca.SX], ...] = ()
 
@@ -106,6 +109,18 @@ class Mechanism:
     def dof(self) -> int:
         """Number of drives δ."""
         return self.z.numel()
+
+    @property
+    def hold_condition(self) -> ca.SX:
+        """‖N‖_F ‖N⁺‖_F / columns of `hold`: how well the parallelograms keep the parts parallel.
+
+        Where it is infinite a part of the platform can turn with all drives locked, however good
+        the Jacobian is (a constraint singularity).
+        """
+        if self.hold is None:
+            return ca.SX(1.0)
+        G = self.hold.T @ self.hold
+        return ca.sqrt(ca.trace(G) * ca.trace(inverse(G))) / G.shape[0]
 
     @property
     def scaled_jacobian(self) -> ca.SX:
