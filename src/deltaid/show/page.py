@@ -41,7 +41,7 @@ def robot_page(robot: AtRest, found: Reach, surveyed: Survey, subtitle: str) -> 
 def facts(robot: AtRest, found: Reach, surveyed: Survey) -> tuple[Fact, ...]:
     """Condition, holding torque, reach."""
     condition = surveyed.poses.condition
-    home = robot(robot.home)
+    home = robot(robot.home[None])
     hardest = int(np.argmax(np.abs(home.torque[0])))
     drive = robot.robot.drives[hardest]
     return (
@@ -84,7 +84,7 @@ def warnings(robot: AtRest, surveyed: Survey) -> tuple[str, ...]:
 
 def drive_table(robot: AtRest, surveyed: Survey) -> Table:
     """Drive coordinates and holding torques, at home and over the workspace."""
-    described, home, poses = robot.robot, robot(robot.home), surveyed.poses
+    described, home, poses = robot.robot, robot(robot.home[None]), surveyed.poses
     torques = _without_rounding(np.concatenate([home.torque, poses.torque]))
     rows = []
     for i, drive in enumerate(described.drives):

@@ -73,9 +73,9 @@ class AtRest:
         self.of_workspace = len(workspace_limits(self.robot, mechanism.z))
         self._kernel = self._build(mechanism, posed, efforts)
         self.home = dynamics.kinematics.home
-        dynamics.kinematics.inverse(self.home)  # says which limb does not reach
+        dynamics.kinematics.inverse(self.home[None])  # says which limb does not reach
         dynamics.kinematics.require_regular(self.home[None])
-        self._side = np.sign(dynamics.kinematics.regularity(self.home).determinant[0])
+        self._side = np.sign(dynamics.kinematics.regularity(self.home[None]).determinant[0])
 
     def _build(
         self, mechanism: Mechanism, posed: tuple[Limit, ...], efforts: dict[int, float]
@@ -93,7 +93,7 @@ class AtRest:
 
     def __call__(self, z: Samples) -> Poses:
         """The robot at rest at some poses."""
-        z = np.atleast_2d(np.asarray(z, dtype=float))
+        z = np.asarray(z, dtype=float)
         δ, limits = self.dynamics.dof, len(self.limits)
         out = self._kernel(z.T, uniform=self.p).T
         q, torque, condition, shares, determinant, reach = np.split(
@@ -115,8 +115,8 @@ class AtRest:
         """Why the robot does not stand at a pose."""
         kinematics = self.dynamics.kinematics
         try:
-            kinematics.inverse(z)
-            kinematics.require_regular(np.atleast_2d(z))
+            kinematics.inverse(z[None])
+            kinematics.require_regular(z[None])
         except KinematicsError as error:
             return error.what
         return "the pose lies beyond a singularity"

@@ -72,7 +72,7 @@ def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
     wanted = np.array(wanted, dtype=float)  # a copy: views do not change
     if not np.all(np.isfinite(wanted)):
         return _staying(view, wanted, "the pose is no number")
-    if not robot(wanted).stands[0]:
+    if not robot(wanted[None]).stands[0]:
         return _staying(view, wanted, robot.why_not(wanted))
     return _standing(robot, wanted)
 
@@ -83,7 +83,7 @@ def _staying(view: View, wanted: Float[np.ndarray, " dof"], why: str) -> View:
 
 
 def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
-    poses, described = robot(z), robot.robot
+    poses, described = robot(z[None]), robot.robot
     drives = []
     for i, name in enumerate(described.drives):
         units = described.units(name)
