@@ -92,8 +92,8 @@ def _open(robot: "AtRest", port: int | None) -> None:
     from deltaid.show.live import DEFAULT_PORT, LiveView
 
     live = LiveView(robot, DEFAULT_PORT if port is None else port)
-    console.print(f"{robot.robot.name} is shown at {live.url} until Ctrl-C")
     try:
+        console.print(f"{robot.robot.name} is shown at {live.url} until Ctrl-C")
         threading.Event().wait()
     except KeyboardInterrupt:
         console.print("closed")
