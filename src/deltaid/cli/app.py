@@ -12,6 +12,7 @@ from deltaid.cli import (
     base,
     demo,
     excite,
+    export,
     identify,
     reproduce,
     robots,
@@ -32,7 +33,19 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (demo, robots, schema, show, excite, identify, validate, torque, base, reproduce):
+for module in (
+    demo,
+    robots,
+    schema,
+    show,
+    excite,
+    identify,
+    validate,
+    torque,
+    base,
+    export,
+    reproduce,
+):
     module.register(app)
 
 

@@ -1,0 +1,44 @@
+"""`deltaid export`: a model in forms that other programs run."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Target(StrEnum):
+    """What a model can be written as."""
+
+    C = "c"
+    CASADI = "casadi"
+    NPZ = "npz"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("export")(export)
+
+
+def export(
+    model: Annotated[
+        str,
+        typer.Argument(help="A model saved by `deltaid identify`, or a robot, by its prior."),
+    ],
+    to: Annotated[Target, typer.Option("--to", help="Form to write.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
+) -> None:
+    """Write a model as code or as a model of another program.
+
+    docs/export.md says how to use each one, and what friction, gear, units and frames are there.
+    """
+    from deltaid.cli.output import console, print_warnings
+    from deltaid.export.files import write_export
+    from deltaid.export.subject import ExportSubject
+    from deltaid.show.subject import load_subject
+
+    found = load_subject(model)
+    subject = ExportSubject(found.robot, found.p, Path(model).name)
+    written = write_export(subject, to.value, output, (Path(model),))
+    print_warnings(written.warnings)
+    console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

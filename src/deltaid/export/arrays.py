@@ -1,0 +1,68 @@
+"""A model as numpy arrays in one .npz file, that `numpy.load` opens without pickle.
+
+Everything is in SI units: rad or m, N m or N. Rows of `bodies`, `mass`, `com` and the tensors
+belong together; they are those of one body where several share its parameters.
+"""
+
+import io
+from typing import Any
+
+import numpy as np
+
+from deltaid.export.inertia import body_inertia
+from deltaid.export.subject import ExportSubject
+
+
+def model_arrays(subject: ExportSubject) -> dict[str, np.ndarray]:
+    """Arrays by name; the table in docs/export.md says what each one is.
+
+    Limits that the description does not set are infinite.
+    """
+    robot, layout = subject.robot, subject.dynamics.layout
+    bodies = [body_inertia(subject.body(name)) for name in layout.bodies]
+    limits = [robot.drive_limits.get(drive) for drive in robot.drives]
+    ranges = [(l and l.range) or (-np.inf, np.inf) for l in limits]
+    terms = robot.friction_terms
+    return {
+        "robot": np.array(robot.name),
+        "provenance": np.array(subject.provenance),
+        "p": subject.p,
+        "names": np.array(layout.names),
+        "units": np.array(layout.units),
+        "bodies": np.array(layout.bodies),
+        "count": np.array([_count(subject, name) for name in layout.bodies]),
+        "mass": np.array([body.mass for body in bodies]),
+        "com": np.array([body.com for body in bodies]),
+        "inertia_about_link": np.array([body.about_link for body in bodies]),
+        "inertia_about_com": np.array([body.about_com for body in bodies]),
+        "friction_kind": np.array([term.kind for term in terms], dtype=np.str_),
+        "friction_joint": np.array([term.joint for term in terms], dtype=np.str_),
+        "friction_coefficient": subject.p[layout.friction],
+        "friction_exponent": np.array([term.exponent for term in terms]),
+        "friction_speed": np.array([term.speed for term in terms]),
+        "spring_joint": np.array(robot.spring_joints, dtype=np.str_),
+        "spring_stiffness": subject.p[layout.spring],
+        "spring_rest": np.array([robot.spring_rest(joint) for joint in robot.spring_joints]),
+        "rotor_inertia": np.array([subject.value(f"rotor.{drive}") for drive in robot.drives]),
+        "drives": np.array(robot.drives),
+        "drive_is_linear": np.array([robot.is_linear(drive) for drive in robot.drives]),
+        "drive_range": np.array(ranges),
+        "drive_speed": np.array([(l and l.top_speed) or np.inf for l in limits]),
+        "drive_effort": np.array([(l and l.effort) or np.inf for l in limits]),
+        "gravity": np.array(robot.gravity),
+        "home": subject.home,
+    }
+
+
+def npz_file(subject: ExportSubject) -> bytes:
+    """The same as the bytes of an .npz file."""
+    file = io.BytesIO()
+    arrays: dict[str, Any] = dict(model_arrays(subject))
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def _count(subject: ExportSubject, name: str) -> int:
+    """How many bodies of the robot share one set of parameters."""
+    bodies = subject.dynamics.kinematics.mechanism.bodies
+    return sum(body.count for body in bodies if body.name == name)

@@ -1,0 +1,159 @@
+"""C99 code of a model: kinematics, inverse dynamics and the terms of (1), without dependencies.
+
+Everything is computed from task coordinates z, which `…_forward_kinematics` finds once a cycle; so
+a controller that needs torque, mass matrix and gravity pays for the loops only once. Parameters
+stand in one `static const` table, named and with units. Functions keep no state, allocate nothing
+and return within a bounded number of operations.
+"""
+
+import re
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.dynamics.equations import Equations
+from deltaid.errors import DeltaidError
+from deltaid.export.fill import rendered
+from deltaid.export.straight_line import Array, number, straight_line
+from deltaid.export.subject import ExportSubject
+
+# Newton's method halves the error's logarithm; from a start that is some millimetres away four
+# steps do, and what has not arrived after this many is far away or has no solution.
+_NEWTON_STEPS = 20
+# Distances [m] at which loops count as closed, and by which rounding may put a limb in its other
+# working mode: those of mechanism.newton and mechanism.forward.
+_CLOSED, _MODE = 1e-12, 1e-9
+
+
+@dataclass(frozen=True)
+class CCode:
+    """A pair of C files.
+
+    Attributes:
+        prefix: what all names begin with.
+        header, source: the text of PREFIX.h and PREFIX.c.
+    """
+
+    prefix: str
+    header: str
+    source: str
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Parameters that are not zero: their names, units and values, and p with symbols for them."""
+
+    rows: list[tuple[str, str, str]]
+    array: Array
+    p: ca.SX
+
+
+def c_code(subject: ExportSubject, prefix: str) -> CCode:
+    """The C code of a model; its functions are named PREFIX_….
+
+    Raises:
+        DeltaidError: the prefix is no identifier of C.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", prefix):
+        raise DeltaidError(
+            f"'{prefix[:60]}' cannot begin the names of C functions",
+            where="name of the output",
+            cure="use letters, digits and _, a letter first",
+        )
+    dynamics, table = subject.dynamics, _table(subject, prefix)
+    closed_form = dynamics.kinematics.mechanism.forward is not None
+    units = dynamics.robot.drive_units
+    return CCode(
+        prefix,
+        *(
+            rendered(
+                name,
+                prefix=prefix,
+                guard=prefix.upper(),
+                provenance=_comment(subject.provenance),
+                robot=dynamics.robot,
+                dof=dynamics.dof,
+                units=units,
+                linear=[dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives],
+                closed_form=closed_form,
+                limbs=len(dynamics.robot.limb_geometry),
+                table=table.rows,
+                home=[number(x) for x in subject.home],
+                functions=_functions(subject, prefix, table),
+                forward=_forward(subject),
+                newton_steps=_NEWTON_STEPS,
+                closed=number(_CLOSED),
+                mode=number(_MODE),
+            )
+            for name in ("model.h.jinja", "model.c.jinja")
+        ),
+    )
+
+
+def _table(subject: ExportSubject, prefix: str) -> _Table:
+    layout, kept = subject.dynamics.layout, np.flatnonzero(subject.p)
+    symbols, p = ca.SX.sym("p", len(kept)), ca.SX.zeros(subject.p.size)
+    rows = []
+    for k, i in enumerate(kept):
+        p[int(i)] = symbols[k]
+        rows.append((layout.names[i], layout.units[i], number(subject.p[i])))
+    return _Table(rows, Array(f"{prefix}_p", symbols, is_table=True), p)
+
+
+def _functions(subject: ExportSubject, prefix: str, table: _Table) -> list[str]:
+    """The public functions of z that need no loop and cannot fail."""
+    e: Equations = subject.dynamics.equations
+    z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
+    wanted: list[tuple[str, list[Array], tuple[str, ca.SX]]] = [
+        ("jacobian", [z], ("J", e.J)),
+        ("inverse_dynamics_at", [z, qd, qdd], ("tau", e.torque)),
+        ("mass_matrix", [z], ("M", e.M)),
+        ("bias", [z, qd], ("h", _bias(subject, e))),
+        ("gravity", [z], ("g", e.g)),
+    ]
+    names = [name for name, _, _ in wanted]
+    expressions = ca.substitute([out for *_, (_, out) in wanted], [e.p], [table.p])
+    texts = []
+    for name, (_, inputs, (out, _)), expression in zip(names, wanted, expressions, strict=True):
+        arrays = [*inputs, table.array]
+        texts.append(straight_line(f"{prefix}_{name}", arrays, (out, expression)))
+    return texts
+
+
+def _bias(subject: ExportSubject, e: Equations) -> ca.SX:
+    """C q̇ + g + f as the torque without acceleration and without losses that depend on it."""
+    names, p = subject.dynamics.layout.names, ca.SX(e.p)
+    for drive in subject.robot.load_drives:
+        p[names.index(f"load.{drive}")] = 0
+    return ca.substitute([e.torque], [e.qdd, e.p], [ca.SX.zeros(e.qdd.numel()), p])[0]
+
+
+def _forward(subject: ExportSubject) -> dict[str, str]:
+    """Helpers of forward and inverse kinematics, and the sign that det Φ_z has at home."""
+    m = subject.dynamics.kinematics.mechanism
+    q, z = Array("q", m.q_symbols), Array("z", m.z)
+    q_and_reach = ca.vertcat(m.q, m.reach)
+    parts = {"inverse": straight_line("drives", [z], ("out", q_and_reach), linkage="static ")}
+    parts["reaches"] = str(m.reach.numel())
+    if m.forward is not None:
+        form = m.forward
+        out = ca.vertcat(form.z, form.margin, form.modes)
+        parts["closed_form"] = straight_line("pose", [q], ("out", out), linkage="static ")
+        parts["modes"] = str(form.modes.numel())
+        return parts
+    slope = ca.jacobian(m.closure, m.z)
+    step = ca.vertcat(m.closure, ca.inv_minor(slope) @ m.closure)
+    parts["step"] = straight_line("newton", [z, q], ("out", step), linkage="static ")
+    branch = ca.vertcat(ca.det(slope), m.modes)
+    parts["branch"] = straight_line("branch", [z, q], ("out", branch), linkage="static ")
+    parts["modes"] = str(m.modes.numel())
+    q_home = ca.Function("q", [m.z], [m.q])(subject.home)
+    det = ca.Function("d", [m.z, m.q_symbols], [branch[0]])(subject.home, q_home)
+    parts["sign"] = number(float(np.sign(float(det))))
+    return parts
+
+
+def _comment(text: str) -> str:
+    """Text that ends no comment."""
+    return " ".join(text.replace("*/", "* /").split())

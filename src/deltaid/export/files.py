@@ -1,0 +1,110 @@
+"""Exports as files: which target has which files, written whole or not at all."""
+
+import re
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from deltaid.errors import DeltaidError
+from deltaid.export.arrays import npz_file
+from deltaid.export.c_code import c_code
+from deltaid.export.casadi_function import casadi_file
+from deltaid.export.subject import ExportSubject
+from deltaid.files import require_writable, write_bytes, written_whole
+
+
+@dataclass(frozen=True)
+class Export:
+    """A model in some target's form.
+
+    Attributes:
+        parts: content by the end of the file's name; the first one is what is asked for.
+        warnings: what the target takes differently.
+    """
+
+    parts: Mapping[str, str | bytes]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Written:
+    """Files of an export, and what the target takes differently."""
+
+    paths: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One form of a model.
+
+    Attributes:
+        suffixes: ends of the names of its files, the one asked for first.
+        build: its content for a subject and the name of the file without its end.
+    """
+
+    suffixes: tuple[str, ...]
+    build: Callable[[ExportSubject, str], Export]
+
+
+def _c(subject: ExportSubject, stem: str) -> Export:
+    code = c_code(subject, stem)
+    return Export({".c": code.source, ".h": code.header})
+
+
+def _casadi(subject: ExportSubject, stem: str) -> Export:
+    return Export({".casadi": casadi_file(subject)})
+
+
+def _npz(subject: ExportSubject, stem: str) -> Export:
+    return Export({".npz": npz_file(subject)})
+
+
+TARGETS: Mapping[str, Target] = {
+    "c": Target((".c", ".h"), _c),
+    "casadi": Target((".casadi",), _casadi),
+    "npz": Target((".npz",), _npz),
+}
+
+
+def output_path(target: str, robot: str, output: Path) -> Path:
+    """The file to write, where a folder may be given.
+
+    Raises:
+        DeltaidError: the file's name has another end than the target's.
+    """
+    suffix = TARGETS[target].suffixes[0]
+    if output.is_dir():
+        return output / f"{re.sub(r'[^A-Za-z0-9]+', '_', robot).strip('_') or 'robot'}{suffix}"
+    if output.suffix.lower() != suffix:
+        raise DeltaidError(
+            f"must end in {suffix} for --to {target}, or be a folder", where=str(output)
+        )
+    return output
+
+
+def write_export(
+    subject: ExportSubject, target: str, output: Path, inputs: tuple[Path, ...] = ()
+) -> Written:
+    """Write a model in some target's form, all files or none.
+
+    Args:
+        output: a file, or a folder for a file named after the robot.
+        inputs: files that must not be overwritten.
+
+    Raises:
+        DeltaidError: the target cannot hold the model, or a file cannot be written.
+    """
+    path = output_path(target, subject.robot.name, output)
+    paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
+    for part in paths:
+        require_writable(part, inputs)
+    export = TARGETS[target].build(subject, path.stem)
+    with ExitStack() as files:
+        for part, content in zip(paths, export.parts.values(), strict=True):
+            if isinstance(content, bytes):
+                write_bytes(part, content)
+            else:
+                files.enter_context(written_whole(part)).write(content)
+    return Written(paths, export.warnings)

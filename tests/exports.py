@@ -1,0 +1,108 @@
+"""What the tests of exports share: subjects, random states, and files compiled by a C compiler."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.export.subject import ExportSubject
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.load import load_robot
+
+CC = shutil.which("gcc") or shutil.which("cc")
+needs_compiler = pytest.mark.skipif(CC is None, reason="there is no C compiler")
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
+
+
+@cache
+def subject(name: str) -> ExportSubject:
+    """A catalogue robot whose bodies have no symmetry left: the prior, every entry disturbed."""
+    return disturbed(load_robot(name))
+
+
+def disturbed(robot: RobotDescription) -> ExportSubject:
+    """A robot with generic parameters near its prior."""
+    rng, p = np.random.default_rng(7), prior_parameters(robot)
+    p[10 * len(robot.body_names) :] *= rng.uniform(0.8, 1.25, p.size - 10 * len(robot.body_names))
+    for i in range(len(robot.body_names)):
+        body = p[10 * i : 10 * i + 10]
+        M = pseudo_inertia(body) + body[0] * np.diag([9e-4, 1.2e-3, 1.5e-3, 0])
+        M[:3, 3] += 0.01 * body[0] * rng.uniform(-1, 1, 3)
+        M[3, :3] = M[:3, 3]
+        A = np.eye(4)  # a body that is turned and stretched stays one
+        A[:3, :3] += 0.1 * rng.uniform(-1, 1, (3, 3))
+        body[:] = inertia_parameters(A @ M @ A.T)
+    offsets = p == 0
+    p[offsets] = rng.uniform(-1, 1, offsets.sum())  # of friction
+    return ExportSubject(robot, p, robot.name)
+
+
+def states(
+    subject: ExportSubject, n: int, seed: int = 0, share: float = 0.7
+) -> tuple[np.ndarray, ...]:
+    """z, q, q̇, q̈ of n random states in the workspace, one a row, all drives within their range."""
+    kinematics, rng, rows = subject.dynamics.kinematics, np.random.default_rng(seed), []
+    centre, half = subject.robot.workspace.inner_box
+    turn = subject.robot.turn
+    while len(rows) < n:
+        r = centre + share * half * rng.uniform(-1, 1, 3)
+        psi = share * rng.uniform(turn.low, turn.high, kinematics.dof - 3)
+        z = np.append(r, psi)
+        if kinematics.condition(z[None])[0] < 10 and _in_range(
+            subject, kinematics.inverse(z[None])[0]
+        ):
+            rows.append(z)
+    z = np.array(rows)
+    q = kinematics.inverse(z)
+    return z, q, 2.0 * rng.standard_normal(z.shape), 10.0 * rng.standard_normal(z.shape)
+
+
+def _in_range(subject: ExportSubject, q: np.ndarray) -> bool:
+    for drive, x in zip(subject.robot.drives, q, strict=True):
+        limits = subject.robot.drive_limits.get(drive)
+        if limits and limits.range and not limits.range[0] < x < limits.range[1]:
+            return False
+    return True
+
+
+@dataclass(frozen=True)
+class Model:
+    """τ and the terms of (1) at some samples, by CasADi's own evaluator."""
+
+    tau: np.ndarray
+    M: np.ndarray
+    bias: np.ndarray
+    g: np.ndarray
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """q̈ that M q̈ + bias = τ has."""
+        return np.linalg.solve(self.M, (self.tau - self.bias)[..., None])[..., 0]
+
+
+def model(subject: ExportSubject, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Model:
+    """The package's answers, with friction in the bias C q̇ + g + f."""
+    e = subject.dynamics.equations
+    out = [e.torque, e.M, e.C @ e.qd + e.g + e.f, e.g]
+    function = ca.Function("terms", [e.z, e.qd, e.qdd, e.p], out)
+    rows = [function(*row, subject.p) for row in zip(z, qd, qdd, strict=True)]
+    tau, M, bias, g = (np.array([np.array(x) for x in part]) for part in zip(*rows, strict=True))
+    return Model(tau[..., 0], M, bias[..., 0], g[..., 0])
+
+
+def compiled(source: Path, library: Path, *options: str) -> Path:
+    """A shared library from one C file, every warning an error."""
+    assert CC is not None
+    command = [CC, *STRICT, *options, "-shared", "-fPIC", "-o", library, source, "-lm"]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+    return library

@@ -1,0 +1,163 @@
+"""The C export, compiled by a C compiler with every warning an error, against the package."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError
+from deltaid.export.c_code import CCode, c_code
+from deltaid.export.subject import ExportSubject
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import catalogue, load_robot
+from exports import CC, STRICT, compiled, disturbed, model, needs_compiler, states, subject
+from support import assert_close
+
+OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH = range(4)
+
+
+class Library:
+    """The functions of a compiled export, on arrays."""
+
+    def __init__(self, path: Path, dof: int) -> None:
+        self._library, self._dof = ctypes.CDLL(str(path)), dof
+
+    def call(self, name: str, *inputs: np.ndarray, out: np.ndarray) -> int:
+        """Call delta_NAME; the output's array is filled."""
+        function = getattr(self._library, f"delta_{name}")
+        function.restype = ctypes.c_int
+        arrays = [np.ascontiguousarray(x, dtype=float) for x in inputs]
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, out)]
+        return function(*pointers)
+
+    def rows(self, name: str, *inputs: np.ndarray, size: int) -> np.ndarray:
+        """The results of a function that cannot fail, sample by sample."""
+        out = np.full((len(inputs[0]), size), np.nan)
+        for i, row in enumerate(out):
+            self.call(name, *(x[i] for x in inputs), out=row)
+        return out
+
+    @property
+    def home(self) -> np.ndarray:
+        """The constant delta_home."""
+        return np.array((ctypes.c_double * self._dof).in_dll(self._library, "delta_home"))
+
+
+def build(subject: ExportSubject, folder: Path, *options: str) -> Library:
+    code = c_code(subject, "delta")
+    (folder / "delta.h").write_text(code.header)
+    (folder / "delta.c").write_text(code.source)
+    compiled(folder / "delta.c", folder / "delta.so", *options)
+    return Library(folder / "delta.so", subject.dynamics.dof)
+
+
+def assert_same(library: Library, subject: ExportSubject, n: int = 40) -> None:
+    """Every function against the package, at random states."""
+    dynamics, dof = subject.dynamics, subject.dynamics.dof
+    z, q, qd, qdd = states(subject, n)
+    expected = model(subject, z, qd, qdd)
+    tau = library.rows("inverse_dynamics_at", z, qd, qdd, size=dof)
+    assert_close(tau, expected.tau, 1e-12)
+    M = library.rows("mass_matrix", z, size=dof * dof).reshape(-1, dof, dof)
+    assert_close(M, expected.M, 1e-12)
+    assert_close(library.rows("gravity", z, size=dof), expected.g, 1e-12)
+    assert_close(library.rows("bias", z, qd, size=dof), expected.bias, 1e-12)
+    J = library.rows("jacobian", z, size=dof * dof).reshape(-1, dof, dof)
+    assert_close(J, dynamics.kinematics.jacobian(z), 1e-12)
+    assert_close(library.rows("inverse_kinematics", z, size=dof), q, 1e-12)
+    near = z + 0.005 * np.random.default_rng(3).uniform(-1, 1, z.shape)
+    for i in range(n):
+        pose, torque = near[i].copy(), np.zeros(dof)
+        assert library.call("forward_kinematics", q[i], out=pose) == OK
+        assert_close(pose, dynamics.kinematics.forward(q[i : i + 1])[0], 1e-12)
+        pose = near[i].copy()
+        assert library.call("inverse_dynamics", q[i], qd[i], qdd[i], pose, out=torque) == OK
+        assert_close(pose, z[i], 1e-12)
+        assert_close(torque, expected.tau[i], 1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", catalogue())
+def test_all_functions_of_the_catalogue(name: str, tmp_path: Path) -> None:
+    assert_same(build(subject(name), tmp_path), subject(name))
+
+
+@needs_compiler
+def test_optimised_code_with_springs_and_every_friction_term(tmp_path: Path) -> None:
+    data = load_robot("linear-delta").model_dump(mode="json", exclude_none=True)
+    data["friction"]["drive1"] |= {"power": {"coefficient": 2.0, "exponent": 0.6}, "load": 0.1}
+    data["friction"]["drive2"] |= {"viscous_back": 3.0, "coulomb_back": 4.0, "load": 0.05}
+    data["friction"]["drive3"] |= {"stribeck": {"coefficient": 2.0, "speed": 0.1}, "offset": 1.0}
+    data["springs"] = {"drive2": {"stiffness": 30.0, "rest": 0.05}}
+    rich = disturbed(RobotDescription.model_validate_json(json.dumps(data)))
+    assert_same(build(rich, tmp_path, "-O2"), rich)
+
+
+@needs_compiler
+def test_it_is_c_plus_plus_as_well_and_needs_nothing_but_mathematics(tmp_path: Path) -> None:
+    library = build(subject("linear-delta"), tmp_path)
+    assert library.home == pytest.approx(subject("linear-delta").home)
+    command = [CC, *STRICT[1:], "-xc++", "-c", tmp_path / "delta.c", "-o", tmp_path / "delta.o"]
+    if subprocess.run([CC, "-xc++", "-E", "-"], input=b"", capture_output=True).returncode == 0:
+        assert subprocess.run(command, capture_output=True).stderr == b""
+    listed = subprocess.run(
+        ["nm", "-u", tmp_path / "delta.so"], capture_output=True, encoding="utf-8", check=True
+    )
+    needed = {row.split()[-1].partition("@")[0] for row in listed.stdout.splitlines()}
+    needed = {name for name in needed if not name.startswith("_")}
+    assert needed <= {"sqrt", "atan2", "sin", "cos", "asin", "pow", "exp", "fabs"}
+    data = subprocess.run(
+        ["nm", tmp_path / "delta.so"], capture_output=True, encoding="utf-8", check=True
+    )
+    own = [row.split() for row in data.stdout.splitlines() if "delta_" in row]
+    assert own
+    assert {kind for *_, kind, _ in own} <= {"T", "R", "r"}  # code and constants, no state
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["clavel-delta3", "par4-linear"])
+def test_failures_are_told_and_change_nothing(name: str, tmp_path: Path) -> None:
+    library, dof = build(subject(name), tmp_path), subject(name).dynamics.dof
+    z, q, *_ = states(subject(name), 1)
+    kept = np.full(dof, 7.0)
+    far = z[0] + np.array([9.0, *np.zeros(dof - 1)])
+    assert library.call("inverse_kinematics", far, out=kept) == OUT_OF_REACH
+    assert (kept == 7.0).all()
+    apart = q[0] + np.array([5.0, *np.zeros(dof - 1)]) if "linear" in name else np.full(dof, np.nan)
+    pose = z[0].copy()
+    assert library.call("forward_kinematics", apart, out=pose) == NOT_CLOSED
+    assert (pose == z[0]).all()
+
+
+@needs_compiler
+def test_other_working_mode_is_told(tmp_path: Path) -> None:
+    """An arm turned to where the platform stays but the elbow points inwards."""
+    chosen = subject("clavel-delta3")
+    library = build(chosen, tmp_path)
+    inwards = {"working_mode": ("inwards", "outwards", "outwards")}
+    limbs = chosen.robot.limbs.model_copy(update=inwards)
+    other = disturbed(chosen.robot.model_copy(update={"limbs": limbs}))
+    pose = np.zeros(3)
+    q = other.dynamics.kinematics.inverse(other.home[None])[0]
+    assert library.call("forward_kinematics", q, out=pose) == OTHER_MODE
+
+
+@pytest.mark.parametrize("prefix", ["", "3d", "a b", "x;", "_x", "a" * 50])
+def test_names_that_c_cannot_have(prefix: str) -> None:
+    with pytest.raises(DeltaidError, match="cannot begin the names"):
+        c_code(subject("linear-delta"), prefix)
+
+
+def test_a_title_cannot_end_the_comment() -> None:
+    robot = load_robot("linear-delta").model_copy(update={"title": "*/ int x; /*\n#error"})
+    code: CCode = c_code(ExportSubject(robot, prior_parameters(robot), "a.yaml"), "delta")
+    for text in (code.header, code.source):
+        assert "int x" not in re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+        assert "#error" not in "".join(row for row in text.splitlines() if row.startswith("#"))

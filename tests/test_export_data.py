@@ -1,0 +1,151 @@
+"""The exports as CasADi function and numpy arrays, and what all exports have in common."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from command import refused, run
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError
+from deltaid.export.casadi_function import casadi_file
+from deltaid.export.files import TARGETS, write_export
+from deltaid.export.inertia import body_inertia, why_not_physical
+from deltaid.export.subject import ExportSubject
+from deltaid.robot.load import catalogue, load_robot
+from exports import model, states, subject
+from support import assert_close
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_casadi_function(name: str, tmp_path: Path) -> None:
+    chosen = subject(name)
+    path = tmp_path / "delta.casadi"
+    path.write_bytes(casadi_file(chosen))
+    function = ca.Function.load(str(path))
+    z, q, qd, qdd = states(chosen, 5)
+    expected = model(chosen, z, qd, qdd)
+    for i in range(len(z)):
+        out = {k: np.array(v) for k, v in function(z=z[i], qd=qd[i], qdd=qdd[i]).items()}
+        assert_close(out["tau"].ravel(), expected.tau[i], 1e-12)
+        assert_close(out["M"], expected.M[i], 1e-12)
+        assert_close(out["q"].ravel(), q[i], 1e-12)
+        assert_close(out["J"], chosen.dynamics.kinematics.jacobian(z[i : i + 1])[0], 1e-12)
+        bias = out["C"] @ qd[i] + out["g"].ravel() + out["f"].ravel()
+        assert_close(bias, expected.bias[i], 1e-12)
+        assert_close(out["M"] @ qdd[i] + bias, expected.tau[i], 1e-10)
+
+
+def test_numpy_arrays(tmp_path: Path) -> None:
+    chosen, path = subject("irb360-6-1600"), tmp_path / "delta.npz"
+    write_export(chosen, "npz", path)
+    data = np.load(path)  # without pickle
+    layout = chosen.dynamics.layout
+    assert (data["p"] == chosen.p).all()
+    assert tuple(data["names"]) == layout.names
+    assert tuple(data["units"]) == layout.units
+    assert list(data["count"]) == [3, 6, 1, 1, 1, 1]
+    assert data["rotor_inertia"] == pytest.approx([0, 0, 0, chosen.value("rotor.drive4")])
+    laws = dict(zip(zip(data["friction_kind"], data["friction_joint"], strict=True),
+                    data["friction_coefficient"], strict=True))  # fmt: skip
+    assert laws["coulomb", "slide"] == chosen.value("coulomb.slide")
+    assert np.isinf(data["drive_effort"]).sum() == 0
+    for i, name in enumerate(data["bodies"]):
+        p = chosen.body(str(name))
+        about_com, com, mass = (data[key][i] for key in ("inertia_about_com", "com", "mass"))
+        assert mass * com == pytest.approx(p[1:4])
+        # Steiner's rule, the other way and by cross products
+        cross = np.array([np.cross(com, e) for e in np.eye(3)]).T
+        steiner = about_com + mass * cross.T @ cross
+        assert data["inertia_about_link"][i] == pytest.approx(steiner)
+        assert steiner[0, 1] == pytest.approx(p[7])
+        assert steiner[1, 2] == pytest.approx(p[8])
+
+
+def test_inertia_of_a_box_about_its_centre() -> None:
+    """A box of 6 kg and edges 1, 2, 3 m with a corner in the link frame's origin."""
+    m, edges = 6.0, np.array([1.0, 2.0, 3.0])
+    squares, products = m * edges**2 / 3, m * np.outer(edges, edges) / 4
+    tensor = [squares[1] + squares[2], squares[0] + squares[2], squares[0] + squares[1]]
+    p = np.array([m, *(m * edges / 2), *tensor, *(-products[[0, 1, 0], [1, 2, 2]])])
+    box = body_inertia(p)
+    assert box.com == pytest.approx(edges / 2)
+    assert box.about_com == pytest.approx(np.diag([6.5, 5.0, 2.5]), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "reason"),
+    [
+        (0, -0.1, "mass"),
+        (4, 1.0, "triangle inequality"),
+        (1, 3.0, "not positive definite"),
+        (5, np.nan, "finite"),
+    ],
+)
+def test_bodies_that_cannot_exist_are_refused(entry: int, value: float, reason: str) -> None:
+    robot = load_robot("clavel-delta3")
+    p = prior_parameters(robot)
+    p[entry] = value
+    with pytest.raises(DeltaidError, match=f"body U cannot be exported.*{reason}"):
+        ExportSubject(robot, p, "a model")
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_bodies_of_the_catalogue_can_exist(name: str) -> None:
+    robot = load_robot(name)
+    p = prior_parameters(robot)
+    layout = Dynamics(robot).layout
+    for body in layout.bodies:
+        assert why_not_physical(p[layout.body(body)]) == ""
+        a, b, c = np.linalg.eigvalsh(body_inertia(p[layout.body(body)]).about_com)
+        assert a > 0
+        assert c < a + b
+
+
+def test_too_few_parameters() -> None:
+    robot = load_robot("clavel-delta3")
+    with pytest.raises(DeltaidError, match="has 5 parameters, but the robot has 36"):
+        ExportSubject(robot, np.ones(5), "a model")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_command_writes_a_file_or_into_a_folder(target: str, tmp_path: Path) -> None:
+    for output in (tmp_path, tmp_path / f"mine{TARGETS[target].suffixes[0]}"):
+        outcome = run("export", "linear-delta", "--to", target, "-o", output)
+        assert outcome.code == 0, outcome.err
+        assert outcome.out.startswith("wrote ")
+    names = {path.stem.partition(".")[0] for path in tmp_path.iterdir()}
+    assert names == {"linear_delta", "mine"}
+    assert len(list(tmp_path.iterdir())) == 2 * len(TARGETS[target].suffixes)
+
+
+def test_command_refuses(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.npz"
+    robot.write_text("name: x\n")
+    (tmp_path / "taken.h").mkdir()
+    cases = {
+        ("nobody", "c", "a.c"): "no robot file and no catalogue robot",
+        ("clavel-delta3", "c", "a.xml"): "must end in .c for --to c",
+        ("clavel-delta3", "c", "3.c"): "cannot begin the names of C functions",
+        ("clavel-delta3", "c", "taken.c"): "is a folder",
+        ("clavel-delta3", "npz", "nowhere/a.npz"): "its folder does not exist",
+        (str(robot), "npz", "a.npz"): "robot.npz",
+    }
+    for (name, target, output), message in cases.items():
+        told = refused("export", name, "--to", target, "-o", tmp_path / output, folder=tmp_path)
+        assert message in told.replace("\n", " ")
+    outcome = run("export", "clavel-delta3", "--to", "step", "-o", tmp_path / "a.c")
+    assert outcome.code == 2
+    assert "step" in outcome.err
+
+
+def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:
+    model = tmp_path / "model.npz"
+    assert run("robots", "clavel-delta3").code == 0
+    model.write_text(run("robots", "clavel-delta3").out)
+    told = refused("export", model, "--to", "npz", "-o", model, folder=tmp_path)
+    assert "would overwrite an input" in told
