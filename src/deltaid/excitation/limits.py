@@ -30,7 +30,16 @@ def kinematic_limits(
         *_drives(robot, motion),
         *_joints(robot, mechanism),
         Limit("distance from singularity", motion.condition / robot.largest_condition, False),
+        *_hold(robot, mechanism),
     )
+
+
+def _hold(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
+    """How well an articulated platform's parts are kept parallel; of one part it follows from J."""
+    if mechanism.hold is None or not robot.platform_turns:
+        return []
+    share = mechanism.hold_condition / robot.largest_condition
+    return [Limit("hold of the platform's parts", share, False)]
 
 
 def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:

@@ -49,11 +49,18 @@ class Regularity:
         condition: ‖J‖_F ‖J⁻¹‖_F / δ.
         determinant: of J; it changes its sign across a singularity.
         gain: ‖J⁻¹‖_F, how far the platform moves for a step of the drives.
+        hold: condition of what keeps the platform's parts parallel (`Mechanism.hold_condition`).
     """
 
     condition: Float[np.ndarray, " samples"]
     determinant: Float[np.ndarray, " samples"]
     gain: Float[np.ndarray, " samples"]
+    hold: Float[np.ndarray, " samples"]
+
+    @property
+    def worst(self) -> Float[np.ndarray, " samples"]:
+        """The larger of both conditions; NaN where either is."""
+        return np.maximum(self.condition, self.hold)
 
 
 class Kinematics:
@@ -199,8 +206,16 @@ class Kinematics:
 
     def require_regular(self, z: Samples) -> None:
         """Raise KinematicsError when a pose is singular."""
-        condition = self.condition(z)
-        bad = np.flatnonzero(~(condition < SINGULAR_CONDITION))
+        regular = self.regularity(z)
+        loose = np.flatnonzero(~(regular.hold < SINGULAR_CONDITION))
+        if loose.size and np.isfinite(regular.condition[loose[0]]):
+            raise KinematicsError(
+                f"the pose z = {_numbers(z[loose[0]])} is singular: a part of the platform can "
+                "turn with all drives locked, because the parallelograms do not keep it parallel",
+                where=f"sample {loose[0]}",
+                cure="arrange the limbs of each part less symmetrically (docs: mechanisms)",
+            )
+        bad = np.flatnonzero(~(regular.condition < SINGULAR_CONDITION))
         if bad.size:
             i, linear = bad[0], self.robot.is_linear("drive1")
             edge = "struts square to a rail" if linear else "an arm and its struts in line"
@@ -263,7 +278,8 @@ class Kinematics:
     def _regularity_kernel(self) -> BatchKernel:
         J = self.mechanism.scaled_jacobian
         gain = ca.sqrt(ca.sumsqr(inverse(J)))
-        values = (ca.sqrt(ca.sumsqr(J)) * gain / self.dof, ca.det(J), gain)
+        hold = self.mechanism.hold_condition
+        values = (ca.sqrt(ca.sumsqr(J)) * gain / self.dof, ca.det(J), gain, hold)
         return BatchKernel(self.mechanism.z, ca.vertcat(*values))
 
     @cached_property

@@ -193,7 +193,7 @@ class Survey:
         self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
         self.farthest = np.maximum(self.farthest, z[:, :3].max(axis=0))
         regular = self.kinematics.regularity(z)
-        singular = np.flatnonzero(~(regular.condition < SINGULAR_CONDITION))
+        singular = np.flatnonzero(~(regular.worst < SINGULAR_CONDITION))
         if singular.size:
             raise RecordingError(
                 f"the robot is in a singular pose at {self._angles(q[singular[0]])}",
@@ -201,7 +201,7 @@ class Survey:
                 cure="an arm and its struts are in line there, or the struts in one plane; check "
                 "zero and sign of the drives, and the robot's lengths",
             )
-        strained = np.flatnonzero(regular.condition > self.kinematics.robot.largest_condition)
+        strained = np.flatnonzero(regular.worst > self.kinematics.robot.largest_condition)
         if strained.size and not self.strained:
             self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
         self.strained += strained.size
