@@ -192,10 +192,10 @@ class _Program:
         self._require_psd(constant - INTERIOR * np.eye(len(constant)), slopes)
 
     def _require_psd(self, constant: np.ndarray, slopes: dict[int, np.ndarray]) -> None:
-        right = _svec(constant)
+        right = svec(constant)
         rows = np.zeros((len(right), self._size))
         for k, slope in slopes.items():
-            rows[:, k] = -_svec(slope)
+            rows[:, k] = -svec(slope)
         size = len(constant)
         cone = clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
         self._require(rows, right, cone)
@@ -226,7 +226,7 @@ class _Program:
             self._linear[t[i]] = -2.0
 
 
-def _svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:
+def svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:
     """Upper triangle column by column, off-diagonal entries times √2, as Clarabel wants it."""
     rows, columns = np.tril_indices(len(M))  # of the transpose: upper triangle by columns
     return np.where(rows == columns, 1.0, np.sqrt(2.0)) * M[columns, rows]

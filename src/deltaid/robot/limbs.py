@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from deltaid.robot.quantities import Coordinate, Length, Point, Radius
+from deltaid.robot.quantities import Coordinate, Length, Point, Positive, Radius
 
 DriveKind = Literal["rotary", "linear"]
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -36,6 +36,7 @@ class LimbGeometry:
         rail: direction of positive q of a linear drive, in L.
         upper_arm, strut: lengths [m]; the arm's is 0 for a linear drive.
         struts: how many struts.
+        spacing: distance of the two struts [m]; None where it is not known, or there is one.
         outwards: whether the elbow points outwards (rotary), or the carriage stands above the
             platform's joint along the rail (linear): the limb's working mode.
     """
@@ -49,6 +50,7 @@ class LimbGeometry:
     strut: float
     struts: int
     outwards: bool
+    spacing: float | None = None
 
 
 class Limbs(BaseModel):
@@ -90,6 +92,15 @@ class Limbs(BaseModel):
     )
     strut: Lengths = Field(description="length of the struts between their joints, m")
     struts_per_limb: Literal[1, 2] = Field(default=2, description="2 for a parallelogram")
+    strut_spacing: Lengths | None = Field(
+        default=None,
+        description="distance of the two struts of a parallelogram, m; no motion and no torque "
+        "depends on it, but forces in single struts do",
+    )
+    socket_force: Positive | None = Field(
+        default=None,
+        description="force of the springs that hold each end of a strut on its ball, N",
+    )
     working_mode: Literal["outwards", "inwards"] | tuple[Literal["outwards", "inwards"], ...] = (
         Field(
             default="outwards",
@@ -111,7 +122,8 @@ class Limbs(BaseModel):
     @model_validator(mode="after")
     def _check(self) -> "Limbs":
         for name in ("tilt_deg", "base_radius", "platform_radius", "base_points",
-                     "platform_points", "upper_arm", "strut", "working_mode"):  # fmt: skip
+                     "platform_points", "upper_arm", "strut", "strut_spacing",
+                     "working_mode"):  # fmt: skip
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.count:
                 raise ValueError(
@@ -123,6 +135,9 @@ class Limbs(BaseModel):
             raise ValueError("upper_arm is missing; rotary drives need its length")
         if self.drive == "linear" and self.upper_arm is not None:
             raise ValueError("upper_arm is given, but a linear drive has none; see drive")
+        for name in ("strut_spacing", "socket_force"):
+            if self.struts_per_limb == 1 and getattr(self, name) is not None:
+                raise ValueError(f"{name} is given, but limbs of one strut have no pair of struts")
         self._check_places()
         return self
 
@@ -182,6 +197,7 @@ class Limbs(BaseModel):
             strut=float(_of(self.strut, i)),
             struts=self.struts_per_limb,
             outwards=_of(self.working_mode, i) == "outwards",
+            spacing=None if self.strut_spacing is None else float(_of(self.strut_spacing, i)),
         )
 
 

@@ -1,0 +1,124 @@
+"""Forces in struts, joints and bearings of a robot along a motion, for many samples."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.application.force_equations import ForceEquations, build_forces, splits
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.errors import DescriptionError
+from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log
+from deltaid.recording.windows import windows
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import H4Platform, RigidPlatform
+
+
+class ConstraintForces:
+    """Constraint forces of a described robot. Arrays have one sample a row.
+
+    Every force is linear in the parameters: F = C(z, q̇, q̈) p. Names, frames and signs of the
+    channels stand in `docs/forces.md`; the equations in `application.force_equations`.
+
+    Attributes:
+        names: of the channels, such as 'strut1a.platform.x'.
+        units: of the channels, N or N m.
+        struts: names of the struts 'strut1a', 'strut1b', …; of the limbs' pairs 'strut1', … where
+            only the sum of a pair is determined.
+        note: why single struts have no forces of their own; empty if they have.
+        socket_force: spring force at each ball joint [N], None where it is not described.
+
+    Raises:
+        DescriptionError: the robot has a mechanism of the user's own, whose joints are not known.
+    """
+
+    def __init__(self, robot: RobotDescription) -> None:
+        if robot.mechanism is not None or robot.limbs is None:
+            raise DescriptionError(
+                "a mechanism of your own says how bodies move, but not which joints carry them, so "
+                "constraint forces cannot be computed",
+                where="mechanism",
+                cure="describe the robot by limbs and platform if it is composed of them",
+            )
+        self.robot = robot
+        self.kinematics = Kinematics(robot)
+        self._equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)
+        self.names = tuple(channel.name for channel in self._equations.channels)
+        self.units = tuple(channel.unit for channel in self._equations.channels)
+        self.struts = self._equations.struts
+        self.note = _why_sums(robot)
+        self.socket_force = robot.limbs.socket_force if splits(robot) else None
+
+    def index(self, name: str) -> int:
+        """Position of a channel."""
+        return self.names.index(name)
+
+    def evaluate(
+        self, z: Samples, qd: Samples, qdd: Samples, p: Parameters
+    ) -> Float[np.ndarray, "samples channels"]:
+        """All channels at some samples of a motion."""
+        return self._kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
+
+    def coefficients(
+        self, z: Samples, qd: Samples, qdd: Samples
+    ) -> Float[np.ndarray, "samples channels parameters"]:
+        """C with F = C p, for the few samples that matter."""
+        rows = [np.array(self._coefficients(*row)) for row in zip(z, qd, qdd, strict=True)]
+        return np.stack(rows)
+
+    @cached_property
+    def _values(self) -> ca.SX:
+        return ca.vertcat(*[channel.value for channel in self._equations.channels])
+
+    @cached_property
+    def _kernel(self) -> BatchKernel:
+        e = self._equations
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), self._values, uniform=e.p)
+
+    @cached_property
+    def _coefficients(self) -> ca.Function:
+        e = self._equations
+        C = ca.densify(ca.jacobian(self._values, e.p))
+        return ca.Function("C", [e.z, e.qd, e.qdd], [C])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Consecutive samples of a motion."""
+
+    time: Float[np.ndarray, " samples"]
+    z: Samples
+    qd: Samples
+    qdd: Samples
+
+
+def motion_of(log: Log, kinematics: Kinematics, low_pass: LowPass | None) -> Iterator[Motion]:
+    """A recording's motion, window by window; with a filter, its length is lost at both ends."""
+    half = len(low_pass.smooth) // 2 if low_pass is not None else 0
+    for w in windows(log, kinematics, low_pass):
+        inner = slice(half, len(w.time) - half)
+        yield Motion(w.time[inner], w.z[inner], w.qd[inner], w.qdd[inner])
+
+
+def _why_sums(robot: RobotDescription) -> str:
+    limbs = robot.limbs
+    if limbs is None or limbs.struts_per_limb == 1:
+        return "limbs of one strut: what keeps the platform from turning is not described"
+    if not isinstance(robot.platform, RigidPlatform | H4Platform):
+        return (
+            f"a platform of kind {robot.platform.kind} has one joint less than its eight struts "
+            "need: how the struts of a limb share their force depends on how stiff they are, so "
+            "only their sum is given"
+        )
+    if limbs.strut_spacing is None:
+        return (
+            "limbs.strut_spacing is not described, so only the sum of the forces of a limb's two "
+            "struts is given"
+        )
+    return ""

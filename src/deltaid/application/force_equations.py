@@ -1,0 +1,287 @@
+"""Forces in struts, joints and bearings as CasADi graphs, linear in the parameters p.
+
+Newton's and Euler's laws for every body, solved from the free ends inwards:
+
+1. A strut hangs on a universal joint at the elbow and a ball joint at the platform. Its own inertia
+   gives the force across it and the moment about its axis; the force N along it stays unknown.
+2. The telescope bar between its universal joints: all forces follow from its own inertia, from the
+   moment that turns the end effector and from friction in the slide.
+3. The platform. With locked drives a virtual motion δz stretches the struts of limb i by
+   x_iᵀ (∂a_i/∂z) δz (x_i along the strut, a_i the middle of its joints on the platform), so the
+   sums N_i of the forces along a limb's struts solve Aᵀ N = −Q with A = [x_iᵀ ∂a_i/∂z] and the
+   generalised forces Q of inertia, gravity and joints on z.
+4. What the platform cannot do, but could if the struts let it: turn about three axes, and for H4
+   one side bar against the other. Such a turn δφ stretches the two struts at ± h y_i (y_i the motor
+   axis) differently, by ± h x_i · (∂ω/∂φ × y_i) δφ: the differences D_i of the forces of a pair
+   solve a system of the same size as the number of limbs.
+5. Upper arm or carriage: what the struts leave for the bearing.
+
+All joints are without friction but the telescope's slide and the platform's own joint (H4: where
+the middle bar meets the first side bar). The tool of an H4 turns in the middle bar and is geared to
+the first side bar. Motors' and gears' own inertia does not load the bearings.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.application.force_parts import (
+    Bar,
+    Strut,
+    Wrench,
+    bar_forces,
+    bearing_load,
+    body_wrench,
+    joint_effort,
+    strut_forces,
+)
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.vectors import inverse
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.limbs import LimbGeometry
+from deltaid.robot.platform import H4Platform, RigidPlatform
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One number of the result, such as the force along a strut at the platform.
+
+    Attributes:
+        name: as in files: 'strut1a.platform.x'.
+        unit: N or N m.
+        value: function of z, q̇, q̈ and p, linear in p.
+    """
+
+    name: str
+    unit: str
+    value: ca.SX
+
+
+@dataclass(frozen=True)
+class ForceEquations:
+    """All forces of one robot.
+
+    Attributes:
+        z, qd, qdd, p: inputs.
+        channels: what there is to know.
+        struts: names of the struts, or of the pairs where only their sum is known.
+    """
+
+    z: ca.SX
+    qd: ca.SX
+    qdd: ca.SX
+    p: ca.SX
+    channels: tuple[Channel, ...]
+    struts: tuple[str, ...]
+
+
+def splits(robot: RobotDescription) -> bool:
+    """Whether the force of each strut of a pair is determined, and not only their sum."""
+    known = all(limb.spacing is not None for limb in robot.limb_geometry)
+    return known and isinstance(robot.platform, RigidPlatform | H4Platform)
+
+
+def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquations:
+    """Derive the forces of a robot of limbs and a platform."""
+    dof = mechanism.dof
+    qd, qdd = ca.SX.sym("qd", dof), ca.SX.sym("qdd", dof)
+    v, a = ca.SX.sym("v", dof), ca.SX.sym("a", dof)
+    p = ca.SX.sym("p", len(parameter_layout(robot).names))
+    channels, struts = _Build(robot, mechanism, v, a, p).channels()
+    J = ca.jacobian(mechanism.q, mechanism.z)
+    T = inverse(J)
+    zd = T @ qd
+    zdd = T @ (qdd - ca.jtimes(J @ v, mechanism.z, v))
+    zdd = ca.substitute([zdd], [v], [zd])[0]
+    values = ca.substitute([ca.vertcat(*[c.value for c in channels])], [v, a], [zd, zdd])[0]
+    return ForceEquations(
+        z=mechanism.z,
+        qd=qd,
+        qdd=qdd,
+        p=p,
+        channels=tuple(Channel(c.name, c.unit, values[k]) for k, c in enumerate(channels)),
+        struts=struts,
+    )
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """A virtual turn that the struts forbid: axis, a point of it, and what turns."""
+
+    axis: ca.SX
+    centre: ca.SX
+    bodies: tuple[Wrench, ...]
+    limbs: tuple[int, ...]
+
+    def moment(self, point: ca.SX, force: ca.SX) -> ca.SX:
+        """Virtual work of a force at a point."""
+        return ca.dot(self.axis, ca.cross(point - self.centre, force))
+
+
+class _Build:
+    """The steps above for one robot; v = ż and a = z̈ are symbols, since they depend on z."""
+
+    def __init__(
+        self, robot: RobotDescription, mechanism: Mechanism, v: ca.SX, a: ca.SX, p: ca.SX
+    ) -> None:
+        self._robot, self._mechanism, self._z = robot, mechanism, mechanism.z
+        self._v, self._p = v, p
+        wrenches = [body_wrench(robot, mechanism.z, b, v, a, p) for b in mechanism.bodies]
+        n = len(mechanism.limbs)
+        self._driven, others = wrenches[0 : 2 * n : 2], wrenches[2 * n :]
+        self._struts = tuple(
+            strut_forces(g, limb, w)
+            for g, limb, w in zip(
+                robot.limb_geometry, mechanism.limbs, wrenches[1 : 2 * n : 2], strict=True
+            )
+        )
+        self._others = tuple(others)
+        self._bar = self._telescope() if robot.telescope is not None else None
+
+    def channels(self) -> tuple[list[Channel], tuple[str, ...]]:
+        """All results, and the names of the struts."""
+        sums = self._sums()
+        differences = self._differences(sums) if splits(self._robot) else None
+        found, names = [], []
+        for i, strut in enumerate(self._struts):
+            geometry, N = strut.geometry, sums[i]
+            if differences is None:
+                sides = ((f"strut{i + 1}", 0.0, N, geometry.struts),)
+            else:
+                D, h = differences[i], _half(geometry)
+                sides = (
+                    (f"strut{i + 1}a", h, 0.5 * (N + D), 1),
+                    (f"strut{i + 1}b", -h, 0.5 * (N - D), 1),
+                )
+            at_elbow = []
+            for name, aside, along, count in sides:
+                names.append(name)
+                inner = count * strut.across_S + ca.vertcat(along, 0, 0)
+                outer = inner - count * strut.wrench.force
+                at_elbow.append((aside, outer, count))
+                found += _strut_channels(name, strut, inner, outer, count)
+                if aside:
+                    found += _socket_channels(name, strut, inner, outer, np.sign(aside))
+            complete = differences is not None or geometry.struts == 1
+            found += _bearing_channels(i, strut, self._driven[i], at_elbow, complete)
+        return found + (_bar_channels(self._bar) if self._bar else []), tuple(names)
+
+    def _telescope(self) -> Bar:
+        upper, lower, tool = self._others[-3:]
+        length = self._mechanism.joints["slide"]
+        return bar_forces(length, upper, lower, tool, self._effort("slide"))
+
+    def _effort(self, joint: str) -> ca.SX:
+        return joint_effort(self._robot, self._mechanism, joint, self._v, self._p)
+
+    def _sums(self) -> ca.SX:
+        """N_i, step 3. A telescope's ψ is held by its own drive."""
+        n, z = len(self._struts), self._z
+        Q, rows = ca.SX.zeros(z.numel()), []
+        for wrench in self._others:
+            Q += wrench.body.count * wrench.on_z
+        for joint in ("platform", "slide"):
+            if joint in self._mechanism.joints:
+                Q += self._effort(joint) * ca.jacobian(self._mechanism.joints[joint], z).T
+        for strut in self._struts:
+            motion = ca.jacobian(strut.held, z)
+            Q += motion.T @ (strut.geometry.struts * strut.across)
+            rows.append(strut.along.T @ motion)
+        A = ca.vertcat(*rows)[:, :n]
+        return -inverse(A.T) @ Q[:n]
+
+    def _differences(self, sums: ca.SX) -> ca.SX:
+        """D_i, step 4."""
+        turns, n = self._turns(), len(self._struts)
+        A, work = ca.SX(n, n), ca.SX.zeros(n)
+        for j, turn in enumerate(turns):
+            for wrench in turn.bodies:
+                work[j] += ca.dot(turn.axis, wrench.world_moment)
+                work[j] += turn.moment(wrench.origin, wrench.world_force)
+            if self._bar is not None:
+                work[j] += ca.dot(turn.axis, self._bar.lower_torque_W)
+                work[j] += turn.moment(self._bar.r_lower, self._bar.lower_force_W)
+            for i in turn.limbs:
+                strut = self._struts[i]
+                force = strut.geometry.struts * strut.across + strut.along * sums[i]
+                work[j] += turn.moment(strut.held, force)
+                y = ca.SX(ca.DM(strut.geometry.R_WL[:, 1]))
+                stretch = ca.dot(ca.cross(turn.axis, y), strut.along)
+                A[j, i] = _half(strut.geometry) * stretch
+        return -inverse(A) @ work
+
+    def _turns(self) -> list[_Turn]:
+        """Turns of the whole platform, the telescope's end included, and H4's fourth."""
+        platform = self._robot.platform
+        bodies = tuple(w for w in self._others if w.body.name not in ("TU", "TL"))
+        limbs = tuple(range(len(self._struts)))
+        axes = [ca.SX(ca.DM(axis)) for axis in np.eye(3)]
+        turns = [_Turn(axis, self._z[:3], bodies, limbs) for axis in axes]
+        if isinstance(platform, H4Platform):
+            second = bodies[1]  # the parts come first
+            held = tuple(i for i in limbs if not platform.on_first(i))
+            turns.append(_Turn(axes[2], second.origin, (second,), held))
+        return turns
+
+
+def _half(geometry: LimbGeometry) -> float:
+    return 0.5 * float(geometry.spacing or 0.0)
+
+
+def _vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[Channel]:
+    return [Channel(f"{name}.{axis}", unit, value["xyz".index(axis)]) for axis in axes]
+
+
+def _strut_channels(
+    name: str, strut: Strut, inner: ca.SX, outer: ca.SX, count: int
+) -> list[Channel]:
+    """What is transmitted through both ends, in the strut's frame; tension is positive."""
+    spin = [Channel(f"{name}.elbow.moment", "N m", count * strut.spin)]
+    return [
+        *_vector(f"{name}.platform", "N", inner),
+        *_vector(f"{name}.elbow", "N", outer),
+        *spin,
+    ]
+
+
+def _socket_channels(
+    name: str, strut: Strut, inner: ca.SX, outer: ca.SX, side: float
+) -> list[Channel]:
+    """How hard the ball presses the strut away from its twin: a socket opens below −spring."""
+    y_S = strut.R_LS[1, :].T
+    return [
+        Channel(f"{name}.platform.out", "N", side * ca.dot(y_S, inner)),
+        Channel(f"{name}.elbow.out", "N", -side * ca.dot(y_S, outer)),
+    ]
+
+
+def _bearing_channels(
+    i: int,
+    strut: Strut,
+    driven: Wrench,
+    at_elbow: list[tuple[float, ca.SX, int]],
+    complete: bool,
+) -> list[Channel]:
+    """Loads of the bearing of arm or carriage; without moments where single struts are unknown."""
+    force, moment = bearing_load(strut, driven, at_elbow)
+    name = f"motor{i + 1}"
+    if strut.geometry.drive == "rotary":
+        found = _vector(f"{name}.force", "N", force)
+        moments = _vector(f"{name}.moment", "N m", moment, "xz")
+        return [*found, *(moments if complete else []), Channel(f"{name}.drive", "N m", moment[1])]
+    found = _vector(f"{name}.force", "N", force, "xy")
+    moments = _vector(f"{name}.moment", "N m", moment)
+    return [*found, *(moments if complete else []), Channel(f"{name}.drive", "N", -force[2])]
+
+
+def _bar_channels(bar: Bar) -> list[Channel]:
+    """Forces and torques that the universal joints exert on the bar, in its frame."""
+    return [
+        *_vector("telescope.base", "N", bar.upper_force),
+        Channel("telescope.base.torque", "N m", bar.upper_torque),
+        *_vector("telescope.platform", "N", bar.lower_force),
+        Channel("telescope.platform.torque", "N m", bar.lower_torque),
+        Channel("telescope.drive", "N m", bar.drive),
+    ]

@@ -1,0 +1,155 @@
+"""Constraint forces against MuJoCo's Lagrange multipliers, against torques, and by hand."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from composed import Make, describe, parameters, random_composed, random_states
+from composed import dynamics as composed_dynamics
+from composed import twin as composed_twin
+from deltaid.application.constraint_forces import ConstraintForces
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import DescriptionError
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+from deltaid.robot.own import use_mechanism
+from oracle.forces import ForceOracle
+
+HELI4 = Path(__file__).resolve().parents[1] / "examples" / "heli4"
+SPACING = 0.6  # of the oracle's struts
+SINGLE = [
+    Make(unequal=True, own=True),
+    Make(telescope=True, unequal=True, tilt=(-10, 20)),
+    Make(linear=True, tilt=(10, 30), inwards=(1,)),
+    Make(kind="h4", own=True),
+    Make(kind="h4", linear=True, unequal=True),
+]
+SUMS = [Make(kind="par4"), Make(kind="i4", linear=True), Make(telescope=True, struts=1)]
+
+
+def label(make: Make) -> str:
+    drive = "linear" if make.linear else "rotary"
+    return f"{make.kind}-{drive}{'-telescope' if make.telescope else ''}"
+
+
+def spaced(robot: RobotDescription, spacing: float | None = SPACING, **more: float):
+    assert robot.limbs is not None
+    limbs = robot.limbs.model_copy(update={"strut_spacing": spacing, **more})
+    return robot.model_copy(update={"limbs": limbs})
+
+
+@cache
+def twin(make: Make) -> tuple[ForceOracle, RobotDescription, np.ndarray]:
+    """The oracle, the description with the oracle's spacing, and p."""
+    oracle = random_composed(make, np.random.default_rng(11))
+    if make.kind == "h4":  # a tool that the middle bar can carry
+        oracle = replace(oracle, tool=np.array([0.0, 0.0, -0.07]))
+    robot = describe(oracle, make)
+    return ForceOracle.of(oracle), spaced(robot), parameters(oracle)
+
+
+@pytest.mark.parametrize("make", SINGLE, ids=label)
+def test_forces_are_the_lagrange_multipliers_of_the_cut_tree(make: Make) -> None:
+    oracle, robot, p = twin(make)
+    z, _, qd, qdd = random_states(oracle, np.random.default_rng(1), 5)
+    forces = ConstraintForces(robot)
+    found = forces.evaluate(z, qd, qdd, p)
+    reference = [oracle.forces(*state) for state in zip(z, qd, qdd, strict=True)]
+    expected = np.array([[row[name] for name in forces.names] for row in reference])
+    assert set(forces.names) >= {"strut1a.platform.x", "strut3b.elbow.y", "motor2.moment.x"}
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=1e-9)
+    C = forces.coefficients(z, qd, qdd)
+    np.testing.assert_allclose(C @ p / scale, expected / scale, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("make", [*SINGLE, *SUMS], ids=label)
+def test_what_drives_must_give_to_these_forces_is_their_torque(make: Make) -> None:
+    """Virtual work, by the package's own regressor: torques without drives' friction and rotors."""
+    if make in SUMS:
+        robot, p = composed_twin(make).robot, composed_twin(make).p
+        z, _, qd, qdd = random_states(composed_twin(make).oracle, np.random.default_rng(2), 5)
+        dynamics = composed_dynamics(make)
+    else:
+        oracle, robot, p = twin(make)
+        z, _, qd, qdd = random_states(oracle, np.random.default_rng(2), 5)
+        dynamics = Dynamics(robot)
+    drives = set(robot.drives)
+    without = [
+        0.0 if name.split(".")[1] in drives else value
+        for name, value in zip(dynamics.layout.names, p, strict=True)
+    ]
+    tau = dynamics.torque(z, qd, qdd, np.array(without))
+    forces = ConstraintForces(robot)
+    found = forces.evaluate(z, qd, qdd, p)
+    limbs = len(robot.limb_geometry)
+    names = [f"motor{i + 1}.drive" for i in range(limbs)]
+    names += ["telescope.drive"] if make.telescope else []
+    mine = found[:, [forces.index(name) for name in names]]
+    np.testing.assert_allclose(mine, tau, rtol=0, atol=1e-10 * np.abs(tau).max())
+
+
+def test_a_hanging_mass_by_hand() -> None:
+    """Massless struts, a mass off the platform's centre: Newton's second law and three moments."""
+    robot = spaced(load_robot("clavel-delta3"), 0.1)
+    dynamics, forces = Dynamics(robot), ConstraintForces(robot)
+    p = np.zeros(len(dynamics.layout.names))
+    mass, offset = 3.0, np.array([0.02, -0.01, -0.04])
+    p[dynamics.layout.body("P")][:4] = [mass, *(mass * offset)]
+    z, zero = np.array([[0.05, -0.08, -0.75]]), np.zeros((1, 3))
+    F = forces.evaluate(z, zero, zero, p)[0]
+    pull, moment = np.zeros(3), np.zeros(3)
+    q = dynamics.kinematics.inverse(z)[0]
+    for i, limb in enumerate(robot.limb_geometry):
+        elbow = limb.base + limb.R_WL @ [
+            limb.upper_arm * np.cos(q[i]), 0, -limb.upper_arm * np.sin(q[i])
+        ]  # fmt: skip
+        for letter, side in (("a", 0.05), ("b", -0.05)):
+            end = z[0] + limb.attachment + side * limb.R_WL[:, 1]
+            along = (end - elbow - side * limb.R_WL[:, 1]) / limb.strut
+            tension = F[forces.index(f"strut{i + 1}{letter}.platform.x")]
+            assert tension == pytest.approx(F[forces.index(f"strut{i + 1}{letter}.elbow.x")])
+            pull -= tension * along
+            moment -= tension * np.cross(end - z[0], along)
+    weight = mass * np.array(robot.gravity)
+    np.testing.assert_allclose(pull, -weight, atol=1e-12)
+    np.testing.assert_allclose(moment, -np.cross(offset, weight), atol=1e-12)
+
+
+def test_without_spacing_the_sum_of_a_pair() -> None:
+    oracle, robot, p = twin(SINGLE[1])
+    z, _, qd, qdd = random_states(oracle, np.random.default_rng(3), 4)
+    single, sums = ConstraintForces(robot), ConstraintForces(spaced(robot, None))
+    assert sums.struts == ("strut1", "strut2", "strut3")
+    assert "strut_spacing" in sums.note
+    one, both = (f.evaluate(z, qd, qdd, p) for f in (single, sums))
+    for i in (1, 2, 3):
+        for end in ("platform.x", "platform.z", "elbow.x", "elbow.moment"):
+            pair = sum(one[:, single.index(f"strut{i}{s}.{end}")] for s in "ab")
+            np.testing.assert_allclose(both[:, sums.index(f"strut{i}.{end}")], pair, atol=1e-9)
+        name = f"motor{i}.force.x"
+        np.testing.assert_allclose(both[:, sums.index(name)], one[:, single.index(name)])
+        assert f"motor{i}.moment.x" not in sums.names
+
+
+def test_overconstrained_platforms_say_so() -> None:
+    robot = spaced(load_robot("par4"))
+    forces = ConstraintForces(robot)
+    assert "stiff" in forces.note
+    assert forces.struts[0] == "strut1"
+
+
+def test_one_strut_has_no_spacing() -> None:
+    data = load_robot("clavel-delta3").model_dump()
+    data["limbs"] |= {"struts_per_limb": 1, "strut_spacing": 0.1}
+    with pytest.raises(ValueError, match="strut_spacing is given"):
+        RobotDescription.model_validate(data)
+
+
+def test_own_mechanism_is_refused() -> None:
+    use_mechanism(HELI4 / "mechanism.py")
+    with pytest.raises(DescriptionError, match="which joints carry them"):
+        ConstraintForces(load_robot(str(HELI4 / "robot.yaml")))
