@@ -178,7 +178,11 @@ class LiveView:
         pairs = np.stack([edges[:-1], edges[1:]], axis=1)
         pairs = pairs[~np.isnan(pairs).any(axis=(1, 2))]
         scene.add_line_segments(
-            "/workspace", pairs.astype(np.float32), _rgb(style.MEASURED), line_width=2.0
+            "/workspace",
+            pairs.astype(np.float32),
+            _rgb(style.MEASURED),
+            thickness=2.0,
+            thickness_units="screen",
         )
         colors = limit_kinds(self.robot)
         region = scene.add_frame("/reach", show_axes=False, visible=False)
@@ -212,18 +216,16 @@ class LiveView:
             depth_test=False,
             position=self.view.z[:3],
         )
-        target.on_update(lambda event: self._drag(event.target.position))
-        target.on_drag_end(lambda _: self._let_go())
+        target.on_update(self._dragged)
         return target
 
-    def _drag(self, point: Float[np.ndarray, " 3"]) -> None:
-        wanted = np.array([*point, *self.view.z[3:]])
-        self.move(wanted, dragging=True)
-
-    def _let_go(self) -> None:
-        """The handle goes back to where the robot stands; the message stays."""
-        with self._lock:
-            self._draw(dragging=False)
+    def _dragged(self, event: Any) -> None:
+        """The robot follows the handle, which returns to it when let go; the message stays."""
+        if event.phase == "end":
+            with self._lock:
+                self._draw(dragging=False)
+        else:
+            self.move(np.array([*event.target.position, *self.view.z[3:]]), dragging=True)
 
     def _add_inputs(self) -> dict[str, Any]:
         """Numbers to type, the tool's angle, and the way home."""
