@@ -21,7 +21,7 @@ from deltaid.robot.friction import TERM_KINDS
 # come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
 _DEPENDENT = 1e-9
 _NEGLIGIBLE = 1e-8
-_PREFERENCE = ("P", "EE", "U", "TL", "TU", "S")
+_PREFERENCE = ("P", "SB", "MP", "HP", "EE", "MB", "R", "U", "C", "TL", "TU", "S")
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,8 @@ def _representatives(
 
     def preference(k: int) -> tuple[int, bool, int]:
         owner, _, entry = layout.names[columns[k]].partition(".")
-        known = _PREFERENCE.index(owner) if owner in _PREFERENCE else len(_PREFERENCE)
+        kind = owner.rstrip("0123456789")  # of limbs with inertia of their own
+        known = _PREFERENCE.index(kind) if kind in _PREFERENCE else len(_PREFERENCE)
         # Moments of inertia first: a strut's first moment then reads as mass at its ends.
         return known, entry.startswith("m"), int(columns[k])
 

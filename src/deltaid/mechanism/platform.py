@@ -55,7 +55,8 @@ def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
     half = _half(platform, joint)
     parts = (r + half, r - half)
     points = tuple(parts[0 if platform.on_first(i) else 1] + d for i, d in enumerate(attachments))
-    tool = PlatformBody("EE", 1, rotation_z(psi), r + ca.DM(np.array(platform.tool)))
+    carrier = {"middle": r, "first": parts[0], "second": parts[1]}[platform.tool_on]
+    tool = PlatformBody("EE", 1, rotation_z(psi), carrier + ca.DM(np.array(platform.tool)))
     bodies = (*_bodies(platform, parts, r, joint), tool)
     length = _half_length(platform) / abs(platform.ratio)
     period = None if platform.slides else 2 * np.pi * abs(platform.ratio)

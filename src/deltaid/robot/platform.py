@@ -39,7 +39,12 @@ class _Articulated(_Platform):
         default=1.0,
         description="k of the tool's angle ψ = k θ (gear, belt), or ψ = k s (rack), rad/m",
     )
-    tool: Point = Field(default=(0.0, 0.0, 0.0), description="tool axis from the platform point, m")
+    tool_on: Literal["middle", "first", "second"] = Field(
+        default="middle", description="what carries the tool: the middle, or one of the two parts"
+    )
+    tool: Point = Field(
+        default=(0.0, 0.0, 0.0), description="tool axis from the point of what carries it, m"
+    )
     angle_deg: tuple[Coordinate, Coordinate] = Field(
         description="lowest and highest tool angle ψ, degrees"
     )
@@ -75,6 +80,15 @@ class H4Platform(_Articulated):
     slides: ClassVar[bool] = False
     half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
 
+    @model_validator(mode="after")
+    def _check_tool(self) -> "H4Platform":
+        if self.tool_on == "middle" and (self.tool[0] or self.tool[1]):
+            raise ValueError(
+                "tool lies beside the middle of the turning middle bar, where nothing carries it; "
+                "put it on the first or second side bar with tool_on"
+            )
+        return self
+
 
 class Par4Platform(_Articulated):
     """A planar parallelogram of two main parts and two rods that turn by θ about z."""
@@ -94,7 +108,7 @@ class I4Platform(_Articulated):
     direction_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
         default=0.0, description="direction e of the slide about world z, degrees"
     )
-    ratio: Positive | Ratio = Field(
+    ratio: Ratio = Field(
         description="k of ψ = k s, rad/m: one over the diameter of a pinion between two racks"
     )
 
