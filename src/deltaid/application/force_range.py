@@ -1,0 +1,275 @@
+"""Which values of a force are compatible with what recordings of torques say.
+
+A force is c·p. Recordings determine base parameters K p only, so c·p is known as well as c lies in
+the row space of K, and as well as the noise allows; the rest is up to the prior and to physical
+consistency. The range of c·p is its least and largest value over all consistent p with
+
+    ‖(Y p − τ)/σ_c‖²_W + ‖u‖² ≤ m² + 1.96²,
+
+where u are the unknowns in units of their prior's standard deviation (`application.unknowns`), m²
+the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
+by the scatter of the recordings as for all intervals (`identification.scatter`). Without active
+cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
+triangular R of data and prior, it is a linear function over a ball and cones (Clarabel).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import clarabel
+import numpy as np
+from jaxtyping import Float
+from scipy import sparse
+from scipy.linalg import solve_triangular
+from threadpoolctl import threadpool_limits
+
+from deltaid.application.unknowns import Unknowns, unknowns
+from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.errors import IdentificationError
+from deltaid.identification.base import BaseParameters, base_parameters
+from deltaid.identification.conic import svec
+from deltaid.identification.information import Information, gather, merge, places_of, triangle
+from deltaid.identification.least_squares import BaseEstimate, estimate_base, random_motion_base
+from deltaid.identification.model import IdentifiedModel
+from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.identification.scatter import Groups, quantile
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.windows import open_logs
+
+# Half the width of a 95 % interval in standard deviations.
+_REACH = 1.959963984540054
+# A force of whose prior variance torques leave less than this share (squared) is determined.
+_DETERMINED = 1e-6
+# Unknowns that make up more than this share of what is left are named, so many at most.
+_NAMED, _MOST = 0.05, 4
+_TOLERANCE = 1e-9
+
+Coefficients = Float[np.ndarray, " parameters"]
+
+
+@dataclass(frozen=True)
+class Openness:
+    """What torques, however exact, leave open of a force.
+
+    Attributes:
+        half_width: half the width of its 95 % interval by the prior alone, without consistency
+            [N or N m]; 0 if base parameters determine the force.
+        unknowns: entries that it comes from, the most important first.
+    """
+
+    half_width: float
+    unknowns: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Range:
+    """Least and largest value of a force that are compatible with the recordings [N or N m]."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What recordings say: information, base parameters and their noise."""
+
+    information: Information
+    estimate: BaseEstimate
+
+
+class Determinacy:
+    """Tells of forces c·p which part torques determine.
+
+    Args:
+        model: robot, prior spread.
+        base: the combinations K p that torques determine.
+    """
+
+    def __init__(self, model: IdentifiedModel, base: BaseParameters) -> None:
+        visible = np.ones(len(base.layout.names), dtype=bool)
+        visible[list(base.invisible)] = False
+        self.unknowns: Unknowns = unknowns(model.robot, visible, model.settings.prior_spread)
+        self.base = base
+        rows = base.combination() @ self.unknowns.A
+        size = np.linalg.norm(rows, axis=1, keepdims=True)
+        self._rows = rows / np.where(size > 0, size, 1.0)
+
+    def openness(self, c: Coefficients) -> Openness:
+        """What torques leave open of c·p: the part of c·u across the rows of K A."""
+        c_u = self.unknowns.A.T @ c
+        k, *_ = np.linalg.lstsq(self._rows.T, c_u, rcond=None)
+        rest = c_u - self._rows.T @ k
+        whole, left = float(np.linalg.norm(c_u)), float(np.linalg.norm(rest))
+        if left <= _DETERMINED * whole or whole == 0:
+            return Openness(0.0, ())
+        share = rest**2 / left**2
+        order = [k for k in np.argsort(-share) if share[k] > _NAMED][:_MOST]
+        return Openness(_REACH * left, tuple(self.unknowns.names[k] for k in order))
+
+
+def structural_determinacy(model: IdentifiedModel) -> Determinacy:
+    """What a generic motion would determine; needs no recording."""
+    return Determinacy(model, random_motion_base(compiled(model.robot)))
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
+def evidence(
+    model: IdentifiedModel,
+    logs: Sequence[str | Path],
+    *,
+    columns: ColumnMapping | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Evidence, Determinacy]:
+    """What recordings say about a model's parameters, filtered as for its identification.
+
+    Raises:
+        RecordingError: a log cannot be used.
+        IdentificationError: the motion does not determine base parameters.
+    """
+    dynamics: Dynamics = compiled(model.robot)
+    filtered = open_logs(logs, dynamics.kinematics, columns, model.settings.cutoff, progress)
+    places = places_of(dynamics, [log for log, _ in filtered])
+    load = model.p if model.robot.load_drives else None
+    blocks = []
+    for log, low_pass in filtered:
+        progress(f"evaluating {log.samples} samples of {log.path}")
+        blocks += gather(dynamics, log, low_pass, places, load)
+    information = merge(blocks)
+    base = base_parameters(information, dynamics.layout)
+    estimate = estimate_base(base, information, groups=Groups(tuple(blocks), places.sums))
+    return Evidence(information, estimate), Determinacy(model, base)
+
+
+class Ranges:
+    """Ranges of forces c·p given recordings, around and with the identified value c·p.
+
+    A fit may weigh its prior a little differently, so the range is widened to its result.
+    """
+
+    def __init__(self, given: Evidence, known: Determinacy, p: Parameters) -> None:
+        self._noise, self._known, self._p = given.estimate.noise, known, p
+        information, unknown = given.information, known.unknowns
+        factor = information.weighted(information.torque_max**-2.0)
+        at, Y, tau = information.columns, factor[:, :-1], factor[:, -1]
+        rows = np.column_stack([Y @ unknown.A[at], tau - Y @ unknown.p_0[at]])
+        self._data = triangle(rows)
+
+    @threadpool_limits.wrap(limits=1, user_api="blas")
+    def of(self, c: Coefficients) -> Range:
+        """The range of c·p.
+
+        Raises:
+            IdentificationError: the solver did not converge.
+        """
+        unknown = self._known.unknowns
+        c_u, constant = unknown.A.T @ c, float(c @ unknown.p_0)
+        ball = _Ball(self._data / self._level(c_u), unknown)
+        low, high = (constant + sign * ball.largest(sign * c_u) for sign in (-1.0, 1.0))
+        value = float(c @ self._p)
+        return Range(min(low, value), max(high, value))
+
+    def _level(self, c_u: Float[np.ndarray, " n"]) -> float:
+        """σ_c: white noise of this level would make the force as uncertain as the real one does.
+
+        With the Hessian H of data and prior, noise moves c·u by c H⁻¹ (K A)ᵀ R_Bᵀ s, where s are
+        the scores of the base parameters' least squares (`scatter`) and R_B its root.
+        """
+        U = (self._scores @ c_u)[:, None]
+        size = float(np.linalg.norm(U))
+        if size == 0:
+            return self._white
+        std, nu = self._noise.deviations(U)
+        return max(float(std[0] * quantile(nu)[0] / (_REACH * size)), NOISE_FLOOR)
+
+    @cached_property
+    def _white(self) -> float:
+        return max(self._noise.sigma, NOISE_FLOOR)
+
+    @cached_property
+    def _scores(self) -> Float[np.ndarray, "base n"]:
+        """R_B K A H⁻¹, up to a factor."""
+        n = len(self._known.unknowns.names)
+        root = triangle(np.vstack([self._data[:, :n] / self._white, np.eye(n)]))
+        half = solve_triangular(root, np.eye(n))
+        rows = self._known.base.combination() @ self._known.unknowns.A
+        return self._noise.root @ rows @ half @ half.T
+
+
+class _Ball:
+    """Consistent unknowns with ‖R u − b‖² within the reach of the best."""
+
+    def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: Unknowns) -> None:
+        n = len(unknown.names)
+        prior = np.eye(n, n + 1)
+        factor = triangle(np.vstack([data, prior]))
+        self._R, self._b = factor[:n, :n], factor[:n, n]
+        self._u = solve_triangular(self._R, self._b)
+        self._blocks = unknown.blocks
+
+    def largest(self, c: Float[np.ndarray, " n"]) -> float:
+        """The largest c·u."""
+        g = solve_triangular(self._R, c, trans="T")
+        length = float(np.linalg.norm(g))
+        if length == 0:
+            return 0.0
+        if self._consistent(self._u):
+            u = self._u + solve_triangular(self._R, _REACH * g / length)
+            if self._consistent(u):
+                return float(c @ u)
+        v = self._solve(-g / length, self._radius)
+        return float(c @ self._u + g @ v)
+
+    @cached_property
+    def _radius(self) -> float:
+        """√(m² + 1.96²)."""
+        if self._consistent(self._u):
+            return _REACH
+        return float(np.hypot(np.linalg.norm(self._solve(None, None)), _REACH))
+
+    def _consistent(self, u: Float[np.ndarray, " n"]) -> bool:
+        return all(np.linalg.eigvalsh(block.matrix(u))[0] >= 0 for block in self._blocks)
+
+    def _solve(
+        self, cost: Float[np.ndarray, " n"] | None, radius: float | None
+    ) -> Float[np.ndarray, " n"]:
+        """v of least cost with ‖v‖ ≤ radius, or of least norm, among the consistent ones.
+
+        The last variable t bounds the norm.
+        """
+        n = len(self._u)
+        S = solve_triangular(self._R, np.eye(n))
+        rows, right, cones = [np.zeros((n + 1, n + 1))], [np.zeros(n + 1)], []
+        rows[0][0, n], rows[0][1:, :n] = -1.0, -np.eye(n)
+        cones.append(clarabel.SecondOrderConeT(n + 1))
+        if radius is not None:
+            rows.append(np.eye(1, n + 1, n))
+            right.append(np.array([radius]))
+            cones.append(clarabel.ZeroConeT(1))
+        for block in self._blocks:
+            size = len(block.constant)
+            slopes = np.column_stack([svec(slope) for slope in block.slopes])
+            rows.append(np.hstack([-slopes @ S[list(block.at)], np.zeros((len(slopes), 1))]))
+            right.append(svec(block.matrix(self._u)))
+            one = clarabel.NonnegativeConeT(1)
+            cones.append(one if size == 1 else clarabel.PSDTriangleConeT(size))
+        q = np.append(np.zeros(n), 1.0) if cost is None else np.append(cost, 0.0)
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+        solver = clarabel.DefaultSolver(
+            sparse.csc_matrix((n + 1, n + 1)),
+            q,
+            sparse.csc_matrix(np.vstack(rows)),
+            np.concatenate(right),
+            cones,
+            settings,
+        )
+        solution = solver.solve()
+        if str(solution.status) not in ("Solved", "AlmostSolved"):
+            raise IdentificationError(
+                f"the range of a force was not found: the solver ended with {solution.status}",
+                cure="check that these are the recordings that the model was identified from",
+            )
+        return np.array(solution.x)[:n]
