@@ -16,6 +16,7 @@ import json
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -172,6 +173,7 @@ def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
 if __name__ == "__main__":
     pages = [Path(name) for name in sys.argv[1:] if name != "--renew"]
     with tempfile.TemporaryDirectory() as temporary:
+        shutil.copytree(ROOT / "examples", Path(temporary) / "examples")
         run("deltaid demo --keep demo", Path(temporary))  # what all pages may use
         found = [
             complaint

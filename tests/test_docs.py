@@ -21,7 +21,7 @@ from sessions import ROOT, SKIPPED, blocks
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.glob("*.md"))
-RUNNABLE = [DOCS / f"{name}.md" for name in ("tutorial", "conventions", "theory", "cli", "api")]
+RUNNABLE = [DOCS / f"{name}.md" for name in ("tutorial", "mechanisms", "conventions", "theory", "cli", "api")]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
 _SHELL = ("", "console", "bash", "sh", "shell")
@@ -53,6 +53,8 @@ def command_lines(path: Path) -> list[str]:
 def test_command_lines_parse(path: Path) -> None:
     for line in command_lines(path):
         words = shlex.split(line.partition(" > ")[0], comments=True)[1:]
+        if words[:1] == ["--mechanism"]:
+            words = words[2:]
         name = next((word for word in words if not word.startswith("-")), None)
         if name is None or name.isupper():  # options of deltaid itself, or a placeholder
             continue
