@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,8 +13,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from composed import Make, twin
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.export.subject import ExportSubject
+from deltaid.export.tree import spanning_tree
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
@@ -25,8 +28,16 @@ STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 
 @cache
 def subject(name: str) -> ExportSubject:
-    """A catalogue robot whose bodies have no symmetry left: the prior, every entry disturbed."""
-    return disturbed(load_robot(name))
+    """A catalogue robot whose bodies have no symmetry left: the prior, every entry disturbed.
+
+    After a slash, what part of its platform carries the tool, which then stands beside it.
+    """
+    robot = load_robot(name.partition("/")[0])
+    carrier = name.partition("/")[2]
+    if carrier:
+        changed = {"tool_on": carrier, "tool": (0.03, -0.02, 0.05)}
+        robot = robot.model_copy(update={"platform": robot.platform.model_copy(update=changed)})
+    return disturbed(robot)
 
 
 def disturbed(robot: RobotDescription) -> ExportSubject:
@@ -97,6 +108,68 @@ def model(subject: ExportSubject, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray
     rows = [function(*row, subject.p) for row in zip(z, qd, qdd, strict=True)]
     tau, M, bias, g = (np.array([np.array(x) for x in part]) for part in zip(*rows, strict=True))
     return Model(tau[..., 0], M, bias[..., 0], g[..., 0])
+
+
+@dataclass(frozen=True)
+class TreeMotion:
+    """Coordinates, rates and accelerations of a tree's joints, and ∂(rates)/∂q̇."""
+
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    partial: np.ndarray
+
+
+def tree_motion(
+    subject: ExportSubject,
+    names: Sequence[str],
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> TreeMotion:
+    """How the closed robot moves the joints of its tree, in the order of `names`.
+
+    `state` is one sample's z, q̇, q̈.
+    """
+    tree, kinematics = spanning_tree(subject), subject.dynamics.kinematics
+    z, qd, qdd = state
+    J = kinematics.jacobian(z[None])[0]
+    zd = np.linalg.solve(J, qd)
+    zdd = np.linalg.solve(J, qdd - kinematics.jacobian_rate(z[None], zd[None])[0] @ zd)
+    x, zd_ = ca.vertcat(*[tree.coordinates[name] for name in names]), ca.SX.sym("zd", len(z))
+    slope = ca.jacobian(x, tree.z)
+    rate = ca.jtimes(slope @ zd_, tree.z, zd_)
+    values = ca.Function("x", [tree.z, zd_], [x, slope, rate])(z, zd)
+    position, partial, bend = (np.array(value) for value in values)
+    return TreeMotion(
+        position.ravel(), partial @ zd, partial @ zdd + bend.ravel(), partial @ np.linalg.inv(J)
+    )
+
+
+def composed(make: Make) -> ExportSubject:
+    """A composed robot of random geometry, bodies, springs and rotors."""
+    found = twin(make)
+    return ExportSubject(found.robot, found.p, "composed")
+
+
+# Limbs of all sorts: unequal, tilted, upside-down working modes, bodies of their own.
+COMPOSED = (
+    Make(telescope=True, unequal=True, tilt=(-20, 20), own=True),
+    Make(linear=True, unequal=True, tilt=(-40, 40), inwards=(1,), struts=1),
+    Make("par4", linear=True, unequal=True, tilt=(-15, 15)),
+    Make("i4", unequal=True, own=True),
+)
+
+
+TOOLS = ("h4/first", "h4-linear/second", "par4/middle", "i4/first", "i4-linear/second")
+
+
+def the(case: str | Make) -> ExportSubject:
+    """A catalogue robot with generic bodies, or a composed one."""
+    return subject(case) if isinstance(case, str) else composed(case)
+
+
+def title(case: str | Make) -> str:
+    """Of a test of such a case."""
+    return case if isinstance(case, str) else f"composed-{case.kind}"
 
 
 def compiled(source: Path, library: Path, *options: str) -> Path:

@@ -11,6 +11,7 @@ class Target(StrEnum):
     """What a model can be written as."""
 
     C = "c"
+    MJCF = "mjcf"
     CASADI = "casadi"
     NPZ = "npz"
 
@@ -27,6 +28,9 @@ def export(
     ],
     to: Annotated[Target, typer.Option("--to", help="Form to write.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
+    without_friction: Annotated[
+        bool, typer.Option("--without-friction", help="Leave all friction out.")
+    ] = False,
 ) -> None:
     """Write a model as code or as a model of another program.
 
@@ -39,6 +43,8 @@ def export(
 
     found = load_subject(model)
     subject = ExportSubject(found.robot, found.p, Path(model).name)
+    if without_friction:
+        subject = subject.without_friction()
     written = write_export(subject, to.value, output, (Path(model),))
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

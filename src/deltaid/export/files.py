@@ -10,6 +10,7 @@ from deltaid.errors import DeltaidError
 from deltaid.export.arrays import npz_file
 from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
+from deltaid.export.mjcf import mjcf
 from deltaid.export.subject import ExportSubject
 from deltaid.files import require_writable, write_bytes, written_whole
 
@@ -57,6 +58,10 @@ def _casadi(subject: ExportSubject, stem: str) -> Export:
     return Export({".casadi": casadi_file(subject)})
 
 
+def _mjcf(subject: ExportSubject, stem: str) -> Export:
+    return Export({".xml": mjcf(subject)})
+
+
 def _npz(subject: ExportSubject, stem: str) -> Export:
     return Export({".npz": npz_file(subject)})
 
@@ -64,6 +69,7 @@ def _npz(subject: ExportSubject, stem: str) -> Export:
 TARGETS: Mapping[str, Target] = {
     "c": Target((".c", ".h"), _c),
     "casadi": Target((".casadi",), _casadi),
+    "mjcf": Target((".xml",), _mjcf),
     "npz": Target((".npz",), _npz),
 }
 

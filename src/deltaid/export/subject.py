@@ -1,6 +1,6 @@
 """What is exported: a robot, its parameters, and where they come from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 
@@ -59,6 +59,12 @@ class ExportSubject:
         """One parameter, such as 'viscous.drive1'; zero where the robot has none of that name."""
         names = self.dynamics.layout.names
         return float(self.p[names.index(name)]) if name in names else 0.0
+
+    def without_friction(self) -> "ExportSubject":
+        """The same robot with all friction coefficients zero."""
+        p = self.p.copy()
+        p[self.dynamics.layout.friction] = 0.0
+        return replace(self, p=p)
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:

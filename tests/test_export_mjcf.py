@@ -1,0 +1,245 @@
+"""The MJCF export, loaded and stepped in MuJoCo, against the package."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from composed import Make
+from deltaid.errors import DeltaidError
+from deltaid.export.mjcf import mjcf
+from deltaid.export.subject import ExportSubject
+from deltaid.export.tree import spanning_tree
+from deltaid.robot.load import catalogue, load_robot
+from exports import (
+    COMPOSED,
+    TOOLS,
+    TreeMotion,
+    composed,
+    disturbed,
+    model,
+    states,
+    subject,
+    the,
+    title,
+    tree_motion,
+)
+from support import assert_close
+
+CASES = [*catalogue(), *TOOLS, *COMPOSED]
+
+
+class Simulation:
+    """MuJoCo on an exported model."""
+
+    def __init__(self, chosen: ExportSubject) -> None:
+        self.model = mujoco.MjModel.from_xml_string(mjcf(chosen))
+        self.data = mujoco.MjData(self.model)
+        self.joints = [self.model.joint(j).name for j in range(self.model.njnt)]
+        self.drives = [self.joints.index(drive) for drive in chosen.robot.drives]
+
+    def set(self, motion: TreeMotion) -> None:
+        self.data.qpos, self.data.qvel = motion.x, motion.v
+        mujoco.mj_forward(self.model, self.data)
+
+    def stiffen(self, impedance: float) -> None:
+        self.model.eq_solimp[:, :2] = impedance
+
+    def accelerations(self, tau: np.ndarray) -> np.ndarray:
+        """Of the drives, with their torques, at the state that is set."""
+        self.data.qfrc_applied[self.drives] = tau
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qacc[self.drives].copy()
+
+
+@pytest.mark.parametrize("case", CASES, ids=title)
+def test_poses_masses_and_closed_loops(case: str | Make) -> None:
+    chosen = the(case)
+    simulation = Simulation(chosen)
+    data, kinematics = simulation.data, chosen.dynamics.kinematics
+    mujoco.mj_forward(simulation.model, data)  # the model's own pose is the home pose
+    assert np.abs(data.efc_pos[: data.ne]).max() < 1e-14
+    assert (simulation.model.key("home").qpos == simulation.model.qpos0).all()
+    home = kinematics.inverse(chosen.home[None])[0]
+    assert simulation.model.qpos0[simulation.drives] == pytest.approx(home)
+    for z, _, qd, qdd in zip(*states(chosen, 3), strict=True):
+        simulation.set(tree_motion(chosen, simulation.joints, (z, qd, qdd)))
+        assert np.abs(data.efc_pos[: data.ne]).max() < 1e-14
+        assert np.abs(data.efc_vel[: data.ne]).max() < 1e-12
+        for name, pose in placed(chosen, z):
+            body = data.body(name)
+            assert_close(body.xmat.reshape(3, 3), pose.R_WB[0], 1e-12)
+            np.testing.assert_allclose(body.xpos, pose.r_WB[0], rtol=0, atol=1e-12)
+    of_one = [(b.count, chosen.body(b.name)[0]) for b in kinematics.mechanism.bodies]
+    total = sum(count * mass for count, mass in of_one)
+    assert simulation.model.body_mass.sum() == pytest.approx(total, rel=1e-14)
+    moments = np.sort(simulation.model.body_inertia[1:], axis=1)
+    assert (moments[:, 0] > 0).all()
+    assert (moments[:, 0] + moments[:, 1] > moments[:, 2]).all()
+
+
+def placed(chosen: ExportSubject, z: np.ndarray) -> list:
+    """The package's pose of every body of the tree, by its name there."""
+    poses = list(chosen.dynamics.kinematics.poses(z[None]))
+    limbs = len(chosen.robot.limb_geometry)
+    names = [f"{poses[2 * i + k].name[0]}{i + 1}" for i in range(limbs) for k in (0, 1)]
+    rest = [pose.name for pose in poses[2 * limbs :]]
+    for part in ("SB", "MP", "HP"):
+        if part in rest:
+            rest = [f"{part}1", f"{part}2", *rest[2:]]
+    return list(zip([*names, *rest], poses, strict=True))
+
+
+@pytest.mark.parametrize("case", CASES, ids=title)
+def test_inverse_dynamics_of_the_tree_projected(case: str | Make) -> None:
+    chosen = the(case)
+    simulation = Simulation(chosen)
+    m, d = simulation.model, simulation.data
+    m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    z, _, qd, qdd = states(chosen, 4)
+    tau = model(chosen, z, qd, qdd).tau
+    for i in range(len(z)):
+        motion = tree_motion(chosen, simulation.joints, (z[i], qd[i], qdd[i]))
+        d.qpos, d.qvel, d.qacc = motion.x, motion.v, motion.a
+        mujoco.mj_inverse(m, d)
+        forces = d.qfrc_inverse + m.dof_frictionloss * np.sign(motion.v)
+        assert_close(motion.partial.T @ forces, tau[i], 1e-9)
+
+
+@pytest.mark.parametrize("case", CASES, ids=title)
+def test_accelerations_within_the_softness_of_constraints(case: str | Make) -> None:
+    """What is left of the difference shrinks with the share that the constraints give way."""
+    chosen = the(case).without_friction()
+    simulation = Simulation(chosen)
+    simulation.model.jnt_limited[:] = False
+    z, _, qd, qdd = states(chosen, 4)
+    expected = model(chosen, z, qd, qdd)
+    gaps = []
+    for impedance in (0.99, 0.999, 0.9999):
+        simulation.stiffen(impedance)
+        gap = []
+        for i in range(len(z)):
+            simulation.set(tree_motion(chosen, simulation.joints, (z[i], qd[i], qdd[i])))
+            got = simulation.accelerations(expected.tau[i])
+            want = expected.acceleration[i]
+            gap.append(np.abs(got - want).max() / np.abs(want).max())
+        gaps.append(np.array(gap))
+    assert (gaps[1] < 0.13 * gaps[0]).all()
+    assert (gaps[2] < 0.13 * gaps[1]).all()
+    assert gaps[2].max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "i4-linear"])
+def test_a_second_of_motion(name: str) -> None:
+    """Held by springs of our own making, started with a push: MuJoCo beside an integrator."""
+    chosen = subject(name).without_friction()
+    simulation = Simulation(chosen)
+    simulation.model.opt.timestep = 2.5e-4
+    home = chosen.dynamics.kinematics.inverse(chosen.home[None])[0]
+    still = np.zeros((1, len(home)))
+    held = model(chosen, chosen.home[None], still, still)
+    stiffness, damping = 40.0 * held.M[0], 2.0 * held.M[0]
+
+    def torque(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        return held.tau[0] - stiffness @ (q - home) - damping @ qd
+
+    push = np.array([2.0, -1.5, 1.0, 0.6])[: len(home)]
+
+    def slope(_: float, x: np.ndarray) -> np.ndarray:
+        z, qd = np.split(x, 2)
+        q = chosen.dynamics.kinematics.inverse(z[None])[0]
+        terms = model(chosen, z[None], qd[None], still)
+        J = chosen.dynamics.kinematics.jacobian(z[None])[0]
+        qdd = np.linalg.solve(terms.M[0], torque(q, qd) - terms.bias[0])
+        return np.concatenate([np.linalg.solve(J, qd), qdd])
+
+    end = solve_ivp(slope, (0, 1), np.concatenate([chosen.home, push]), rtol=1e-8).y[:, -1]
+    want = chosen.dynamics.kinematics.inverse(end[None, : len(home)])[0]
+    assert np.abs(want - home).max() > 0.02
+    gaps = []
+    for seconds, impedance in ((0.1, 0.8), (0.03, 0.95), (0.002, 0.9999)):
+        simulation.stiffen(impedance)
+        simulation.model.eq_solref[:, 0] = seconds
+        mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
+        simulation.set(tree_motion(chosen, simulation.joints, (chosen.home, push, still[0])))
+        for _ in range(4000):
+            q, qd = simulation.data.qpos[simulation.drives], simulation.data.qvel[simulation.drives]
+            simulation.data.qfrc_applied[simulation.drives] = torque(q, qd)
+            mujoco.mj_step(simulation.model, simulation.data)
+        gaps.append(np.abs(simulation.data.qpos[simulation.drives] - want).max())
+    print(name, gaps)
+    assert gaps[2] < gaps[1] < gaps[0]
+    assert gaps[2] < 2e-3 * np.abs(want - home).max() + 2e-4
+
+
+def test_friction_holds_the_robot_still_and_opposes_motion() -> None:
+    chosen = subject("linear-delta")
+    simulation = Simulation(chosen)
+    q, still = simulation.drives, np.zeros((1, 3))
+    mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
+    held = model(chosen, chosen.home[None], still, still)
+    loss = np.array([chosen.value(f"coulomb.drive{i}") for i in (1, 2, 3)])
+    assert simulation.model.dof_frictionloss[q] == pytest.approx(loss)
+    viscous = [chosen.value(f"viscous.drive{i}") for i in (1, 2, 3)]
+    assert simulation.model.dof_damping[q] == pytest.approx(viscous)
+    for share, limit in ((0.5, 1e-4), (2.0, None)):
+        mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
+        simulation.data.ctrl[:] = held.g[0] + share * loss
+        for _ in range(100):
+            mujoco.mj_step(simulation.model, simulation.data)
+        moved = np.abs(simulation.data.qpos[q] - simulation.model.qpos0[q]).max()
+        assert moved < limit if limit else moved > 1e-3
+
+
+def test_motors_act_at_the_joint_within_their_limits() -> None:
+    chosen = subject("irb360-6-1600")
+    simulation = Simulation(chosen)
+    m, d = simulation.model, simulation.data
+    efforts = [chosen.robot.drive_limits[drive].effort for drive in chosen.robot.drives]
+    assert [m.actuator(i).name for i in range(m.nu)] == list(chosen.robot.drives)
+    d.ctrl[:] = 1e6
+    mujoco.mj_forward(m, d)
+    assert d.qfrc_actuator[simulation.drives] == pytest.approx(efforts)
+    assert np.count_nonzero(d.qfrc_actuator) == len(efforts)
+    assert m.dof_armature[simulation.drives[3]] == chosen.value("rotor.drive4")
+    for drive, limits in chosen.robot.drive_limits.items():
+        assert m.joint(drive).range == pytest.approx(limits.range or (0, 0))
+
+
+def test_springs_and_gravity_are_in_the_file() -> None:
+    chosen = composed(COMPOSED[0])
+    m = Simulation(chosen).model
+    for joint in chosen.robot.joints:
+        k = m.joint(joint).id
+        assert m.jnt_stiffness[k] == pytest.approx(chosen.value(f"spring.{joint}"))
+        assert m.qpos_spring[k] == pytest.approx(chosen.robot.spring_rest(joint))
+    assert m.opt.gravity == pytest.approx(chosen.robot.gravity)
+
+
+def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
+    robot = load_robot("clavel-delta3")
+    law = robot.friction["drive2"].model_copy(update={"load": 0.1})
+    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive2": law}}))
+    with pytest.raises(DeltaidError, match=r"viscous and Coulomb friction only.*load\.drive2"):
+        mjcf(chosen)
+    bare = Simulation(chosen.without_friction()).model
+    assert not bare.dof_damping.any()
+    assert not bare.dof_frictionloss.any()
+
+
+def test_tree_is_as_free_as_the_robot() -> None:
+    """As many independent conditions as coordinates beyond the drives: none is redundant."""
+    for name in catalogue():
+        tree, simulation = spanning_tree(subject(name)), Simulation(subject(name))
+        mujoco.mj_forward(simulation.model, simulation.data)
+        rows = simulation.data.ne
+        assert rows == 3 * len(tree.cuts) + len(tree.couplings)
+        closure = np.zeros((rows, simulation.model.nv))
+        for k, e in enumerate(np.eye(simulation.model.nv)):
+            out = np.zeros(simulation.data.nefc)
+            mujoco.mj_mulJacVec(simulation.model, simulation.data, out, e)
+            closure[:, k] = out[:rows]
+        assert np.linalg.matrix_rank(closure) == rows
+        assert simulation.model.nv - rows == subject(name).dynamics.dof
