@@ -12,6 +12,7 @@ class Target(StrEnum):
 
     C = "c"
     MJCF = "mjcf"
+    URDF = "urdf"
     CASADI = "casadi"
     NPZ = "npz"
 

@@ -12,6 +12,7 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.mjcf import mjcf
 from deltaid.export.subject import ExportSubject
+from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, write_bytes, written_whole
 
 
@@ -66,10 +67,16 @@ def _npz(subject: ExportSubject, stem: str) -> Export:
     return Export({".npz": npz_file(subject)})
 
 
+def _urdf(subject: ExportSubject, stem: str) -> Export:
+    found = urdf(subject)
+    return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
+
+
 TARGETS: Mapping[str, Target] = {
     "c": Target((".c", ".h"), _c),
     "casadi": Target((".casadi",), _casadi),
     "mjcf": Target((".xml",), _mjcf),
+    "urdf": Target((".urdf", ".loops.json"), _urdf),
     "npz": Target((".npz",), _npz),
 }
 

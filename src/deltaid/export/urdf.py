@@ -1,0 +1,169 @@
+"""A model as URDF, which only knows trees, with a JSON file beside it for what closes the loops.
+
+Links are the tree's bodies in their link frames. A body on several joints has links without mass
+between them, and every point where a loop was cut is a fixed frame. The file beside it names the
+pairs of frames that coincide, the joints that follow others, the home pose, and what URDF has no
+words for: inertia of motors and gears, springs.
+"""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from deltaid.export.inertia import body_inertia
+from deltaid.export.joint_forces import JointForces, joint_forces
+from deltaid.export.subject import ExportSubject
+from deltaid.export.tree import Tree, TreeBody, TreeJoint, spanning_tree
+from deltaid.robot.description import RobotDescription
+
+_BASE = "base"
+# URDF demands limits of sliding joints, which passive ones do not have: far beyond any robot.
+_FAR, _STRONG, _FAST = 1e2, 1e6, 1e3
+
+
+@dataclass(frozen=True)
+class UrdfExport:
+    """A URDF file and what belongs to it.
+
+    Attributes:
+        urdf: XML text.
+        loops: JSON text.
+        warnings: what stands only in the second one.
+    """
+
+    urdf: str
+    loops: str
+    warnings: tuple[str, ...]
+
+
+def urdf(subject: ExportSubject) -> UrdfExport:
+    """A model as URDF with its loops beside it.
+
+    Raises:
+        DeltaidError: the mechanism is the user's own, or its friction has terms that URDF lacks.
+    """
+    tree, forces = spanning_tree(subject), joint_forces(subject, "URDF")
+    root = ET.Element("robot", name=subject.robot.name)
+    root.append(ET.Comment(f" {subject.provenance.replace('--', '- -')} "))
+    ET.SubElement(root, "link", name=_BASE)
+    for body in tree.bodies:
+        _link_and_joints(root, subject.robot, body, forces)
+    for point in (point for cut in tree.cuts for point in (cut.first, cut.second)):
+        ET.SubElement(root, "link", name=point.name)
+        fixed = ET.SubElement(root, "joint", name=f"{point.name}_fixed", type="fixed")
+        _place(fixed, point.body, point.name, np.eye(3), point.position)
+    ET.indent(root)
+    text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    return UrdfExport(text, _loops(subject, tree, forces), _warnings(forces))
+
+
+def _link_and_joints(
+    root: ET.Element, robot: RobotDescription, body: TreeBody, forces: dict[str, JointForces]
+) -> None:
+    """Links without mass between the joints, the body on the last one."""
+    parent, R, r = body.parent or _BASE, body.R, body.r
+    for k, joint in enumerate(body.joints):
+        last = k == len(body.joints) - 1
+        name = body.name if last else f"{body.name}_{joint.name}"
+        link = ET.SubElement(root, "link", name=name)
+        if last:
+            _inertial(link, body)
+        element = ET.SubElement(root, "joint", name=joint.name, type=_kind(robot, joint))
+        _place(element, parent, name, R, r)
+        ET.SubElement(element, "axis", xyz=_text(joint.axis))
+        _limit(element, robot, joint)
+        own = forces.get(joint.name)
+        if own and (own.viscous or own.coulomb):
+            values = {"damping": _text([own.viscous]), "friction": _text([own.coulomb])}
+            ET.SubElement(element, "dynamics", values)
+        parent, R, r = name, np.eye(3), np.zeros(3)
+
+
+def _inertial(link: ET.Element, body: TreeBody) -> None:
+    """Mass, and inertia about the centre of mass in the link's axes."""
+    inertia = body_inertia(body.p)
+    element, T = ET.SubElement(link, "inertial"), inertia.about_com
+    ET.SubElement(element, "origin", xyz=_text(inertia.com), rpy=_text(np.zeros(3)))
+    ET.SubElement(element, "mass", value=_text([inertia.mass]))
+    entries = {
+        f"i{a}{b}": (i, j) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
+    }
+    ET.SubElement(element, "inertia", {key: _text([T[place]]) for key, place in entries.items()})
+
+
+def _place(
+    element: ET.Element,
+    parent: str,
+    child: str,
+    R: Float[np.ndarray, "3 3"],
+    r: Float[np.ndarray, " 3"],
+) -> None:
+    """A joint's frame in its parent link; URDF's roll, pitch and yaw are about fixed axes."""
+    rpy = Rotation.from_matrix(R).as_euler("xyz")
+    ET.SubElement(element, "origin", xyz=_text(r), rpy=_text(rpy))
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+
+
+def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
+    if joint.slides:
+        return "prismatic"
+    limits = robot.drive_limits.get(joint.name)
+    return "revolute" if limits and limits.range else "continuous"
+
+
+def _limit(element: ET.Element, robot: RobotDescription, joint: TreeJoint) -> None:
+    limits = robot.drive_limits.get(joint.name)
+    low, high = (limits and limits.range) or (-_FAR, _FAR)
+    effort = (limits and limits.effort) or _STRONG
+    speed = (limits and limits.top_speed) or _FAST
+    values = {"effort": _text([effort]), "velocity": _text([speed])}
+    if _kind(robot, joint) != "continuous":
+        values |= {"lower": _text([low]), "upper": _text([high])}
+    ET.SubElement(element, "limit", values)
+
+
+def _loops(subject: ExportSubject, tree: Tree, forces: dict[str, JointForces]) -> str:
+    content = {
+        "robot": subject.robot.name,
+        "provenance": subject.provenance,
+        "gravity": list(subject.robot.gravity),
+        "drives": list(subject.robot.drives),
+        "coincident_frames": [
+            {"name": cut.name, "frames": [cut.first.name, cut.second.name]} for cut in tree.cuts
+        ],
+        "following_joints": [
+            {"joint": c.joint, "follows": c.follows, "ratio": c.ratio} for c in tree.couplings
+        ],
+        "home": tree.at(subject.home),
+        "armature": {joint: f.armature for joint, f in forces.items() if f.armature},
+        "springs": {
+            joint: {"stiffness": f.stiffness, "rest": f.rest}
+            for joint, f in forces.items()
+            if f.stiffness
+        },
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
+    """What a program that reads the URDF alone will miss, beside the loops."""
+    found = {
+        "inertia of motors and gears": [j for j, f in forces.items() if f.armature],
+        "springs": [j for j, f in forces.items() if f.stiffness],
+    }
+    return tuple(
+        f"URDF has no words for {what}; those of {', '.join(joints)} stand in the file of the loops"
+        for what, joints in found.items()
+        if joints
+    )
+
+
+def _text(values: Iterable[float]) -> str:
+    """Numbers that read back with every bit."""
+    return " ".join(repr(float(value) + 0.0) for value in values)

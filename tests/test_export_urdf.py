@@ -1,0 +1,152 @@
+"""The URDF export, loaded by Pinocchio, with the loops of the file beside it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command import refused, run
+from composed import Make
+from deltaid.errors import DeltaidError
+from deltaid.export.files import write_export
+from deltaid.export.subject import ExportSubject
+from deltaid.export.urdf import urdf
+from deltaid.robot.load import catalogue, load_robot
+from exports import (
+    COMPOSED,
+    TOOLS,
+    composed,
+    disturbed,
+    model,
+    states,
+    subject,
+    the,
+    title,
+    tree_motion,
+)
+from support import assert_close
+
+pin = pytest.importorskip("pinocchio")
+
+CASES = [*catalogue(), *TOOLS, *COMPOSED]
+
+
+class Tree:
+    """Pinocchio on an exported model, with what the file of the loops adds."""
+
+    def __init__(self, chosen: ExportSubject) -> None:
+        export = urdf(chosen)
+        self.model = pin.buildModelFromXML(export.urdf)
+        self.loops = json.loads(export.loops)
+        self.model.gravity.linear = np.array(self.loops["gravity"])
+        self.data = self.model.createData()
+        self.joints = list(self.model.names)[1:]
+        self.index = {name: self.model.joints[i + 1].idx_v for i, name in enumerate(self.joints)}
+        order = sorted(self.joints, key=lambda name: self.index[name])
+        assert [self.index[name] for name in order] == list(range(len(order)))
+        self.order = order
+
+    def configuration(self, x: np.ndarray) -> np.ndarray:
+        """Pinocchio writes joints without limits as cosine and sine."""
+        q = np.zeros(self.model.nq)
+        for name, value in zip(self.order, x, strict=True):
+            joint = self.model.joints[self.joints.index(name) + 1]
+            q[joint.idx_q : joint.idx_q + joint.nq] = (
+                value if joint.nq == 1 else (np.cos(value), np.sin(value))
+            )
+        return q
+
+    def joint_values(self, key: str) -> np.ndarray:
+        """A column of the file of the loops, by joint."""
+        return np.array([self.loops[key].get(name, 0.0) for name in self.order])
+
+
+@pytest.mark.parametrize("case", CASES, ids=title)
+def test_torques_projected_and_loops_closed(case: str | Make) -> None:
+    chosen = the(case)
+    tree = Tree(chosen)
+    z, _, qd, qdd = states(chosen, 4)
+    tau = model(chosen, z, qd, qdd).tau
+    armature = tree.joint_values("armature")
+    springs = {name: (s["stiffness"], s["rest"]) for name, s in tree.loops["springs"].items()}
+    for i in range(len(z)):
+        motion = tree_motion(chosen, tree.order, (z[i], qd[i], qdd[i]))
+        q = tree.configuration(motion.x)
+        forces = pin.rnea(tree.model, tree.data, q, motion.v, motion.a)
+        forces = forces + tree.model.damping * motion.v + armature * motion.a
+        forces += tree.model.friction * np.sign(motion.v)
+        for name, (stiffness, rest) in springs.items():
+            k = tree.order.index(name)
+            forces[k] += stiffness * (motion.x[k] - rest)
+        assert_close(motion.partial.T @ forces, tau[i], 1e-9)
+        pin.framesForwardKinematics(tree.model, tree.data, q)
+        for pair in tree.loops["coincident_frames"]:
+            first, second = (
+                tree.data.oMf[tree.model.getFrameId(name)].translation for name in pair["frames"]
+            )
+            np.testing.assert_allclose(first, second, rtol=0, atol=1e-13)
+        place = {name: motion.x[k] for k, name in enumerate(tree.order)}
+        for pair in tree.loops["following_joints"]:
+            followed = pair["ratio"] * place[pair["follows"]]
+            assert place[pair["joint"]] == pytest.approx(followed, abs=1e-13)
+
+
+@pytest.mark.parametrize("name", ["irb360-6-1600", "par4", "i4-linear"])
+def test_bodies_and_home(name: str) -> None:
+    chosen = subject(name)
+    tree = Tree(chosen)
+    home = tree.loops["home"]
+    q = chosen.dynamics.kinematics.inverse(chosen.home[None])[0]
+    assert [home[drive] for drive in tree.loops["drives"]] == pytest.approx(q)
+    pin.framesForwardKinematics(
+        tree.model, tree.data, tree.configuration(np.array([home[name] for name in tree.order]))
+    )
+    poses = chosen.dynamics.kinematics.poses(chosen.home[None])
+    strut, tool = poses[1], next(pose for pose in poses if pose.name == "EE")
+    for link, pose in (("S1", strut), ("EE", tool)):
+        frame = tree.data.oMf[tree.model.getFrameId(link)]
+        np.testing.assert_allclose(frame.rotation, pose.R_WB[0], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(frame.translation, pose.r_WB[0], rtol=0, atol=1e-13)
+    for inertia in list(tree.model.inertias)[1:]:
+        if inertia.mass > 0:
+            a, b, c = np.linalg.eigvalsh(inertia.inertia)
+            assert a > 0
+            assert c < a + b
+    for drive, limits in chosen.robot.drive_limits.items():
+        joint = tree.model.joints[tree.model.getJointId(drive)]
+        assert tree.model.effortLimit[joint.idx_v] == limits.effort
+        if limits.range:
+            low, high = tree.model.lowerPositionLimit, tree.model.upperPositionLimit
+            assert (low[joint.idx_q], high[joint.idx_q]) == pytest.approx(limits.range)
+
+
+def test_what_urdf_has_no_words_for_is_told() -> None:
+    assert urdf(subject("clavel-delta3")).warnings == ()
+    armature, springs = urdf(composed(COMPOSED[0])).warnings
+    assert "motors and gears; those of drive1, drive2, drive3, drive4 stand in" in armature
+    assert "springs; those of drive1" in springs
+
+
+def test_friction_that_urdf_lacks_is_refused(tmp_path: Path) -> None:
+    robot = load_robot("clavel-delta3")
+    law = robot.friction["drive1"].model_copy(update={"viscous_back": 1.0, "coulomb_back": 2.0})
+    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive1": law}}))
+    with pytest.raises(DeltaidError, match=r"URDF has viscous.*viscous_back\.drive1"):
+        urdf(chosen)
+    write_export(chosen.without_friction(), "urdf", tmp_path / "bare.urdf")
+    assert "dynamics" not in (tmp_path / "bare.urdf").read_text()
+
+
+def test_command_writes_both_files_or_none(tmp_path: Path) -> None:
+    outcome = run("export", "irb360-6-1600", "--to", "urdf", "-o", tmp_path / "a.urdf", width=400)
+    assert outcome.code == 0, outcome.err
+    assert "no words for inertia of motors and gears" in outcome.err
+    assert {path.name for path in tmp_path.iterdir()} == {"a.urdf", "a.loops.json"}
+    pin.buildModelFromUrdf(str(tmp_path / "a.urdf"))
+    (tmp_path / "b.loops.json").mkdir()
+    told = refused("export", "irb360-6-1600", "--to", "urdf", "-o", tmp_path / "b.urdf",
+                   folder=tmp_path)  # fmt: skip
+    assert "b.loops.json" in told
