@@ -253,6 +253,14 @@ class Kinematics:
 
     @cached_property
     def _forward(self) -> ForwardKinematics:
+        at_home = self.regularity(self.home[None])
+        if np.isfinite(at_home.determinant[0]) and not at_home.worst[0] < SINGULAR_CONDITION:
+            raise KinematicsError(
+                f"the middle of the workspace, z = {_numbers(self.home)}, is singular",
+                where="workspace",
+                cure="forward kinematics starts there; arrange the limbs less symmetrically (docs: "
+                "mechanisms), or move the workspace",
+            )
         return forward_kinematics(self.mechanism, self.home)
 
     @property

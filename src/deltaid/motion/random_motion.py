@@ -27,7 +27,7 @@ def random_motion(
         KinematicsError: no such motion was found; the description's limits leave no room.
     """
     robot = kinematics.robot
-    reason = "the drives' angle limits are exceeded"
+    reason = ""
     for _ in range(_ATTEMPTS):
         motion = _scaled(robot, kinematics.dof, rng, period, harmonics)
         time = np.linspace(0.0, period, _GRID)
@@ -37,12 +37,17 @@ def random_motion(
         except KinematicsError as error:
             reason = error.what
             continue
-        if within_angles(robot, q):
+        if np.ptp(np.sign(kinematics.regularity(z).determinant)) > 0:
+            reason = "the robot passes through singular poses"
+        elif within_angles(robot, q):
             return motion
+        else:
+            reason = "the drives leave their ranges"
     raise KinematicsError(
         f"no random motion in the described workspace is possible: {reason}",
         where=robot.name,
-        cure="check workspace (platform points have z < 0) and drive_limits in the description",
+        cure="check workspace (platform points have z < 0), the limbs' lengths and arrangement, "
+        "and drive_limits in the description",
     )
 
 

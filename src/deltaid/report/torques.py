@@ -73,8 +73,8 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
     return Figure(
         figure,
         f"{_efforts(drives)} of each drive{filtered}, measured and predicted by the model, and the "
-        f"residual (measured minus predicted). Drag to zoom; the time axes move together, a double click "
-        f"shows everything again. {shown}",
+        "residual (measured minus predicted). Drag to zoom; the time axes move together, a double "
+        f"click shows everything again. {shown}",
     )
 
 
@@ -182,7 +182,8 @@ def spectrum(c: Comparison, drives: Drives) -> Figure:
     return Figure(
         figure,
         "Amplitude spectral density (Welch's mean over segments) of the "
-        f"{_efforts(drives).lower()} as recorded, and of what the model does not explain of it.{dotted}",
+        f"{_efforts(drives).lower()} as recorded, and of what the model does not explain of "
+        f"it.{dotted}",
     )
 
 

@@ -70,7 +70,19 @@ def _locate(tree: CommentedMap, item: dict[str, Any]) -> _Complaint:
             continue  # the name of a union's branch is not a key of the file
         node = node[key]
         path.append(str(key)[:60])
-    return _Complaint(line, tuple(path), _reason(item))
+    return _deeper(node, _Complaint(line, tuple(path), _reason(item)))
+
+
+def _deeper(node: Any, complaint: _Complaint) -> _Complaint:
+    """The complaint at the key that its reason begins with, such as 'springs.drive1 has …'."""
+    first, _, rest = complaint.reason.partition(" ")
+    line, path = complaint.line, list(complaint.path)
+    for key in first.split("."):
+        if not isinstance(node, CommentedMap) or key not in node:
+            return complaint
+        line, node = _line(node.lc.key, key, line), node[key]
+        path.append(key)
+    return _Complaint(line, tuple(path), rest)
 
 
 def _line(position: Any, key: Any, default: int) -> int:

@@ -260,8 +260,8 @@ class RobotDescription(_Part):
         wanted = 3 if isinstance(self.platform, RigidPlatform) else 4
         if limbs.count != wanted:
             raise ValueError(
-                f"a platform of kind {self.platform.kind} needs {wanted} limbs, but "
-                f"limbs.azimuth_deg has {limbs.count}"
+                f"limbs.azimuth_deg has {limbs.count} limbs, but a platform of kind "
+                f"{self.platform.kind} needs {wanted}"
             )
         if self.telescope is not None and wanted == 4:
             raise ValueError(

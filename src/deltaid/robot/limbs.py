@@ -158,7 +158,7 @@ class Limbs(BaseModel):
                 same = np.allclose(a.base, b.base, atol=1e-6)
                 if same and np.allclose(a.R_WL, b.R_WL, atol=1e-6):
                     what = "rails coincide" if self.drive == "linear" else "drives coincide"
-                    raise ValueError(f"the {what} of limbs {j + 1} and {i + 1}")
+                    raise ValueError(f"the {what}, those of limbs {j + 1} and {i + 1}")
         for i, limb in enumerate(limbs):
             self._check_length(i, limb)
 
