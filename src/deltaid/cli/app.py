@@ -13,6 +13,7 @@ from deltaid.cli import (
     demo,
     excite,
     export,
+    forces,
     identify,
     reproduce,
     robots,
@@ -44,6 +45,7 @@ for module in (
     torque,
     base,
     export,
+    forces,
     reproduce,
 ):
     module.register(app)

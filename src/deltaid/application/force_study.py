@@ -1,0 +1,132 @@
+"""The worst forces of an identified model along a motion, and how far they are known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TextIO, runtime_checkable
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from deltaid.application.constraint_forces import ConstraintForces, Motion, motion_of
+from deltaid.application.force_extremes import Extremes, Worst, extremes, worst_cases
+from deltaid.application.force_range import (
+    Openness,
+    Range,
+    Ranges,
+    evidence,
+    structural_determinacy,
+)
+from deltaid.errors import DescriptionError
+from deltaid.identification.model import IdentifiedModel
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.filter import LowPass
+from deltaid.recording.log import Log
+
+
+@runtime_checkable
+class Viewer(Protocol):
+    """Sees the forces along a motion, window by window."""
+
+    def add(self, motion: Motion, values: Float[np.ndarray, "samples channels"]) -> None:
+        """Take in consecutive samples."""
+        ...
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A worst force and how far it is known.
+
+    Attributes:
+        worst: which force, how large, when.
+        openness: what torques, however exact, leave open of it.
+        range: what is compatible with the recordings; None without them.
+    """
+
+    worst: Worst
+    openness: Openness
+    range: Range | None
+
+
+@dataclass(frozen=True)
+class Study:
+    """All worst cases along a motion, and the extremes of all channels."""
+
+    findings: tuple[Finding, ...]
+    extremes: Extremes
+
+
+def with_struts(
+    model: IdentifiedModel, spacing: float | None, socket_force: float | None
+) -> IdentifiedModel:
+    """A model whose robot has this strut spacing [m] and socket force [N] in place of its own.
+
+    Raises:
+        DescriptionError: limbs of one strut have neither.
+    """
+    limbs = model.robot.limbs
+    given = {"strut_spacing": spacing, "socket_force": socket_force}
+    given = {key: value for key, value in given.items() if value is not None}
+    if not given or limbs is None:
+        return model
+    if limbs.struts_per_limb == 1:
+        raise DescriptionError("limbs of one strut have no spacing and no sockets", where="limbs")
+    robot = model.robot.model_copy(update={"limbs": limbs.model_copy(update=given)})
+    return model.model_copy(update={"robot": robot})
+
+
+def study(
+    model: IdentifiedModel,
+    forces: ConstraintForces,
+    log: Log,
+    low_pass: LowPass | None,
+    *,
+    recordings: Sequence[str | Path] = (),
+    columns: ColumnMapping | None = None,
+    viewers: Sequence[Viewer] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Study:
+    """Worst cases of a model along a motion.
+
+    Args:
+        log, low_pass: the motion and its filter.
+        recordings: logs that the model was identified from, to find ranges.
+        columns: of the recordings.
+        viewers: see every window of the motion with its forces.
+
+    Raises:
+        RecordingError: a recording cannot be used, or the motion has no samples.
+        IdentificationError: the recordings determine no base parameters, or a range was not found.
+    """
+    progress(f"computing forces along {log.path}")
+    motion = motion_of(log, forces.kinematics, low_pass)
+    found = extremes(forces, model.p, motion, [viewer.add for viewer in viewers])
+    ranges = None
+    if recordings:
+        given, known = evidence(model, recordings, columns=columns, progress=progress)
+        ranges = Ranges(given, known, model.p)
+    else:
+        known = structural_determinacy(model)
+    progress("finding ranges")
+    findings = []
+    for worst in worst_cases(forces, found):
+        at = worst.at
+        C = forces.coefficients(at.z[None], at.qd[None], at.qdd[None])[0]
+        c = C[forces.index(worst.channel)]
+        findings.append(Finding(worst, known.openness(c), ranges.of(c) if ranges else None))
+    return Study(tuple(findings), found)
+
+
+class CsvFile:
+    """Forces over time as CSV: t and one column a channel, line by line as they come."""
+
+    def __init__(self, forces: ConstraintForces, file: TextIO) -> None:
+        self._names, self._file, self._begun = forces.names, file, False
+
+    def add(self, motion: Motion, values: Float[np.ndarray, "samples channels"]) -> None:
+        """Write consecutive samples."""
+        columns = {"t": motion.time}
+        columns |= {name: values[:, k] for k, name in enumerate(self._names)}
+        self._file.write(pl.DataFrame(columns).write_csv(include_header=not self._begun))
+        self._begun = True

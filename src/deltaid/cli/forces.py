@@ -1,0 +1,194 @@
+"""`deltaid forces`: what struts, joints and bearings carry along a motion."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from deltaid.application.constraint_forces import ConstraintForces
+    from deltaid.application.force_study import Finding, Study, Viewer
+    from deltaid.identification.model import IdentifiedModel
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("forces")(forces)
+
+
+def forces(
+    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    motion: Annotated[
+        Path, typer.Argument(help="A planned motion or a recording, CSV or Parquet.")
+    ],
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option(help="A recording the model comes from, for ranges; may be repeated."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="CSV file with all forces over time.")
+    ] = None,
+    strut_spacing: Annotated[
+        float | None, typer.Option(help="Distance of a limb's struts, m, if not described.")
+    ] = None,
+    socket_force: Annotated[
+        float | None, typer.Option(help="Spring force at each ball, N, if not described.")
+    ] = None,
+    columns: Annotated[
+        Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
+    ] = None,
+    log_columns: Annotated[
+        Path | None, typer.Option(help="The same for the recordings of --logs.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page with figures and tables, works offline.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Constraint forces along a motion: worst cases, margins of ball joints, and what is known.
+
+    Some forces depend on parameters that no torque shows. With --logs the least and largest value
+    that agrees with the recordings is found, else how far the prior leaves a force open.
+    """
+    from deltaid.application.constraint_forces import ConstraintForces
+    from deltaid.application.force_study import study, with_struts
+    from deltaid.cli.output import console, positive, print_json, print_warnings, progress
+    from deltaid.identification.model import IdentifiedModel
+    from deltaid.identification.validation import model_filter
+    from deltaid.recording.columns import load_mapping
+    from deltaid.recording.log import open_log
+
+    positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
+    positive("--socket-force", socket_force)
+    inputs = [path for path in (model, motion, *(logs or ()), columns, log_columns) if path]
+    _require(output, report, inputs)
+    mapping, log_mapping = (load_mapping(path) if path else None for path in (columns, log_columns))
+    identified = with_struts(IdentifiedModel.load(model), strut_spacing, socket_force)
+    computed = ConstraintForces(identified.robot)
+    with progress(as_json) as say, ExitStack() as files:
+        say(f"checking {motion}")
+        surveyed = open_log(motion, computed.kinematics, mapping, need_torque=False)
+        viewers = _viewers(computed, surveyed.samples, output, report, files)
+        result = study(
+            identified,
+            computed,
+            surveyed,
+            model_filter(identified, surveyed),
+            recordings=tuple(logs or ()),
+            columns=log_mapping,
+            viewers=tuple(viewers),
+            progress=say,
+        )
+        if report is not None:
+            _write_report(identified, computed, motion.name, result, viewers, report)
+    print_warnings([f"{motion}: {text}" for text in surveyed.warnings])
+    print_warnings([computed.note] if computed.note else [])
+    if as_json:
+        print_json(as_dictionary(computed, motion.name, result))
+        return
+    print_tables(computed, result)
+    for path in (output, report):
+        if path is not None:
+            console.print(f"wrote {path}")
+
+
+def _require(output: Path | None, report: Path | None, inputs: list[Path]) -> None:
+    """Refuse before any work what could not be written."""
+    from deltaid.cli.output import require_report
+    from deltaid.errors import DeltaidError
+    from deltaid.files import require_writable
+
+    if output is not None:
+        require_writable(output, inputs)
+    if report is not None:
+        require_report(report, inputs)
+        if output is not None and output.resolve() == report.resolve():
+            raise DeltaidError("is the file of --output as well", where=f"--report {report}")
+
+
+def _viewers(
+    computed: "ConstraintForces",
+    samples: int,
+    output: Path | None,
+    report: Path | None,
+    files: ExitStack,
+) -> "list[Viewer]":
+    """What sees all forces on their way: a CSV file, the figure of a report."""
+    from deltaid.application.force_study import CsvFile
+    from deltaid.files import written_whole
+
+    found: list[Viewer] = []
+    if output is not None:
+        found.append(CsvFile(computed, files.enter_context(written_whole(output))))
+    if report is not None:
+        from deltaid.report.forces import Envelope
+
+        found.append(Envelope(computed, samples))
+    return found
+
+
+def _write_report(
+    model: "IdentifiedModel",
+    computed: "ConstraintForces",
+    name: str,
+    result: "Study",
+    viewers: "list[Viewer]",
+    path: Path,
+) -> None:
+    from deltaid.report.forces import Envelope, forces_page
+    from deltaid.report.page import write_page
+
+    envelope = next(viewer for viewer in viewers if isinstance(viewer, Envelope))
+    write_page(forces_page(model, computed, name, result, envelope), path)
+
+
+def print_tables(computed: "ConstraintForces", result: "Study") -> None:
+    """Worst cases as tables, and a sentence on what is known of them."""
+    from deltaid.cli.output import console, table
+    from deltaid.report.force_rows import tables, what_is_open
+
+    for each in tables(result, computed.socket_force):
+        console.print(table(each.title, each.columns, each.rows))
+        console.print()
+    console.print(what_is_open(result))
+
+
+def as_dictionary(computed: "ConstraintForces", name: str, result: "Study") -> dict:
+    """The result as one JSON object."""
+    found = result.extremes
+    return {
+        "robot": computed.robot.name,
+        "motion": name,
+        "struts": list(computed.struts),
+        "note": computed.note or None,
+        "socket_force": computed.socket_force,
+        "worst": [_finding(finding, computed.socket_force) for finding in result.findings],
+        "extremes": {
+            channel: {
+                "unit": found.units[k],
+                "least": float(found.values[0, k]),
+                "largest": float(found.values[1, k]),
+            }
+            for k, channel in enumerate(found.names)
+        },
+    }
+
+
+def _finding(finding: "Finding", socket_force: float | None) -> dict:
+    worst, known = finding.worst, finding.range
+    margin = worst.value + socket_force if worst.kind == "socket" and socket_force else None
+    return {
+        "part": worst.part,
+        "kind": worst.kind,
+        "channel": worst.channel,
+        "unit": worst.unit,
+        "value": worst.value,
+        "margin": margin,
+        "time": worst.at.time,
+        "z": worst.at.z.tolist(),
+        "low": known.low if known else None,
+        "high": known.high if known else None,
+        "open": finding.openness.half_width,
+        "open_entries": list(finding.openness.unknowns),
+    }

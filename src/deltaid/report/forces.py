@@ -1,0 +1,106 @@
+"""The page of `deltaid forces`: forces along the struts over time, worst cases, what is known."""
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+from plotly.subplots import make_subplots
+
+from deltaid.application.constraint_forces import ConstraintForces, Motion
+from deltaid.application.force_study import Study
+from deltaid.identification.model import IdentifiedModel
+from deltaid.report import style
+from deltaid.report.force_rows import places, tables, what_is_open
+from deltaid.report.numbers import number
+from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
+from deltaid.report.provenance import file_names, provenance_section
+
+# Stretches that a figure shows, each by its least and its largest force.
+_STRETCHES = 1500
+
+
+class Envelope:
+    """Least and largest force along every strut in stretches of equal length; constant memory."""
+
+    def __init__(self, forces: ConstraintForces, samples: int) -> None:
+        self._length = max(1, -(-samples // _STRETCHES))
+        self._at = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
+        self._time: list[np.ndarray] = []
+        self._force: list[np.ndarray] = []
+
+    def add(self, motion: Motion, values: Float[np.ndarray, "samples channels"]) -> None:
+        """Take in consecutive samples."""
+        starts = np.arange(0, len(motion.time), self._length)
+        along = values[:, self._at]
+        least = np.minimum.reduceat(along, starts, axis=0)
+        most = np.maximum.reduceat(along, starts, axis=0)
+        self._time.append(np.repeat(motion.time[starts], 2))
+        pairs = np.stack([least, most], axis=1)
+        self._force.append(pairs.reshape(-1, along.shape[1]))
+
+    def curves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time, each twice, and forces, least and largest in turn."""
+        return np.concatenate(self._time), np.concatenate(self._force)
+
+
+def forces_page(
+    model: IdentifiedModel, forces: ConstraintForces, name: str, study: Study, envelope: Envelope
+) -> Page:
+    """Everything about the forces of a model along a motion."""
+    found = (*tables(study, forces.socket_force), places(study))
+    worst = tuple(Table(t.columns, t.rows, f"{t.title}.") for t in found)
+    return Page(
+        title=model.robot.title or model.robot.name,
+        subtitle=f"Constraint forces along {name}, model identified from {file_names(model)}",
+        facts=_facts(study, forces.socket_force),
+        sections=(
+            Section("Along the struts", (_over_time(forces, envelope),)),
+            Section("Worst cases", (*worst, Text(f"{what_is_open(study)}."))),
+            provenance_section(model, "The model"),
+        ),
+        warnings=(forces.note,) if forces.note else (),
+    )
+
+
+def _facts(study: Study, socket_force: float | None) -> tuple[Fact, ...]:
+    def fact(label: str, kind: str, offset: float = 0.0, *, most: bool = False) -> Fact:
+        every = [f.worst for f in study.findings if f.worst.kind == kind]
+        worst = (max if most else min)(every, key=lambda w: w.value)
+        return Fact(
+            label,
+            f"{number(worst.value + offset)} {worst.unit}",
+            f"{worst.part} at {worst.at.time:.3f} s",
+        )
+
+    facts = [fact("largest tension", "tension", most=True), fact("least force", "compression")]
+    if socket_force is not None:
+        facts.append(fact("least margin of a ball joint", "socket", socket_force))
+    return tuple(facts)
+
+
+def _over_time(forces: ConstraintForces, envelope: Envelope) -> Figure:
+    time, along = envelope.curves()
+    limbs = len(forces.robot.limb_geometry)
+    each = len(forces.struts) // limbs
+    figure = make_subplots(rows=limbs, cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    for k, strut in enumerate(forces.struts):
+        row = k // each + 1
+        figure.add_trace(
+            go.Scatter(
+                x=time.astype(np.float32),
+                y=along[:, k].astype(np.float32),
+                name=strut,
+                mode="lines",
+                line={"color": style.SERIES[k % each], "width": 1.2},
+                hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",
+            ),
+            row=row,
+            col=1,
+        )
+        figure.update_yaxes(title_text=f"limb {row} [N]", row=row, col=1)
+    figure.update_xaxes(title_text="time [s]", row=limbs, col=1)
+    figure.update_layout(height=200 * limbs + 60)
+    return Figure(
+        figure,
+        "Force along the struts at the platform; tension is positive. In long recordings each "
+        "stretch is shown by its least and its largest force.",
+    )

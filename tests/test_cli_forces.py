@@ -1,0 +1,100 @@
+"""`deltaid forces`: worst cases, files and messages."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import refused, run
+from deltaid.application.constraint_forces import ConstraintForces, motion_of
+from deltaid.application.force_study import with_struts
+from deltaid.identification.model import IdentifiedModel
+from deltaid.identification.validation import model_filter
+from deltaid.recording.log import open_log
+
+SPACING, SPRING = 0.12, 60.0
+OPTIONS = ("--strut-spacing", SPACING, "--socket-force", SPRING)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A demonstration's robot, recordings of 20 s and model."""
+    path = tmp_path_factory.mktemp("forces")
+    assert run("demo", "--keep", path).code == 0
+    return path
+
+
+def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
+    """Over several windows of the recording, against all of them at once."""
+    model, motion = folder / "model.yaml", folder / "verify.csv"
+    out = folder / "forces.csv"
+    done = run("forces", model, motion, *OPTIONS, "-o", out, "--json")
+    assert (done.code, done.err) == (0, "")
+    told = json.loads(done.out)
+    rows = pl.read_csv(out)
+    identified = with_struts(IdentifiedModel.load(model), SPACING, SPRING)
+    forces = ConstraintForces(identified.robot)
+    log = open_log(motion, forces.kinematics)
+    parts = list(motion_of(log, forces.kinematics, model_filter(identified, log)))
+    assert len(parts) > 2
+    values = np.vstack([forces.evaluate(m.z, m.qd, m.qdd, identified.p) for m in parts])
+    np.testing.assert_allclose(rows.to_numpy()[:, 1:], values, rtol=1e-12, atol=1e-12)
+    assert rows.columns == ["t", *forces.names]
+    table = {name: rows[name].to_numpy() for name in rows.columns}
+    for case in told["worst"]:
+        at = int(np.argmin(np.abs(table["t"] - case["time"])))
+        assert table[case["channel"]][at] == pytest.approx(case["value"])
+        strut = case["part"]
+        if case["kind"] == "tension":
+            ends = [table[f"{strut}.{end}.x"].max() for end in ("platform", "elbow")]
+            assert case["value"] == pytest.approx(max(ends))
+        if case["kind"] == "socket":
+            ends = [table[f"{strut}.{end}.out"].min() for end in ("platform", "elbow")]
+            assert case["margin"] == pytest.approx(SPRING + min(ends))
+        if case["kind"] == "load":
+            assert abs(case["value"]) == pytest.approx(np.abs(table[case["channel"]]).max())
+    kinds = [case["kind"] for case in told["worst"]]
+    assert [kinds.count(kind) for kind in ("tension", "compression", "socket")] == [6, 6, 6]
+    for name, extreme in told["extremes"].items():
+        assert (extreme["least"], extreme["largest"]) == pytest.approx(
+            (table[name].min(), table[name].max())
+        )
+    assert all(case["low"] is None and case["open"] >= 0 for case in told["worst"])
+
+
+def test_ranges_and_report(folder: Path) -> None:
+    page = folder / "forces.html"
+    command = ("forces", folder / "model.yaml", folder / "verify.csv", *OPTIONS)
+    with_logs = ("--logs", folder / "identify.csv")
+    told = json.loads(run(*command, *with_logs, "--json").out)
+    for case in told["worst"]:
+        assert case["low"] <= case["value"] <= case["high"]
+        assert case["high"] > case["low"]
+    done = run(*command, *with_logs, "--report", page, width=120)
+    assert done.code == 0
+    for word in ("strut3b", "tension is positive", "margin", "U.m", "… "):
+        assert word in done.out
+    text = page.read_text(encoding="utf-8")
+    assert "strut3b" in text
+    assert "Worst cases" in text
+
+
+def test_without_spacing_it_says_what_is_missing(folder: Path) -> None:
+    done = run("forces", folder / "model.yaml", folder / "verify.csv")
+    assert done.code == 0
+    assert "strut_spacing" in done.err
+    assert "strut1a" not in done.out
+    assert "± open" in done.out
+
+
+def test_what_cannot_be_is_refused(folder: Path) -> None:
+    command = ("forces", folder / "model.yaml", folder / "verify.csv")
+    assert "--strut-spacing" in refused(*command, "--strut-spacing", -1, folder=folder)
+    assert "would overwrite" in refused(*command, "-o", folder / "verify.csv", folder=folder)
+    page = folder / "a.html"
+    assert "--output" in refused(*command, "-o", page, "--report", page, folder=folder)
+    missing = folder / "no.csv"
+    half = (*command, "-o", folder / "half.csv", "--logs", missing)
+    assert "no.csv" in refused(*half, folder=folder)
