@@ -22,7 +22,7 @@ ARGUMENTS = (
 )  # fmt: skip
 # What Chromium says about its own speed when Plotly reads pixels back; nothing is wrong then.
 BROWSERS_OWN = ("willReadFrequently", "GPU stall due to ReadPixels")
-PAGES = ("identify", "validate", "excite")
+PAGES = ("identify", "validate", "excite", "forces")
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +36,10 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ("identify", robot, log, "--verify", verify, "--report", pages["identify"]),
         ("validate", folder / "model.yaml", verify, "--report", pages["validate"]),
         ("excite", "clavel-delta3", "--starts", 1, "--duration", 3, "--report", pages["excite"]),
-    )
-    assert [run(*command).code for command in commands] == [0, 0, 0]
+        ("forces", folder / "model.yaml", verify, "--strut-spacing", 0.1, "--report",
+         pages["forces"]),
+    )  # fmt: skip
+    assert [run(*command).code for command in commands] == [0, 0, 0, 0]
     return pages
 
 
@@ -107,7 +109,7 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
     with Visit(browser, reports[name]) as visit:
         page = visit.page
         expected = page.locator(".drawing").count()
-        assert expected >= {"identify": 14, "validate": 7, "excite": 3}[name]
+        assert expected >= {"identify": 14, "validate": 7, "excite": 3, "forces": 1}[name]
         assert page.locator(".js-plotly-plot svg.main-svg").count() >= expected
         assert page.locator(".no-webgl").count() == 0
         flat = page.evaluate(
@@ -116,7 +118,7 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
         )
         assert min(flat) > 0
         solid = page.locator(".drawing").filter(has=page.locator("canvas"))
-        assert solid.count() == (2 if name == "identify" else 1) == expected - len(flat)
+        assert solid.count() == {"identify": 2, "forces": 0}.get(name, 1) == expected - len(flat)
         for i in range(solid.count()):
             assert _inked(solid.nth(i).locator("canvas").screenshot()) > 0.003
         assert visit.fits()
