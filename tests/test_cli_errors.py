@@ -92,7 +92,7 @@ BAD = [
     ("torque model.yaml motion.csv -o missing/new.csv", "its folder does not exist"),
     ("torque model.yaml motion.csv -o motion.csv", "motion.csv: would overwrite an input"),
     ("torque model.yaml motion.csv -o model.yaml", "model.yaml: would overwrite an input"),
-    ("robots irb360", "the catalogue has: clavel-delta3, irb360-6-1600"),
+    ("robots irb360", "the catalogue has: clavel-delta3, h4"),
     ("robots ../robots", "no robot file and no catalogue robot"),
     ("base robot.yaml", "robot.yaml: line 5, limbs: the limbs cannot close"),
     ("base clavel-delta3 --cutoff 0", "--cutoff: must be a positive number"),
@@ -156,7 +156,7 @@ def damaged(text_of_model: str, old: str, new: str) -> str:
 DAMAGES = {
     "format": ("format: 1", "format: 2", "line 1, format: must be 1, not 2"),
     "no format": ("\ndeltaid:", "\ndeltaidd:", "deltaid: is missing"),
-    "name": ("name: U.mcx", "name: U.mcy", "parameters are not those of the robot, in its order"),
+    "name": ("name: U.mcx", "name: U.mcy", "parameters: are not those of the robot, in its order"),
     "not a number": ("determined_by", "value: x\n  determined_by", "is not valid YAML"),
     "method": ("method: conic", "method: guess", "settings.method: must be 'conic'"),
     "robot": (
