@@ -1,0 +1,1 @@
+"""What an identified model is for: forward dynamics, simulation, controllers."""

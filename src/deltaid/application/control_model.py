@@ -1,0 +1,114 @@
+"""What a controller asks its model for: the left side of (1) with arguments of the controller's."""
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.dynamics.equations import Equations
+from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.kinematics import Samples
+from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.vectors import inverse
+from deltaid.robot.description import RobotDescription
+
+# Newton steps from the desired to the measured pose. Each squares the distance: a centimetre of
+# tracking error is below rounding after three.
+_STEPS = 3
+
+
+class ControlModel:
+    """A robot's model as a controller evaluates it, sample by sample or in batches.
+
+    Args:
+        robot: its description.
+        p: its parameters; they need not be consistent.
+    """
+
+    def __init__(self, robot: RobotDescription, p: Parameters) -> None:
+        self.robot, self.p = robot, np.asarray(p, dtype=float)
+        self._kernel = _law(robot.model_dump_json())
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The robot's dynamics."""
+        return compiled(self.robot)
+
+    def torque(
+        self,
+        near: Samples,
+        q: Samples,
+        qd: Samples,
+        along: Samples,
+        acceleration: Samples,
+        rubbing: Samples,
+    ) -> Samples:
+        """M(q) a + C(q, q̇) v + g(q) + f(w), with C from Christoffel symbols, ½Ṁ − C skew.
+
+        Friction that depends on load is a share of the whole and taken in the direction of w.
+
+        Args:
+            near: task coordinates near those of q, from which forward kinematics iterates.
+            q, qd: where M, C and g are taken.
+            along: v.
+            acceleration: a.
+            rubbing: w.
+        """
+        x = np.hstack([near, q, qd, along, acceleration, rubbing]).T
+        return self._kernel(x, uniform=self.p).T
+
+    def mass_diagonal(self, q: Samples) -> Float[np.ndarray, " dof"]:
+        """Mean of M's diagonal at some drive coordinates.
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        M = self.dynamics.mass_matrix(q, self.p)
+        return np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
+
+    def least_eigenvalue(self, q: Samples) -> float:
+        """Smallest eigenvalue of M, scaled to a unit diagonal of its mean, at drive coordinates.
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        M = self.dynamics.mass_matrix(q, self.p)
+        size = np.sqrt(np.abs(np.diagonal(M.mean(axis=0))))
+        return float(np.linalg.eigvalsh(M / np.outer(size, size)).min())
+
+
+@lru_cache(maxsize=8)
+def _law(description: str) -> BatchKernel:
+    robot = RobotDescription.model_validate_json(description)
+    dynamics = compiled(robot)
+    e, dof = dynamics.equations, dynamics.dof
+    near, q, along, acceleration, rubbing = (
+        ca.SX.sym(name, dof) for name in ("near", "q", "v", "a", "w")
+    )
+    torque = e.M @ acceleration + e.C @ along + e.g + ca.substitute(e.f, e.qd, rubbing)
+    torque = _with_load(dynamics, e, torque, rubbing)
+    at = ca.Function("at", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
+    pose = _located(dynamics.kinematics.mechanism, near, q)
+    x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)
+    return BatchKernel(x, at(pose, e.qd, along, acceleration, rubbing, e.p), uniform=e.p)
+
+
+def _located(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> ca.SX:
+    """z with q(z) = q by Newton's method on inverse kinematics."""
+    step = mechanism.z - inverse(ca.jacobian(mechanism.q, mechanism.z)) @ (mechanism.q - q)
+    move = ca.Function("move", [mechanism.z, q], [step])
+    for _ in range(_STEPS):
+        near = move(near, q)
+    return near
+
+
+def _with_load(dynamics: Dynamics, e: Equations, torque: ca.SX, rubbing: ca.SX) -> ca.SX:
+    """The motor's torque where a share μ of it is lost: τ = torque + μ s |τ|."""
+    total = ca.SX(torque)
+    for drive in dynamics.robot.load_drives:
+        i = dynamics.robot.drives.index(drive)
+        mu = e.p[dynamics.layout.names.index(f"load.{drive}")]
+        total[i] = torque[i] / (1 - mu * ca.sign(rubbing[i]) * ca.sign(torque[i]))
+    return total

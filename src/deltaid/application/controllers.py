@@ -1,0 +1,148 @@
+"""Controllers of a drive: pure functions of what is measured, what is desired, and a model.
+
+With the tracking error e = q − q_d, and f the friction of the model:
+
+    PD                −K e − D ė
+    PD, feed-forward  M(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d) + f(q̇_d) − K e − D ė
+    computed torque   M(q) (q̈_d − 2ω ė − ω² e) + C(q, q̇) q̇ + g(q) + f(q̇_d)
+    augmented PD      M(q) q̈_d + C(q, q̇) q̇_d + g(q) + f(q̇_d) − K e − D ė       (Paden, Panja 1988)
+    Slotine–Li        M(q) q̈_r + C(q, q̇) q̇_r + g(q) + f(q̇_r) − K s            (Slotine, Li 1987)
+                      with q̇_r = q̇_d − Λ e, s = q̇ − q̇_r
+
+Friction is that of the desired (or reference) velocity: that of the measured one would switch with
+the noise at rest, and as friction grows with speed, what is left takes energy away. With the exact
+model these functions of the state never grow beyond the work of disturbances:
+½ eᵀKe + ½ ėᵀM ė for augmented PD and ½ sᵀM s for Slotine–Li, both by Ṁ = C + Cᵀ.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.application.control_model import ControlModel
+from deltaid.application.trajectory import Desired
+from deltaid.mechanism.kinematics import Samples
+
+ControllerName = Literal["pd", "pd-feedforward", "computed-torque", "augmented-pd", "slotine-li"]
+CONTROLLERS: tuple[ControllerName, ...] = (
+    "pd", "pd-feedforward", "computed-torque", "augmented-pd", "slotine-li"
+)  # fmt: skip
+# Those that need a positive definite mass matrix and not only torques along the desired motion.
+NEED_MASS_MATRIX: tuple[ControllerName, ...] = ("computed-torque", "augmented-pd", "slotine-li")
+
+Gains = Float[np.ndarray, " dof"]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Drive coordinates and velocities as a controller knows them, one sample a row."""
+
+    q: Samples
+    qd: Samples
+
+
+class Controller(Protocol):
+    """A control law."""
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """Drive torques [N m or N], one sample a row."""
+        ...
+
+
+@dataclass(frozen=True)
+class PD:
+    """−K e − D ė with K `stiffness`, D `damping`, one number a drive."""
+
+    stiffness: Gains
+    damping: Gains
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law; it asks nothing of the model."""
+        return _pd(self.stiffness, self.damping, measured, desired)
+
+
+@dataclass(frozen=True)
+class PDFeedForward:
+    """Inverse dynamics of the desired motion, and PD."""
+
+    stiffness: Gains
+    damping: Gains
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law."""
+        d = desired
+        ahead = model.torque(d.z, d.q, d.qd, d.qd, d.qdd, d.qd)
+        return ahead + _pd(self.stiffness, self.damping, measured, desired)
+
+
+@dataclass(frozen=True)
+class ComputedTorque:
+    """Linearises the robot; the error then obeys ë + 2ω ė + ω² e = 0. `bandwidth` is ω [rad/s]."""
+
+    bandwidth: float
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law."""
+        w, m, d = self.bandwidth, measured, desired
+        acceleration = d.qdd - 2 * w * (m.qd - d.qd) - w**2 * (m.q - d.q)
+        return model.torque(d.z, m.q, m.qd, m.qd, acceleration, d.qd)
+
+
+@dataclass(frozen=True)
+class AugmentedPD:
+    """Paden's and Panja's: PD that stays passive along a motion."""
+
+    stiffness: Gains
+    damping: Gains
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law."""
+        m, d = measured, desired
+        along = model.torque(d.z, m.q, m.qd, d.qd, d.qdd, d.qd)
+        return along + _pd(self.stiffness, self.damping, measured, desired)
+
+
+@dataclass(frozen=True)
+class SlotineLi:
+    """Slotine's and Li's, without adaptation. `slope` is Λ [1/s], `gain` K [N m s/rad, N s/m]."""
+
+    slope: float
+    gain: Gains
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law."""
+        m, d = measured, desired
+        error, error_rate = m.q - d.q, m.qd - d.qd
+        velocity = d.qd - self.slope * error
+        acceleration = d.qdd - self.slope * error_rate
+        along = model.torque(d.z, m.q, m.qd, velocity, acceleration, velocity)
+        return along - self.gain * (m.qd - velocity)
+
+
+def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:
+    """A controller whose error decays with two equal poles at −ω, ω = 2π `bandwidth`.
+
+    With m the mean diagonal of M along the motion: K = m ω² and D = 2 m ω; computed torque has
+    ω² and 2ω in front of M; Slotine–Li Λ = ω and K = m ω. Near the desired motion all are then one
+    linear feedback, and what is different is what they know of the robot.
+
+    Args:
+        mass: m [kg m² or kg].
+        bandwidth: [Hz].
+    """
+    w = 2 * np.pi * bandwidth
+    stiffness, damping = mass * w**2, 2 * mass * w
+    laws: dict[ControllerName, Controller] = {
+        "pd": PD(stiffness, damping),
+        "pd-feedforward": PDFeedForward(stiffness, damping),
+        "computed-torque": ComputedTorque(w),
+        "augmented-pd": AugmentedPD(stiffness, damping),
+        "slotine-li": SlotineLi(w, mass * w),
+    }
+    return laws[name]
+
+
+def _pd(stiffness: Gains, damping: Gains, measured: Measured, desired: Desired) -> Samples:
+    return -stiffness * (measured.q - desired.q) - damping * (measured.qd - desired.qd)

@@ -1,0 +1,205 @@
+"""Forward dynamics in batches: accelerations, one step of time with friction, energy."""
+
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.application.sticking import friction_impulses
+from deltaid.application.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.vectors import inverse
+from deltaid.robot.description import RobotDescription
+
+# Friction that jumps when the speed changes its sign, or is as steep as a jump.
+_JUMPS = ("coulomb", "coulomb_back", "power", "stribeck", "load")
+
+
+class ForwardDynamics:
+    """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile when
+    needed.
+
+    States are task coordinates and velocities (z, ż): they close the loops exactly. Accelerations
+    solve (1) by a Cholesky factorisation of the mass matrix that is written out in the graph, so
+    where M is not positive definite they are NaN.
+    """
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.robot = robot
+        self.kinematics = Kinematics(robot)
+        self.layout: ParameterLayout = parameter_layout(robot)
+
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        return self.kinematics.dof
+
+    @cached_property
+    def equations(self) -> TaskDynamics:
+        """The symbolic equations behind all of this."""
+        return build_task_dynamics(self.robot, self.kinematics.mechanism)
+
+    def acceleration(self, z: Samples, zd: Samples, tau: Samples, p: Parameters) -> Samples:
+        """z̈ at states (z, ż) under drive torques τ; NaN out of reach.
+
+        A joint at rest has no friction here but its offset: sign(0) = 0, as in inverse dynamics.
+        """
+        return self._acceleration_kernel(np.hstack([z, zd, tau]).T, uniform=p).T
+
+    def drive_acceleration(self, q: Samples, qd: Samples, tau: Samples, p: Parameters) -> Samples:
+        """q̈ at drive coordinates and velocities (q, q̇) under torques τ.
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+        """
+        z = self.kinematics.forward(q)
+        return self._drive_kernel(np.hstack([z, np.atleast_2d(qd), np.atleast_2d(tau)]).T, p).T
+
+    def energy(
+        self, z: Samples, zd: Samples, p: Parameters
+    ) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]]:
+        """Kinetic and potential energy [J]; the latter has an arbitrary constant."""
+        kinetic, potential = self._energy_kernel(np.hstack([z, zd]).T, uniform=p)
+        return kinetic, potential
+
+    def drive_coordinates(self, z: Samples) -> Samples:
+        """q(z); NaN out of reach."""
+        return self._drive_coordinates_kernel(z.T).T
+
+    def drive_motion(self, z: Samples, zd: Samples) -> tuple[Samples, Samples]:
+        """q(z) and q̇ = J ż; NaN out of reach."""
+        out = self._drive_motion_kernel(np.hstack([z, zd]).T).T
+        return out[:, : self.dof], out[:, self.dof :]
+
+    def task_velocity(self, z: Samples, qd: Samples) -> Samples:
+        """ż = J⁻¹ q̇."""
+        return self._task_velocity_kernel(np.hstack([z, qd]).T).T
+
+    def step(
+        self, z: Samples, qd: Samples, tau: Samples, p: Parameters, duration: float
+    ) -> tuple[Samples, Samples]:
+        """(z, q̇) one time step later under constant torques, friction at rest included.
+
+        The explicit midpoint rule, and at either of its stages the impulses of
+        `sticking.friction_impulses`. Where nothing sticks or lets go it is of second order. Drives
+        that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
+        """
+        x = np.concatenate([z, qd, tau], axis=1).T
+        out = self._step_kernel(x, uniform=np.append(p, duration)).T
+        return out[:, : self.dof], out[:, self.dof :]
+
+    def reach(self, z: Samples) -> Float[np.ndarray, " samples"]:
+        """By how much each pose is within the reach of its nearest limb [m]; NaN out of it."""
+        return self._reach_kernel(z.T)[0]
+
+    def is_smooth(self, p: Parameters) -> bool:
+        """Whether friction is continuous at rest with these coefficients."""
+        at = self.layout.friction.start
+        terms = enumerate(self.robot.friction_terms)
+        return not any(term.kind in _JUMPS and p[at + k] != 0 for k, term in terms)
+
+    @cached_property
+    def _acceleration(self) -> ca.SX:
+        e = self.equations
+        return cholesky_solve(e.M, e.J.T @ e.tau - e.h - e.R.T @ e.friction)
+
+    @cached_property
+    def _acceleration_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(ca.vertcat(e.z, e.zd, e.tau), self._acceleration, uniform=e.p)
+
+    @cached_property
+    def _drive_kernel(self) -> BatchKernel:
+        e, qd = self.equations, ca.SX.sym("qd", self.dof)
+        qdd = e.J @ self._acceleration + e.J_dot_zd
+        qdd = ca.substitute(qdd, e.zd, inverse(e.J) @ qd)
+        return BatchKernel(ca.vertcat(e.z, qd, e.tau), qdd, uniform=e.p)
+
+    @cached_property
+    def _energy_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(ca.vertcat(e.z, e.zd), ca.vertcat(e.kinetic, e.potential), uniform=e.p)
+
+    @cached_property
+    def _drive_coordinates_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(e.z, e.q)
+
+    @cached_property
+    def _reach_kernel(self) -> BatchKernel:
+        m = self.kinematics.mechanism
+        return BatchKernel(m.z, ca.mmin(m.reach))
+
+    @cached_property
+    def _drive_motion_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(ca.vertcat(e.z, e.zd), ca.vertcat(e.q, e.J @ e.zd))
+
+    @cached_property
+    def _task_velocity_kernel(self) -> BatchKernel:
+        e, qd = self.equations, ca.SX.sym("qd", self.dof)
+        return BatchKernel(ca.vertcat(e.z, qd), inverse(e.J) @ qd)
+
+    @cached_property
+    def _step_kernel(self) -> BatchKernel:
+        e, z, qd = self.equations, ca.SX.sym("z0", self.dof), ca.SX.sym("qd0", self.dof)
+        h = ca.SX.sym("h")
+        change = ca.Function("change", *self._velocity_change())
+        T = ca.Function("T", [e.z], [inverse(e.J)])
+        middle = z + 0.5 * h * T(z) @ qd
+        qd_middle = qd + change(z, qd, qd, e.tau, e.p, 0.5 * h)
+        qd_end = qd + change(middle, qd_middle, qd, e.tau, e.p, h)
+        z_end = z + 0.5 * h * T(middle) @ (qd + qd_end)
+        z_end = ca.if_else(self._ahead(middle, T(middle) @ qd_middle, h) > 0, z_end, np.nan)
+        x = ca.vertcat(z, qd, e.tau)
+        return BatchKernel(x, ca.vertcat(z_end, qd_end), uniform=ca.vertcat(e.p, h))
+
+    def _ahead(self, z: ca.SX, zd: ca.SX, h: ca.SX) -> ca.SX:
+        """Negative where a limb would be stretched within h.
+
+        A pose can turn back there, or go on in the limb's other working mode, which z does not
+        tell apart. The distance to the edge falls to zero with the square of time, so the root of
+        it, s, is linear: s + h ṡ < 0 is r + h ṙ/2 < 0 for r = s².
+        """
+        m, zd_0 = self.kinematics.mechanism, self.equations.zd
+        rate = ca.jacobian(m.reach, m.z) @ zd_0
+        reach, rate = ca.Function("reach", [m.z, zd_0], [m.reach, rate])(z, zd)
+        return ca.mmin(reach + 0.5 * h * rate)
+
+    def _velocity_change(self) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Change of q̇ over h by forces at one state (z, q̇), as inputs and output of a function.
+
+        q̇ and not ż is what goes from step to step, so that a drive at rest stays where it is while
+        others move. The friction's size is that at q̇; at its end the step starts from q̇_0.
+        """
+        e, robot = self.equations, self.robot
+        qd, qd_0, h = ca.SX.sym("qd", self.dof), ca.SX.sym("qd0", self.dof), ca.SX.sym("h")
+        responses = cholesky_solve(e.M, ca.horzcat(e.J.T @ e.tau - e.h - e.R.T @ e.smooth, e.R.T))
+        change = h * (e.J @ responses[:, 0] + e.J_dot_zd)
+        if robot.friction_joints:
+            to_joints = e.R @ inverse(e.J)
+            drives = sum(joint in robot.drives for joint in robot.friction_joints)
+            impulses = friction_impulses(
+                A=e.R @ responses[:, 1:],
+                v=to_joints @ (qd_0 + change),
+                low=-h * e.forwards,
+                high=h * e.backwards,
+                drives=drives,
+            )
+            change += e.J @ responses[:, 1:] @ impulses
+        change = ca.substitute(change, e.zd, inverse(e.J) @ qd)
+        return [e.z, qd, qd_0, e.tau, e.p, h], [change]
+
+
+@lru_cache(maxsize=16)
+def _compiled(description: str) -> ForwardDynamics:
+    return ForwardDynamics(RobotDescription.model_validate_json(description))
+
+
+def compiled_forward(robot: RobotDescription) -> ForwardDynamics:
+    """The forward dynamics of a robot, kept with its compiled kernels for the next call."""
+    return _compiled(robot.model_dump_json())

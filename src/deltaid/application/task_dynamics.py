@@ -1,0 +1,162 @@
+"""The equations of motion in task coordinates, solved for acceleration, as CasADi graphs.
+
+With J = ∂q/∂z and the joints' partial velocities R = ∂ϑ/∂z,
+
+    M(z) z̈ + h(z, ż) = Jᵀ τ − Rᵀ f(Rż, τ),
+
+where h holds Coriolis forces, gravity and springs. A state (z, ż) closes the loops by itself and
+neither forward kinematics nor J⁻¹ is needed. Drive coordinates follow as q(z), J ż, J z̈ + J̇ ż.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.dynamics.friction import term_factor
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
+from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import TermKind
+
+# Terms that vanish or stay at rest; all others change their sign with the speed's, by a step or
+# as steeply as one (a small power of it).
+_SMOOTH: tuple[TermKind, ...] = ("viscous", "viscous_back", "offset")
+
+
+@dataclass(frozen=True)
+class TaskDynamics:
+    """Symbolic equations of motion of one robot in task coordinates.
+
+    Attributes:
+        z, zd, tau, p: inputs; p is laid out as everywhere.
+        q: drive coordinates.
+        J: ∂q/∂z.
+        J_dot_zd: J̇ ż.
+        M: task-space mass matrix, rotors included; δ×δ, symmetric.
+        h: Coriolis forces, gravity, springs, rotors; δ.
+        R: ∂ϑ/∂z of the friction joints, joints × δ.
+        smooth: friction of each joint that is continuous at rest.
+        friction: all friction of each joint, sign(0) = 0.
+        forwards, backwards: size of the friction left out of `smooth` while a joint moves with
+            positive and with negative speed; at rest, the most it can take.
+        kinetic, potential: energy [J].
+    """
+
+    z: ca.SX
+    zd: ca.SX
+    tau: ca.SX
+    p: ca.SX
+    q: ca.SX
+    J: ca.SX
+    J_dot_zd: ca.SX
+    M: ca.SX
+    h: ca.SX
+    R: ca.SX
+    smooth: ca.SX
+    friction: ca.SX
+    forwards: ca.SX
+    backwards: ca.SX
+    kinetic: ca.SX
+    potential: ca.SX
+
+
+def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDynamics:
+    """Derive the equations by automatic differentiation."""
+    z, dof, layout = mechanism.z, mechanism.dof, parameter_layout(robot)
+    zd, tau = ca.SX.sym("zd", dof), ca.SX.sym("tau", dof)
+    p = ca.SX.sym("p", len(layout.names))
+    J = ca.jacobian(mechanism.q, z)
+    J_dot_zd = ca.jtimes(J @ zd, z, zd)
+    M, h, V = _bodies(robot, mechanism, zd, p)
+    for k, drive in enumerate(robot.rotor_drives):
+        i, inertia = robot.drives.index(drive), p[layout.rotor][k]
+        M += inertia * J[i, :].T @ J[i, :]
+        h += inertia * J[i, :].T * J_dot_zd[i]
+    for k, joint in enumerate(robot.spring_joints):
+        stiffness, away = p[layout.spring][k], mechanism.joints[joint] - robot.spring_rest(joint)
+        V += 0.5 * stiffness * away**2
+        h += stiffness * away * ca.jacobian(away, z).T
+    joints = robot.friction_joints
+    R = ca.vertcat(ca.SX(0, dof), *[ca.jacobian(mechanism.joints[j], z) for j in joints])
+    laws = _Laws(robot, R @ zd, tau, p)
+    return TaskDynamics(
+        z=z,
+        zd=zd,
+        tau=tau,
+        p=p,
+        q=mechanism.q,
+        J=J,
+        J_dot_zd=J_dot_zd,
+        M=M,
+        h=h,
+        R=R,
+        smooth=laws.sum(ca.sign, lambda kind: kind in _SMOOTH),
+        friction=laws.sum(ca.sign, lambda kind: True),
+        forwards=laws.sum(lambda v: ca.SX(1), lambda kind: kind not in _SMOOTH),
+        backwards=-laws.sum(lambda v: ca.SX(-1), lambda kind: kind not in _SMOOTH),
+        kinetic=0.5 * ca.dot(zd, M @ zd),
+        potential=V,
+    )
+
+
+def _bodies(
+    robot: RobotDescription, mechanism: Mechanism, zd: ca.SX, p: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Mass matrix, forces at z̈ = 0 and potential energy of all bodies, without rotors."""
+    z, dof, gravity = mechanism.z, mechanism.dof, np.array(robot.gravity)
+    M, h, V = ca.SX(dof, dof), ca.SX(dof, 1), ca.SX(0)
+    for body in mechanism.bodies:
+        start = 10 * robot.body_names.index(body.name)
+        p_b = body.count * p[start : start + 10]
+        motion = body_motion(body, z, zd, ca.SX(dof, 1), gravity)
+        M += body_mass_matrix(p_b, motion)
+        h += body_regressor(motion) @ p_b
+        first_moment = p_b[0] * body.r_LB + body.R_LB @ p_b[1:4]
+        V -= ca.dot(ca.DM(body.R_WL.T @ gravity), first_moment)
+    return M, h, V
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """Friction of all joints at their speeds v."""
+
+    robot: RobotDescription
+    v: ca.SX
+    tau: ca.SX
+    p: ca.SX
+
+    def sum(self, sign: Callable[[ca.SX], ca.SX], wanted: Callable[[TermKind], bool]) -> ca.SX:
+        """Σ coefficient · h(v) of the wanted terms, joint by joint."""
+        robot, joints = self.robot, self.robot.friction_joints
+        at, total = parameter_layout(robot).friction.start, ca.SX.zeros(len(joints))
+        for k, term in enumerate(robot.friction_terms):
+            if wanted(term.kind):
+                i = joints.index(term.joint)
+                is_load = term.kind == "load"
+                load = self.tau[robot.drives.index(term.joint)] if is_load else ca.SX(0)
+                total[i] += self.p[at + k] * term_factor(term, self.v[i], sign, load)
+        return total
+
+
+def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
+    """A⁻¹ B for a small symmetric positive definite A, by A = L Lᵀ written out without branches.
+
+    NaN where A is not positive definite.
+    """
+    n = A.shape[0]
+    L = ca.SX(n, n)
+    for j in range(n):
+        rest = A[j, j] - ca.sumsqr(L[j, :j])
+        root = ca.sqrt(rest)
+        L[j, j] = root
+        for i in range(j + 1, n):
+            L[i, j] = (A[i, j] - ca.dot(L[i, :j], L[j, :j])) / root
+    X = ca.densify(B)
+    for i in range(n):
+        X[i, :] = (X[i, :] - L[i, :i] @ X[:i, :]) / L[i, i]
+    for i in reversed(range(n)):
+        X[i, :] = (X[i, :] - L[i + 1 :, i].T @ X[i + 1 :, :]) / L[i, i]
+    return X

@@ -1,0 +1,163 @@
+"""A controller on a robot, sample by sample as a drive runs it, and how well it follows a motion.
+
+At each sample k of period T the drive reads its encoders, and the torque that it computes is held
+until the next one:
+
+1. q_m = q(t_k) rounded to encoder steps; e = q_m − q_d(t_k).
+2. ė = the difference of e over T through a first-order low-pass. Differentiating e and not q_m
+   leaves no lag where the motion is followed.
+3. Both are `delay` samples old when the law sees them.
+4. The law is evaluated at the middle of the time for which its torque will be held, with the
+   desired motion of then, q = q_d + e and q̇ = q̇_d + ė; torques are cut to the drives' limits.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.application.control_model import ControlModel
+from deltaid.application.controllers import Controller, Measured
+from deltaid.application.forward_dynamics import ForwardDynamics
+from deltaid.application.simulation import time_steps
+from deltaid.application.trajectory import Desired, Trajectory
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.mechanism.kinematics import Samples
+from deltaid.robot.description import RobotDescription
+
+ENCODER_STEP = 2 * np.pi / 2**20
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The robot that is controlled, with its true parameters."""
+
+    forward: ForwardDynamics
+    p: Parameters
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What the drives' electronics do.
+
+    Attributes:
+        rate: samples a second.
+        encoder_step: resolution of a measured coordinate [rad or m]; 0 for exact ones.
+        delay: samples from an encoder's reading to its use.
+        velocity_cutoff: of the low-pass on differences, as a share of the rate.
+    """
+
+    rate: float = 1000.0
+    encoder_step: float = ENCODER_STEP
+    delay: int = 0
+    velocity_cutoff: float = 0.2
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """A motion as it was desired and as it became, one sample of the drives a row.
+
+    Attributes:
+        time: [s].
+        q_desired, z_desired, q, z: drive and task coordinates; q and z are NaN after `ended`.
+        tau: torques that were applied.
+        saturated: where a limit cut them.
+        ended: when the robot left its workspace [s]; None if it did not.
+    """
+
+    time: Float[np.ndarray, " samples"]
+    q_desired: Samples
+    z_desired: Samples
+    q: Samples
+    z: Samples
+    tau: Samples
+    saturated: Bool[np.ndarray, "samples dof"]
+    ended: float | None
+
+    @property
+    def drive_error(self) -> Samples:
+        """q − q_d [rad or m]."""
+        return self.q - self.q_desired
+
+    @property
+    def platform_error(self) -> Float[np.ndarray, " samples"]:
+        """Distance of the platform point from where it should be [m]."""
+        return np.linalg.norm(self.z[:, :3] - self.z_desired[:, :3], axis=1)
+
+
+def track(
+    plant: Plant,
+    controller: Controller,
+    model: ControlModel,
+    trajectory: Trajectory,
+    drives: Drives,
+) -> Tracking:
+    """Run a controller that knows `model` on `plant` along a trajectory, from its first state.
+
+    Raises:
+        KinematicsError: the trajectory is out of the plant's reach, or of the model's.
+    """
+    period = 1 / drives.rate
+    time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
+    start, desired = trajectory.at(time), trajectory.at(time + 0.5 * period)
+    limits = effort_limits(plant.forward.robot)
+    substeps, h = time_steps(drives.rate)
+    z, qd = plant.forward.kinematics.forward(start.q[:1]), start.qd[:1]
+    readings = _Readings(drives)
+    path, torques = np.empty((2, len(time), z.shape[1])), np.empty(start.q.shape)
+    wanted = np.empty_like(torques)
+    for k in range(len(time)):
+        q = plant.forward.drive_coordinates(z)
+        path[:, k] = q[0], z[0]
+        error, error_rate = readings.take(q, start.q[k : k + 1])
+        now = _row(desired, k)
+        measured = Measured(now.q + error, now.qd + error_rate)
+        wanted[k] = controller.torque(model, measured, now)[0]
+        torques[k] = np.clip(wanted[k], -limits, limits)
+        for _ in range(substeps):
+            z, qd = plant.forward.step(z, qd, torques[k : k + 1], plant.p, h)
+    lost = np.flatnonzero(~np.isfinite(path).all(axis=(0, 2)))
+    return Tracking(
+        time=time,
+        q_desired=start.q,
+        z_desired=start.z,
+        q=path[0],
+        z=path[1],
+        tau=torques,
+        saturated=np.abs(wanted) > limits,
+        ended=float(time[lost[0]]) if lost.size else None,
+    )
+
+
+def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
+    """Largest torque or force of each drive; infinite where the description has none."""
+    given = [robot.drive_limits.get(drive) for drive in robot.drives]
+    return np.array([(limits.effort if limits else None) or np.inf for limits in given])
+
+
+class _Readings:
+    """Encoders, difference, low-pass and delay of the tracking error."""
+
+    def __init__(self, drives: Drives) -> None:
+        self._drives = drives
+        self._share = 1 - np.exp(-2 * np.pi * drives.velocity_cutoff)
+        self._late: deque[tuple[Samples, Samples]] = deque(maxlen=drives.delay + 1)
+        self._last = self._rate = np.zeros((0, 0))
+
+    def take(self, q: Samples, q_desired: Samples) -> tuple[Samples, Samples]:
+        """e and ė as the law sees them now."""
+        step = self._drives.encoder_step
+        error = (np.round(q / step) * step if step > 0 else q) - q_desired
+        if not self._last.size:
+            self._last, self._rate = error, np.zeros_like(error)
+        slope = (error - self._last) * self._drives.rate
+        self._rate = self._rate + self._share * (slope - self._rate)
+        self._last = error
+        self._late.append((error, self._rate))
+        return self._late[0]
+
+
+def _row(desired: Desired, k: int) -> Desired:
+    part = slice(k, k + 1)
+    return Desired(desired.z[part], desired.q[part], desired.qd[part], desired.qdd[part])

@@ -1,0 +1,124 @@
+"""The motion that a controller is to follow: from a file, or from a motion in memory."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
+
+from deltaid.errors import RecordingError
+from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.motion.surrogate import Motion
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.log import Log, open_log
+from deltaid.recording.windows import choose_filter, windows
+
+# Through samples, so that q̈ has no corners.
+_DEGREE = 5
+
+
+@dataclass(frozen=True)
+class Desired:
+    """A desired motion at some times, one a row.
+
+    Attributes:
+        z: task coordinates.
+        q, qd, qdd: drive coordinates, velocities, accelerations.
+    """
+
+    z: Samples
+    q: Samples
+    qd: Samples
+    qdd: Samples
+
+
+class Trajectory(Protocol):
+    """A desired motion that can be asked for any time between 0 and its duration."""
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        ...
+
+    def at(self, time: Float[np.ndarray, " samples"]) -> Desired:
+        """The desired motion at times [s], which start at 0."""
+        ...
+
+
+@dataclass(frozen=True)
+class MotionTrajectory:
+    """A Fourier motion or a run from rest to rest, in memory.
+
+    Attributes:
+        duration: how much of it is to be followed [s].
+    """
+
+    kinematics: Kinematics
+    motion: Motion
+    duration: float
+
+    def at(self, time: Float[np.ndarray, " samples"]) -> Desired:
+        """The desired motion at times [s].
+
+        Raises:
+            KinematicsError: a pose is out of reach or singular.
+        """
+        z, zd, zdd = self.motion.evaluate(np.clip(time, 0.0, self.duration))
+        return Desired(z, *self.kinematics.drive_motion(z, zd, zdd))
+
+
+class SampledTrajectory:
+    """Samples of drive coordinates, joined by a spline of fifth degree.
+
+    Args:
+        time: evenly spaced or not, at least six [s].
+        q: drive coordinates there.
+
+    Velocities and accelerations are the spline's own, so that all three agree.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, time: Float[np.ndarray, " samples"], q: Samples
+    ) -> None:
+        self._kinematics = kinematics
+        self._spline = make_interp_spline(time - time[0], q, k=_DEGREE)
+        self.duration = float(time[-1] - time[0])
+
+    def at(self, time: Float[np.ndarray, " samples"]) -> Desired:
+        """The desired motion at times [s].
+
+        Raises:
+            KinematicsError: between the samples a pose is out of reach or singular.
+        """
+        inside = np.clip(time, 0.0, self.duration)
+        q, qd, qdd = (np.asarray(self._spline(inside, order)) for order in range(3))
+        return Desired(self._kinematics.forward(q), q, qd, qdd)
+
+
+def open_trajectory(
+    path: Path, kinematics: Kinematics, mapping: ColumnMapping | None = None
+) -> tuple[SampledTrajectory, Log]:
+    """The motion of a file: what `deltaid excite` writes, or a recording.
+
+    A file with velocities and accelerations is taken as it is. One with positions only is a
+    recording: it is low-passed as an identification would, and is shorter at both ends by the
+    filter's length.
+
+    Raises:
+        RecordingError: the file cannot be used, or has too few samples.
+    """
+    log = open_log(path, kinematics, mapping, need_torque=False)
+    low_pass = choose_filter(log)
+    parts = [(w.time, kinematics.inverse(w.z)) for w in windows(log, kinematics, low_pass)]
+    if low_pass is not None:  # windows stand over by half a filter at either end
+        half = len(low_pass.smooth) // 2
+        parts = [(time[half : len(time) - half], q[half : len(q) - half]) for time, q in parts]
+    time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if len(time) <= _DEGREE:
+        raise RecordingError(
+            f"has {len(time)} samples, too few for a motion (at least {_DEGREE + 1})",
+            where=str(path),
+        )
+    return SampledTrajectory(kinematics, time, q), log

@@ -1,0 +1,186 @@
+"""Forward dynamics: inverse of inverse dynamics, energy, MuJoCo's projection, positive M."""
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import composed
+from deltaid.application.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.application.simulation import integrate
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.errors import DeltaidError, KinematicsError
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction, PowerLaw, Stribeck
+from deltaid.robot.load import catalogue, load_robot
+from support import assert_close, random_states, random_twin
+
+ANY_SEED = st.integers(0, 2**32 - 1)
+EVERY_TERM = Friction(
+    viscous=1.1,
+    coulomb=2.3,
+    viscous_back=0.7,
+    coulomb_back=3.1,
+    power=PowerLaw(coefficient=0.8, exponent=0.4),
+    stribeck=Stribeck(coefficient=1.7, speed=0.2, exponent=2.0),
+    load=0.15,
+)
+OFFSET = Friction(viscous=1.1, coulomb=2.3, offset=0.9)
+every_robot = pytest.mark.parametrize("name", catalogue())
+
+
+def states(kinematics: Kinematics, n: int = 30) -> tuple[np.ndarray, ...]:
+    """z, ż, z̈ of brisk motion all over the workspace."""
+    motion = random_motion(kinematics, np.random.default_rng(4))
+    return motion.evaluate(np.linspace(0.0, motion.period, n))
+
+
+def with_offsets(robot: RobotDescription) -> np.ndarray:
+    """The prior, and constant offsets that are not zero."""
+    p, layout = prior_parameters(robot), parameter_layout(robot)
+    p[list(layout.signed)] = 0.4
+    return p
+
+
+# --- forward and inverse --------------------------------------------------------------------------
+
+
+@every_robot
+def test_forward_after_inverse_is_the_identity(name: str) -> None:
+    """A mass matrix that is not positive definite would make this NaN."""
+    robot = load_robot(name)
+    dynamics, p = Dynamics(robot), prior_parameters(robot)
+    z, zd, zdd = states(dynamics.kinematics)
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, p)
+    assert_close(compiled_forward(robot).acceleration(z, zd, tau, p), zdd, 1e-9)
+
+
+def test_identity_in_drive_coordinates_with_every_friction_term() -> None:
+    robot = load_robot("irb360-6-1600")
+    laws = dict.fromkeys(("drive1", "drive4"), EVERY_TERM) | {"drive2": OFFSET}
+    robot = robot.model_copy(update={"friction": robot.friction | laws})
+    dynamics, p = Dynamics(robot), with_offsets(robot)
+    z, zd, zdd = states(dynamics.kinematics)
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.inverse_dynamics(q, qd, qdd, p)
+    assert_close(ForwardDynamics(robot).drive_acceleration(q, qd, tau, p), qdd, 1e-9)
+
+
+@every_robot
+def test_mass_matrix_is_symmetric_and_positive_definite(name: str) -> None:
+    robot = load_robot(name)
+    e = compiled_forward(robot).equations
+    of = ca.Function("M", [e.z, e.p], [e.M])
+    for z in states(Kinematics(robot), 10)[0]:
+        M = np.asarray(of(z, prior_parameters(robot)))
+        np.testing.assert_allclose(M, M.T, rtol=1e-12, atol=1e-12)
+        assert np.linalg.eigvalsh(M).min() > 0
+
+
+# --- against MuJoCo's tree, projected -------------------------------------------------------------
+
+
+@settings(max_examples=4, deadline=None)
+@given(seed=ANY_SEED, telescope=st.booleans())
+def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: bool) -> None:
+    twin = random_twin(seed, telescope=telescope)
+    _, q, qd, _ = random_states(twin.oracle, np.random.default_rng(seed), 6)
+    tau = np.random.default_rng(seed).uniform(-50, 50, q.shape)
+    bias = twin.oracle.inverse_dynamics(q, qd, np.zeros_like(q))
+    M = np.array([twin.oracle.mass_matrix(row) for row in q])
+    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
+    found = ForwardDynamics(twin.robot).drive_acceleration(q, qd, tau, twin.p)
+    assert_close(found, expected, 1e-10)
+
+
+@pytest.mark.parametrize("kind", ["par4", "i4"])
+def test_accelerations_of_composed_robots_against_the_oracle(kind: str) -> None:
+    """Springs, rotors, passive joints and gravity in any direction included."""
+    twin = composed.twin(composed.Make(kind=kind))
+    rng = np.random.default_rng(3)
+    z, q, qd, _ = composed.random_states(twin.oracle, rng, 6)
+    tau = rng.uniform(-50, 50, z.shape)
+    bias = twin.oracle.inverse_dynamics(z, qd, np.zeros_like(z))
+    M = np.array([twin.oracle.mass_matrix(row) for row in z])
+    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
+    found = ForwardDynamics(twin.robot).drive_acceleration(q, qd, tau, twin.p)
+    assert_close(found, expected, 1e-9)
+
+
+# --- motion without friction ----------------------------------------------------------------------
+
+
+@cache
+def frictionless(name: str) -> tuple[ForwardDynamics, np.ndarray]:
+    robot = load_robot(name)
+    p = prior_parameters(robot)
+    p[parameter_layout(robot).friction] = 0
+    return compiled_forward(robot), p
+
+
+@pytest.mark.parametrize("name", ["irb360-6-1600", "par4"])
+def test_energy_is_kept_for_ten_seconds_and_loops_stay_closed(name: str) -> None:
+    """Constant torques that hold the robot at home, and springs about it: a potential as well."""
+    forward, p = frictionless(name)
+    dynamics = Dynamics(forward.robot)
+    home = forward.kinematics.home[None]
+    q_home, still = forward.drive_coordinates(home), np.zeros_like(home)
+    tau = dynamics.torque(home, still, still, p)
+    stiffness = 40 * np.diagonal(dynamics.mass_matrix(q_home, p)[0])
+    z = np.repeat(home, 3, axis=0)
+    zd = np.random.default_rng(5).uniform(-0.3, 0.3, z.shape)
+    time = np.linspace(0, 10, 21)
+    path = integrate(forward, p, z, zd, time, lambda t, q, qd: tau - stiffness * (q - q_home))
+    for k in range(len(z)):
+        z, zd = path.z[:, k], path.zd[:, k]
+        away = forward.drive_coordinates(z) - q_home
+        kinetic, potential = forward.energy(z, zd, p)
+        energy = kinetic + potential - away @ tau[0] + 0.5 * away**2 @ stiffness
+        assert np.ptp(kinetic) > 0.3 * kinetic.max()
+        assert np.abs(energy - energy[0]).max() < 1e-8 * kinetic.max()
+        # q = q(z) closes the loops; forward kinematics, which solves them anew, finds z again.
+        found = forward.kinematics.forward(forward.drive_coordinates(z))
+        np.testing.assert_allclose(found, z, atol=1e-9)
+
+
+def test_a_batch_is_its_single_runs() -> None:
+    forward, p = frictionless("clavel-delta3")
+    z = forward.kinematics.home + np.random.default_rng(0).uniform(-0.1, 0.1, (5, 3))
+    zd, time = np.full_like(z, 0.2), np.array([0.0, 0.1, 0.2])
+    together = integrate(forward, p, z, zd, time)
+    alone = [integrate(forward, p, z[k : k + 1], zd[k : k + 1], time) for k in range(len(z))]
+    np.testing.assert_allclose(together.z, np.concatenate([a.z for a in alone], axis=1), atol=1e-9)
+
+
+def test_power_is_the_rate_of_energy() -> None:
+    """dE/dt = τᵀ q̇ without friction, by an energy that no other part of the equations uses."""
+    forward, p = frictionless("irb360-6-1600")
+    z, zd, _ = states(forward.kinematics)
+    tau = np.random.default_rng(1).uniform(-20, 20, z.shape)
+    zdd, h = forward.acceleration(z, zd, tau, p), 1e-5
+    ahead, behind = (
+        sum(forward.energy(z + s * zd + 0.5 * s**2 * zdd, zd + s * zdd, p)) for s in (h, -h)
+    )
+    power = np.sum(tau * forward.drive_motion(z, zd)[1], axis=1)
+    assert_close((ahead - behind) / (2 * h), power, 1e-7)
+
+
+def test_a_robot_that_falls_until_a_limb_is_stretched_is_told() -> None:
+    forward, p = frictionless("clavel-delta3")
+    home = forward.kinematics.home[None]
+    with pytest.raises(KinematicsError, match=r"stretched after 0\.\d* s"):
+        integrate(forward, p, home, 0 * home, np.linspace(0, 5, 51))
+
+
+def test_friction_that_jumps_is_refused_by_the_solver() -> None:
+    forward, _ = frictionless("clavel-delta3")
+    home, p = forward.kinematics.home[None], prior_parameters(forward.robot)
+    with pytest.raises(DeltaidError, match="step_through"):
+        integrate(forward, p, home, 0 * home, np.linspace(0, 1, 3))
