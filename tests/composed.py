@@ -89,7 +89,7 @@ def random_composed(make: Make, rng: np.random.Generator) -> ComposedOracle:
         half=0.0 if make.kind in ("rigid", "i4") else rng.uniform(0.07, 0.1),
         ratio=ratio,
         direction=np.deg2rad(90) + rng.uniform(-0.2, 0.2),
-        tool=np.zeros(3) if make.kind == "rigid" else rng.uniform(-0.1, 0.1, 3),
+        tool=_tool(make, rng),
         telescope=(rng.uniform(-0.05, 0.05, 3), rng.uniform(-0.03, 0.03, 3))
         if make.telescope
         else None,
@@ -100,6 +100,12 @@ def random_composed(make: Make, rng: np.random.Generator) -> ComposedOracle:
         rotor_inertia=rng.uniform(0.01, 0.1, dof),
     )
     return replace(oracle, bodies=random_bodies(oracle, rng))
+
+
+def _tool(make: Make, rng: np.random.Generator) -> np.ndarray:
+    """Tool axis from the platform point (m); on an H4 it lies on the axis of the middle bar."""
+    place = rng.uniform(-0.1, 0.1, 3)
+    return {"rigid": 0.0, "h4": np.array([0.0, 0.0, 1.0])}.get(make.kind, 1.0) * place
 
 
 def _random_limbs(make: Make, rng: np.random.Generator) -> tuple[LimbShape, ...]:
