@@ -102,12 +102,16 @@ class Model:
 
 def model(subject: ExportSubject, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Model:
     """The package's answers, with friction in the bias C q̇ + g + f."""
-    e = subject.dynamics.equations
-    out = [e.torque, e.M, e.C @ e.qd + e.g + e.f, e.g]
-    function = ca.Function("terms", [e.z, e.qd, e.qdd, e.p], out)
-    rows = [function(*row, subject.p) for row in zip(z, qd, qdd, strict=True)]
+    rows = [_terms(subject)(*row, subject.p) for row in zip(z, qd, qdd, strict=True)]
     tau, M, bias, g = (np.array([np.array(x) for x in part]) for part in zip(*rows, strict=True))
     return Model(tau[..., 0], M, bias[..., 0], g[..., 0])
+
+
+@cache
+def _terms(subject: ExportSubject) -> ca.Function:
+    e = subject.dynamics.equations
+    out = [e.torque, e.M, e.C @ e.qd + e.g + e.f, e.g]
+    return ca.Function("terms", [e.z, e.qd, e.qdd, e.p], out)
 
 
 @dataclass(frozen=True)

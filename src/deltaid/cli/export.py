@@ -13,6 +13,8 @@ class Target(StrEnum):
     C = "c"
     MJCF = "mjcf"
     URDF = "urdf"
+    FMU = "fmu"
+    FMU_INVERSE = "fmu-inverse"
     CASADI = "casadi"
     NPZ = "npz"
 

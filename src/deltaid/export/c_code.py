@@ -41,7 +41,7 @@ class CCode:
 
 
 @dataclass(frozen=True)
-class _Table:
+class ParameterTable:
     """Parameters that are not zero: their names, units and values, and p with symbols for them."""
 
     rows: list[tuple[str, str, str]]
@@ -61,7 +61,7 @@ def c_code(subject: ExportSubject, prefix: str) -> CCode:
             where="name of the output",
             cure="use letters, digits and _, a letter first",
         )
-    dynamics, table = subject.dynamics, _table(subject, prefix)
+    dynamics, table = subject.dynamics, parameter_table(subject, f"{prefix}_p")
     closed_form = dynamics.kinematics.mechanism.forward is not None
     units = dynamics.robot.drive_units
     return CCode(
@@ -91,17 +91,18 @@ def c_code(subject: ExportSubject, prefix: str) -> CCode:
     )
 
 
-def _table(subject: ExportSubject, prefix: str) -> _Table:
+def parameter_table(subject: ExportSubject, name: str) -> ParameterTable:
+    """The parameters of a model as a C table, without those that are zero."""
     layout, kept = subject.dynamics.layout, np.flatnonzero(subject.p)
     symbols, p = ca.SX.sym("p", len(kept)), ca.SX.zeros(subject.p.size)
     rows = []
     for k, i in enumerate(kept):
         p[int(i)] = symbols[k]
         rows.append((layout.names[i], layout.units[i], number(subject.p[i])))
-    return _Table(rows, Array(f"{prefix}_p", symbols, is_table=True), p)
+    return ParameterTable(rows, Array(name, symbols, is_table=True), p)
 
 
-def _functions(subject: ExportSubject, prefix: str, table: _Table) -> list[str]:
+def _functions(subject: ExportSubject, prefix: str, table: ParameterTable) -> list[str]:
     """The public functions of z that need no loop and cannot fail."""
     e: Equations = subject.dynamics.equations
     z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
@@ -109,7 +110,7 @@ def _functions(subject: ExportSubject, prefix: str, table: _Table) -> list[str]:
         ("jacobian", [z], ("J", e.J)),
         ("inverse_dynamics_at", [z, qd, qdd], ("tau", e.torque)),
         ("mass_matrix", [z], ("M", e.M)),
-        ("bias", [z, qd], ("h", _bias(subject, e))),
+        ("bias", [z, qd], ("h", bias(subject, e))),
         ("gravity", [z], ("g", e.g)),
     ]
     names = [name for name, _, _ in wanted]
@@ -121,7 +122,7 @@ def _functions(subject: ExportSubject, prefix: str, table: _Table) -> list[str]:
     return texts
 
 
-def _bias(subject: ExportSubject, e: Equations) -> ca.SX:
+def bias(subject: ExportSubject, e: Equations) -> ca.SX:
     """C q̇ + g + f as the torque without acceleration and without losses that depend on it."""
     names, p = subject.dynamics.layout.names, ca.SX(e.p)
     for drive in subject.robot.load_drives:

@@ -4,12 +4,14 @@ import re
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
 from deltaid.export.arrays import npz_file
 from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
+from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
 from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import urdf
@@ -72,8 +74,15 @@ def _urdf(subject: ExportSubject, stem: str) -> Export:
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
+def _fmu(subject: ExportSubject, stem: str, *, forward: bool) -> Export:
+    unit = fmu(subject, stem, forward=forward)
+    return Export({".fmu": unit.content}, unit.warnings)
+
+
 TARGETS: Mapping[str, Target] = {
     "c": Target((".c", ".h"), _c),
+    "fmu": Target((".fmu",), partial(_fmu, forward=True)),
+    "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False)),
     "casadi": Target((".casadi",), _casadi),
     "mjcf": Target((".xml",), _mjcf),
     "urdf": Target((".urdf", ".loops.json"), _urdf),

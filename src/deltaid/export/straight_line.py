@@ -49,12 +49,23 @@ class Array:
     is_table: bool = False
 
 
+SIGN = "(double)(({a} > 0.0) - ({a} < 0.0))"
+
+
 def straight_line(
-    name: str, inputs: Sequence[Array], output: tuple[str, ca.SX], *, linkage: str = ""
+    name: str,
+    inputs: Sequence[Array],
+    output: tuple[str, ca.SX],
+    *,
+    linkage: str = "",
+    sign: str = SIGN,
 ) -> str:
     """C text of `void name(const double input[], …, double output[])`.
 
     The output's entries are dense, a matrix row by row.
+
+    Args:
+        sign: C expression for the sign of {a}.
 
     Raises:
         NotImplementedError: the graph has an operation that no robot has needed so far.
@@ -62,7 +73,7 @@ def straight_line(
     out_name, expression = output
     dense = ca.vec(ca.densify(expression).T)
     function = ca.Function("f", [array.symbols for array in inputs], ca.cse([dense]))
-    lines, used, slots = _body(function, [array.name for array in inputs], out_name)
+    lines, used, slots = _body(function, [array.name for array in inputs], out_name, sign)
     arguments = [f"const double {a.name}[{a.symbols.numel()}]" for a in inputs if not a.is_table]
     signature = ", ".join([*arguments, f"double {out_name}[{dense.numel()}]"])
     unused = [f"    (void){a.name};" for a in inputs if not a.is_table and a.name not in used]
@@ -78,7 +89,9 @@ def straight_line(
     )
 
 
-def _body(f: ca.Function, names: list[str], out: str) -> tuple[list[str], set[str], list[int]]:
+def _body(
+    f: ca.Function, names: list[str], out: str, sign: str
+) -> tuple[list[str], set[str], list[int]]:
     """Statements, names of the inputs that they read, and the slots that they write."""
     value: dict[int, str] = {}  # what a slot holds: its own name, an input's entry or a number
     lines: list[str] = []
@@ -94,14 +107,14 @@ def _body(f: ca.Function, names: list[str], out: str) -> tuple[list[str], set[st
         elif op == ca.OP_OUTPUT:
             lines.append(f"    {out}[{written[1]}] = {value[read[0]]};")
         else:
-            text = _operation(op, [value[i] for i in read])
+            text = _operation(op, [value[i] for i in read], sign)
             slots.add(written[0])
             value[written[0]] = f"w{written[0]}"
             lines.append(f"    w{written[0]} = {text};")
     return lines, used, sorted(slots)
 
 
-def _operation(op: int, args: list[str]) -> str:
+def _operation(op: int, args: list[str], sign: str) -> str:
     """One scalar operation as a C expression."""
     a, b = args[0], args[-1]
     if op in _INFIX:
@@ -116,7 +129,7 @@ def _operation(op: int, args: list[str]) -> str:
         ca.OP_SQ: f"{a} * {a}",
         ca.OP_TWICE: f"{a} + {a}",
         ca.OP_INV: f"1.0 / {a}",
-        ca.OP_SIGN: f"(double)(({a} > 0.0) - ({a} < 0.0))",
+        ca.OP_SIGN: sign.format(a=a),
         ca.OP_NOT: f"(double)({a} == 0.0)",
         ca.OP_IF_ELSE_ZERO: f"({a} != 0.0) ? {b} : 0.0",
     }

@@ -1,0 +1,215 @@
+"""The variables of a functional mock-up unit, and the XML that describes them (FMI 2.0)."""
+
+from dataclasses import dataclass
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from deltaid.export.subject import ExportSubject
+
+# Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
+FRICTION_SPEED = 0.01
+
+# Units by name, as powers of SI base units.
+_UNITS: dict[str, dict[str, str]] = {
+    "rad": {"rad": "1"},
+    "rad/s": {"rad": "1", "s": "-1"},
+    "rad/s2": {"rad": "1", "s": "-2"},
+    "m": {"m": "1"},
+    "m/s": {"m": "1", "s": "-1"},
+    "m/s2": {"m": "1", "s": "-2"},
+    "N.m": {"kg": "1", "m": "2", "s": "-2"},
+    "N": {"kg": "1", "m": "1", "s": "-2"},
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One real variable; its value reference is its place in the list.
+
+    Attributes:
+        causality: 'input', 'output', 'parameter' or 'local'.
+        start: value before the first step; None for what is calculated.
+        derivative_of: place of the variable that it is the derivative of.
+        needs: places of the inputs and states that it follows from without delay; None for all.
+    """
+
+    name: str
+    causality: str
+    unit: str
+    description: str
+    start: float | None = None
+    derivative_of: int | None = None
+    needs: tuple[int, ...] | None = None
+
+    @property
+    def settable(self) -> bool:
+        """Whether its value comes from outside or from the integrator."""
+        return self.start is not None
+
+
+@dataclass(frozen=True)
+class Variables:
+    """All variables of a unit.
+
+    Attributes:
+        places: where groups begin, by the name that the C code gives them.
+        states: number of continuous states.
+    """
+
+    all: tuple[Variable, ...]
+    places: dict[str, int]
+    states: int
+
+
+class _List:
+    """Variables in the order in which they are added."""
+
+    def __init__(self, subject: ExportSubject) -> None:
+        linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
+        self.drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
+        self.task = [("x", "m"), ("y", "m"), ("z", "m"), ("psi", "rad")][: len(linear)]
+        self.all: list[Variable] = []
+        self.places: dict[str, int] = {}
+
+    def add(self, place: str, variables: list[Variable]) -> range:
+        """Append a group; returns its places."""
+        self.places[place] = len(self.all)
+        self.all += variables
+        return range(self.places[place], len(self.all))
+
+
+def forward_variables(subject: ExportSubject) -> Variables:
+    """The robot: torques in, motion out; z and then q̇ are the states."""
+    found, home = _List(subject), subject.home
+    found.add("SPEED", [Variable(
+        "friction_speed", "parameter", "", "rad/s or m/s below which dry friction fades",
+        FRICTION_SPEED,
+    )])  # fmt: skip
+    found.add("TAU", [
+        Variable(f"tau{i}", "input", force, f"torque or force of drive {i} at the joint", 0.0)
+        for i, (_, force) in enumerate(found.drives, 1)
+    ])  # fmt: skip
+    z = found.add("Z", [
+        Variable(name, "output", unit, "of the platform", float(start))
+        for (name, unit), start in zip(found.task, home, strict=True)
+    ])  # fmt: skip
+    qd = found.add("QD", [
+        Variable(f"qd{i}", "output", f"{unit}/s", f"speed of drive {i}", 0.0)
+        for i, (unit, _) in enumerate(found.drives, 1)
+    ])  # fmt: skip
+    found.add("DZ", [
+        Variable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}/s", "",
+                 derivative_of=k, needs=(*z, *qd))
+        for k in z
+    ])  # fmt: skip
+    found.add("DQD", [
+        Variable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}2", "",
+                 derivative_of=k)
+        for k in qd
+    ])  # fmt: skip
+    found.add("Q", [
+        Variable(f"q{i}", "output", unit, f"coordinate of drive {i}", needs=tuple(z))
+        for i, (unit, _) in enumerate(found.drives, 1)
+    ])  # fmt: skip
+    return Variables(tuple(found.all), found.places, 2 * len(home))
+
+
+def inverse_variables(subject: ExportSubject) -> Variables:
+    """Inverse dynamics: the drives' motion in, torques and pose out; no states."""
+    found = _List(subject)
+    home = np.asarray(subject.dynamics.kinematics.inverse(subject.home[None])[0])
+    groups = (("Q", "q", "", "coordinate", home), ("QD", "qd", "/s", "speed", 0 * home),
+              ("QDD", "qdd", "/s2", "acceleration", 0 * home))  # fmt: skip
+    for place, name, per, words, starts in groups:
+        found.add(place, [
+            Variable(f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start))
+            for i, ((unit, _), start) in enumerate(zip(found.drives, starts, strict=True), 1)
+        ])  # fmt: skip
+    q = tuple(range(len(home)))
+    found.add("TAU", [
+        Variable(f"tau{i}", "output", force, f"torque or force of drive {i} at the joint")
+        for i, (_, force) in enumerate(found.drives, 1)
+    ])  # fmt: skip
+    found.add("Z", [
+        Variable(name, "output", unit, "of the platform", needs=q) for name, unit in found.task
+    ])  # fmt: skip
+    return Variables(tuple(found.all), found.places, 0)
+
+
+def model_description(subject: ExportSubject, name: str, guid: str, variables: Variables) -> str:
+    """The text of modelDescription.xml."""
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=name,
+        guid=guid,
+        description=subject.provenance,
+        generationTool="deltaid",
+        variableNamingConvention="structured",
+        numberOfEventIndicators="0",
+    )
+    for kind in ("ModelExchange", "CoSimulation"):
+        unit = ET.SubElement(root, kind, modelIdentifier=name, canGetAndSetFMUstate="true",
+                             canSerializeFMUstate="true")  # fmt: skip
+        if kind == "CoSimulation":
+            unit.set("canHandleVariableCommunicationStepSize", "true")
+        files = ET.SubElement(unit, "SourceFiles")
+        for file in (f"{name}.c", "fmi2.c"):
+            ET.SubElement(files, "File", name=file)
+    units = ET.SubElement(root, "UnitDefinitions")
+    for unit in sorted({variable.unit for variable in variables.all} - {""}):
+        base = ET.SubElement(units, "Unit", name=unit)
+        ET.SubElement(base, "BaseUnit", _UNITS[unit])
+    listed = ET.SubElement(root, "ModelVariables")
+    for k, variable in enumerate(variables.all):
+        listed.append(_scalar(k, variable))
+    root.append(_structure(variables))
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _scalar(k: int, variable: Variable) -> ET.Element:
+    element = ET.Element(
+        "ScalarVariable",
+        name=variable.name,
+        valueReference=str(k),
+        causality=variable.causality,
+        variability="tunable" if variable.causality == "parameter" else "continuous",
+    )
+    if variable.description:
+        element.set("description", variable.description)
+    if variable.causality != "input":
+        element.set("initial", "calculated" if variable.start is None else "exact")
+    real = ET.SubElement(element, "Real")
+    if variable.unit:
+        real.set("unit", variable.unit)
+    if variable.start is not None:
+        real.set("start", repr(variable.start))
+    if variable.derivative_of is not None:
+        real.set("derivative", str(variable.derivative_of + 1))
+    return element
+
+
+def _structure(variables: Variables) -> ET.Element:
+    """What follows from what; places count from 1 here. A state as output follows from itself."""
+    structure = ET.Element("ModelStructure")
+    listed = list(enumerate(variables.all))
+    outputs = [(k, v) for k, v in listed if v.causality == "output"]
+    slopes = [(k, v) for k, v in listed if v.derivative_of is not None]
+    initial = [(k, v) for k, v in outputs + slopes if v.start is None]
+    for group, members in (
+        ("Outputs", outputs),
+        ("Derivatives", slopes),
+        ("InitialUnknowns", sorted(initial)),
+    ):
+        element = ET.SubElement(structure, group) if members else None
+        for k, variable in members:
+            unknown = ET.Element("Unknown", index=str(k + 1))
+            needs = (k,) if variable.settable else variable.needs
+            if needs is not None:
+                unknown.set("dependencies", " ".join(str(i + 1) for i in needs))
+            if element is not None:
+                element.append(unknown)
+    return structure

@@ -1,0 +1,234 @@
+"""The functional mock-up units, checked and run by FMPy, against the package."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from command import run
+from deltaid.export.fmu import fmu
+from deltaid.export.subject import ExportSubject
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+from exports import compiled, disturbed, model, needs_compiler, states, subject
+from support import assert_close
+
+fmpy = pytest.importorskip("fmpy")
+from fmpy.fmi2 import FMU2Model, FMU2Slave  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+NAMES = ["irb360-6-1600", "par4-linear", "linear-delta"]
+pytestmark = needs_compiler
+
+
+@cache
+def content(chosen: ExportSubject, target: str) -> bytes:
+    found = fmu(chosen, "unit", forward=target == "fmu")
+    assert found.warnings == ()
+    return found.content
+
+
+def write(chosen: ExportSubject, target: str, folder: Path) -> Path:
+    path = folder / "unit.fmu"
+    path.write_bytes(content(chosen, target))
+    return path
+
+
+class Unit:
+    """An instance of a unit, its variables by name."""
+
+    def __init__(self, path: Path, folder: Path, kind: type) -> None:
+        self.description = fmpy.read_model_description(str(path))
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        unzipped = fmpy.extract(str(path), str(folder / "unzipped"))
+        self.fmu = kind(
+            guid=self.description.guid,
+            unzipDirectory=unzipped,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="instance",
+        )
+        self.fmu.instantiate()
+        self.fmu.setupExperiment(startTime=0.0)
+        self.fmu.enterInitializationMode()
+
+    def get(self, *names: str) -> np.ndarray:
+        return np.array(self.fmu.getReal([self.references[name] for name in names]))
+
+    def set(self, names: list[str], values: np.ndarray) -> None:
+        self.fmu.setReal([self.references[name] for name in names], list(values))
+
+
+@contextmanager
+def unit(
+    chosen: ExportSubject, target: str, folder: Path, kind: type = FMU2Slave
+) -> Iterator[Unit]:
+    found = Unit(write(chosen, target, folder), folder, kind)
+    yield found
+    found.fmu.terminate()
+    found.fmu.freeInstance()
+
+
+def names(what: str, dof: int) -> list[str]:
+    if what == "z":
+        return ["x", "y", "z", "psi"][:dof]
+    return [f"{what}{i + 1}" for i in range(dof)]
+
+
+@pytest.mark.parametrize("target", ["fmu", "fmu-inverse"])
+@pytest.mark.parametrize("name", NAMES[:1])
+def test_units_are_valid_and_their_sources_strict(name: str, target: str, tmp_path: Path) -> None:
+    path = write(subject(name), target, tmp_path)
+    assert validate_fmu(str(path)) == []
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    for source in ("unit.c", "fmi2.c"):
+        compiled(tmp_path / "sources" / source, tmp_path / f"{source}.so")
+    binary = (tmp_path / "binaries").rglob("unit.*")
+    assert len(list(binary)) == 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_inverse_dynamics(name: str, tmp_path: Path) -> None:
+    chosen = subject(name)
+    dof = chosen.dynamics.dof
+    z, q, qd, qdd = states(chosen, 8, share=0.4)
+    with unit(chosen, "fmu-inverse", tmp_path) as found:
+        still = found.get(*names("tau", dof))
+        expected = model(chosen, chosen.home[None], np.zeros((1, dof)), np.zeros((1, dof)))
+        assert_close(still, expected.tau[0], 1e-12)
+        found.fmu.exitInitializationMode()
+        tau = model(chosen, z, qd, qdd).tau
+        for i in range(len(z)):
+            for what, values in (("q", q[i]), ("qd", qd[i]), ("qdd", qdd[i])):
+                found.set(names(what, dof), values)
+            found.fmu.doStep(0.01 * i, 0.01)
+            assert_close(found.get(*names("tau", dof)), tau[i], 1e-11)
+            assert_close(found.get(*names("z", dof)), z[i], 1e-12)
+        found.set(["q1"], np.array([np.nan]))
+        with pytest.raises(Exception, match="fmi2GetReal"):
+            found.get("tau1")
+
+
+def accelerations(chosen: ExportSubject, folder: Path, tau: np.ndarray, n: int) -> None:
+    """q̈ of the unit against the package, at speeds at which friction has its whole size."""
+    dof = chosen.dynamics.dof
+    z, _, qd, qdd = states(chosen, n)
+    qd = np.sign(qd) * (1.0 + np.abs(qd))
+    expected = model(chosen, z, qd, qdd)
+    with unit(chosen, "fmu", folder, FMU2Model) as found:
+        found.fmu.exitInitializationMode()
+        for i in range(n):
+            found.set(names("tau", dof), expected.tau[i] + tau)
+            found.fmu.setContinuousStates((fmpy.fmi2.fmi2Real * (2 * dof))(*z[i], *qd[i]), 2 * dof)
+            more = np.linalg.solve(expected.M[i], tau)
+            got = found.get(*(f"der(qd{k + 1})" for k in range(dof)))
+            assert_close(got, qdd[i] + more, 1e-9)
+            zd = np.linalg.solve(chosen.dynamics.kinematics.jacobian(z[i : i + 1])[0], qd[i])
+            rates = found.get(*(f"der({name})" for name in names("z", dof)))
+            assert_close(rates, zd, 1e-11)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_accelerations(name: str, tmp_path: Path) -> None:
+    chosen = subject(name)
+    p = chosen.p.copy()
+    for joint in set(chosen.robot.joints) - set(chosen.robot.drives):  # may stand still
+        p[chosen.dynamics.layout.names.index(f"coulomb.{joint}")] = 0.0
+    accelerations(
+        ExportSubject(chosen.robot, p, name), tmp_path, 1.0 + np.arange(len(chosen.home)), 8
+    )
+
+
+def test_accelerations_with_every_friction_term(tmp_path: Path) -> None:
+    """Friction that depends on load takes its share of the motor's torque: no torque added here."""
+    data = load_robot("linear-delta").model_dump(mode="json", exclude_none=True)
+    data["friction"]["drive1"] |= {"power": {"coefficient": 2.0, "exponent": 0.6}, "load": 0.1}
+    data["friction"]["drive2"] |= {"viscous_back": 3.0, "coulomb_back": 4.0, "load": 0.05}
+    data["friction"]["drive3"] |= {"stribeck": {"coefficient": 2.0, "speed": 2.0}, "offset": 1.0}
+    chosen = disturbed(RobotDescription.model_validate_json(json.dumps(data)))
+    accelerations(chosen, tmp_path, np.zeros(3), 20)
+
+
+def test_co_simulation_against_an_integrator(tmp_path: Path) -> None:
+    """Half a second of free swinging without friction, from a push."""
+    chosen = subject("irb360-6-1600").without_friction()
+    push, tau = np.array([1.0, -1.0, 0.5, 2.0]), np.array([-8.0, -6.0, -9.0, 0.01])
+
+    def slope(_: float, x: np.ndarray) -> np.ndarray:
+        z, qd = np.split(x, 2)
+        terms = model(chosen, z[None], qd[None], np.zeros((1, 4)))
+        J = chosen.dynamics.kinematics.jacobian(z[None])[0]
+        return np.append(np.linalg.solve(J, qd), np.linalg.solve(terms.M[0], tau - terms.bias[0]))
+
+    start = np.append(chosen.home, push)
+    end = solve_ivp(slope, (0, 0.5), start, rtol=1e-10, atol=1e-12, method="DOP853").y[:, -1]
+    with unit(chosen, "fmu", tmp_path) as found:
+        found.set(names("tau", 4), tau)
+        found.set(names("qd", 4), push)
+        found.fmu.exitInitializationMode()
+        for k in range(50):
+            found.fmu.doStep(0.01 * k, 0.01)
+        assert_close(found.get(*names("z", 4)), end[:4], 1e-8)
+        assert_close(found.get(*names("qd", 4)), end[4:], 1e-8)
+        q = chosen.dynamics.kinematics.inverse(end[None, :4])[0]
+        assert_close(found.get(*names("q", 4)), q, 1e-8)
+
+
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_friction_holds_the_robot_but_for_a_creep(kind: str, tmp_path: Path) -> None:
+    chosen = subject("par4-linear")
+    still = np.zeros((1, 4))
+    gravity = model(chosen, chosen.home[None], still, still).g[0]
+    loss = np.array([chosen.value(f"coulomb.drive{i}") for i in (1, 2, 3, 4)])
+    path = write(chosen, "fmu", tmp_path)
+    start = {f"tau{i + 1}": gravity[i] + 0.5 * loss[i] for i in range(4)}
+    out = fmpy.simulate_fmu(
+        str(path), fmi_type=kind, stop_time=0.3, start_values=start, output_interval=0.01
+    )
+    speeds = np.array([out[f"qd{i + 1}"][-1] for i in range(4)])
+    assert np.abs(speeds).max() < 0.01
+    assert speeds == pytest.approx(0.01 * np.arctanh(0.5), rel=0.1)
+
+
+def test_a_state_can_be_saved_and_gone_back_to(tmp_path: Path) -> None:
+    chosen = subject("linear-delta")
+    with unit(chosen, "fmu", tmp_path) as found:
+        found.fmu.exitInitializationMode()
+        found.fmu.doStep(0.0, 0.05)
+        kept = found.fmu.getFMUstate()
+        stored = found.fmu.serializeFMUstate(kept)
+        found.fmu.doStep(0.05, 0.05)
+        later = found.get("x", "y", "z", "qd1")
+        found.fmu.setFMUstate(found.fmu.deSerializeFMUstate(stored))
+        assert (found.get("x", "y", "z", "qd1") != later).any()
+        found.fmu.doStep(0.05, 0.05)
+        assert (found.get("x", "y", "z", "qd1") == later).all()
+        found.fmu.freeFMUstate(kept)
+
+
+def test_without_a_compiler_the_sources_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda *_: None)
+    outcome = run("export", "linear-delta", "--to", "fmu", "-o", tmp_path / "a.fmu", width=400)
+    assert outcome.code == 0
+    assert "no C compiler was found" in outcome.err
+    with zipfile.ZipFile(tmp_path / "a.fmu") as archive:
+        assert set(archive.namelist()) == {
+            "modelDescription.xml", "sources/a.h", "sources/a.c", "sources/fmi2.c"
+        }  # fmt: skip
+    assert run("export", "linear-delta", "--to", "fmu", "-o", tmp_path / "b.fmu").code == 0
+
+
+def test_the_same_model_gives_the_same_file() -> None:
+    first = content(subject("linear-delta"), "fmu")
+    assert fmu(subject("linear-delta"), "unit", forward=True).content == first
