@@ -13,14 +13,17 @@ import pytest
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
-from deltaid.export.c_code import CCode, c_code
+from deltaid.export.c_code import c_code
+from deltaid.export.mjcf import mjcf
 from deltaid.export.subject import ExportSubject
+from deltaid.export.urdf import urdf
+from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot
 from exports import CC, STRICT, compiled, disturbed, model, needs_compiler, states, subject
 from support import assert_close
 
-OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH = range(4)
+OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR = range(5)
 
 
 class Library:
@@ -72,6 +75,8 @@ def assert_same(library: Library, subject: ExportSubject, n: int = 40) -> None:
     J = library.rows("jacobian", z, size=dof * dof).reshape(-1, dof, dof)
     assert_close(J, dynamics.kinematics.jacobian(z), 1e-12)
     assert_close(library.rows("inverse_kinematics", z, size=dof), q, 1e-12)
+    qdd_again = library.rows("forward_dynamics", z, qd, expected.tau, size=dof)
+    assert_close(qdd_again, qdd, 1e-11)
     near = z + 0.005 * np.random.default_rng(3).uniform(-1, 1, z.shape)
     for i in range(n):
         pose, torque = near[i].copy(), np.zeros(dof)
@@ -130,6 +135,9 @@ def test_failures_are_told_and_change_nothing(name: str, tmp_path: Path) -> None
     far = z[0] + np.array([9.0, *np.zeros(dof - 1)])
     assert library.call("inverse_kinematics", far, out=kept) == OUT_OF_REACH
     assert (kept == 7.0).all()
+    still = np.zeros(dof)
+    assert library.call("forward_dynamics", far, still, still, out=kept) == SINGULAR
+    assert (kept == 7.0).all()
     apart = q[0] + np.array([5.0, *np.zeros(dof - 1)]) if "linear" in name else np.full(dof, np.nan)
     pose = z[0].copy()
     assert library.call("forward_kinematics", apart, out=pose) == NOT_CLOSED
@@ -156,8 +164,20 @@ def test_names_that_c_cannot_have(prefix: str) -> None:
 
 
 def test_a_title_cannot_end_the_comment() -> None:
-    robot = load_robot("linear-delta").model_copy(update={"title": "*/ int x; /*\n#error"})
-    code: CCode = c_code(ExportSubject(robot, prior_parameters(robot), "a.yaml"), "delta")
+    robot = load_robot("linear-delta").model_copy(update={"title": "*//* int x; /*/\n#error"})
+    code = c_code(ExportSubject(robot, prior_parameters(robot), "a.yaml"), "delta")
     for text in (code.header, code.source):
         assert "int x" not in re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
         assert "#error" not in "".join(row for row in text.splitlines() if row.startswith("#"))
+        assert "/*" not in re.findall(r"/\*(.*?)\*/", text, flags=re.DOTALL)[0]
+
+
+@needs_compiler
+def test_a_mechanism_of_ones_own(tmp_path: Path) -> None:
+    folder = Path(__file__).resolve().parents[1] / "examples" / "heli4"
+    own.use_mechanism(folder / "mechanism.py")
+    chosen = disturbed(load_robot(folder / "robot.yaml"))
+    assert_same(build(chosen, tmp_path), chosen, 10)
+    for target in (mjcf, urdf):
+        with pytest.raises(DeltaidError, match="has a mechanism of its own"):
+            target(chosen)

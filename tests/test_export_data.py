@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import casadi as ca
 import numpy as np
@@ -14,8 +17,14 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.files import TARGETS, write_export
+from deltaid.export.fmu import fmu
 from deltaid.export.inertia import body_inertia, why_not_physical
+from deltaid.export.mjcf import mjcf
 from deltaid.export.subject import ExportSubject
+from deltaid.export.urdf import urdf
+from deltaid.identification.model import IdentifiedModel
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.load import catalogue, load_robot
 from exports import model, states, subject
 from support import assert_close
@@ -141,6 +150,33 @@ def test_command_refuses(tmp_path: Path) -> None:
     outcome = run("export", "clavel-delta3", "--to", "step", "-o", tmp_path / "a.c")
     assert outcome.code == 2
     assert "step" in outcome.err
+
+
+def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
+    changed = {"title": "a--->b & <c> \x01 ü--", "name": 'n"<\x02'}
+    robot = load_robot("linear-delta").model_copy(update=changed)
+    chosen = ExportSubject(robot, prior_parameters(robot), "--.yaml")
+    unit = zipfile.ZipFile(io.BytesIO(fmu(chosen, "a", forward=True).content))
+    for text in (mjcf(chosen), urdf(chosen).urdf, unit.read("modelDescription.xml")):
+        root = ElementTree.fromstring(text)
+        assert "ü" in (root.get("description") or "ü")
+    name = ElementTree.fromstring(urdf(chosen).urdf).get("name")
+    assert name == 'n"<'
+
+
+def test_command_takes_a_model(tmp_path: Path) -> None:
+    """What is exported are the identified parameters, and not the prior."""
+    log, path = tmp_path / "log.csv", tmp_path / "model.yaml"
+    robot, rng = load_robot("linear-delta"), np.random.default_rng(0)
+    dynamics, truth = Dynamics(robot), surrogate_parameters(robot, rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(dynamics, truth, motion, rng, duration=5.0, rate=200.0)
+    write_recording(recording, log)
+    assert run("identify", "linear-delta", log, "-o", path).code == 0
+    assert run("export", path, "--to", "npz", "-o", tmp_path).code == 0
+    exported = np.load(tmp_path / "linear_delta.npz")["p"]
+    assert (exported == IdentifiedModel.load(path).p).all()
+    assert (exported != prior_parameters(robot)).any()
 
 
 def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:

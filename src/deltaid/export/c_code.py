@@ -17,6 +17,7 @@ from deltaid.errors import DeltaidError
 from deltaid.export.fill import rendered
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.subject import ExportSubject
+from deltaid.export.text import c_comment
 
 # Newton's method halves the error's logarithm; from a start that is some millimetres away four
 # steps do, and what has not arrived after this many is far away or has no solution.
@@ -71,7 +72,7 @@ def c_code(subject: ExportSubject, prefix: str) -> CCode:
                 name,
                 prefix=prefix,
                 guard=prefix.upper(),
-                provenance=_comment(subject.provenance),
+                provenance=c_comment(subject.provenance),
                 robot=dynamics.robot,
                 dof=dynamics.dof,
                 units=units,
@@ -80,6 +81,10 @@ def c_code(subject: ExportSubject, prefix: str) -> CCode:
                 limbs=len(dynamics.robot.limb_geometry),
                 table=table.rows,
                 home=[number(x) for x in subject.home],
+                load=[
+                    (dynamics.robot.drives.index(drive), number(subject.value(f"load.{drive}")))
+                    for drive in dynamics.robot.load_drives
+                ],
                 functions=_functions(subject, prefix, table),
                 forward=_forward(subject),
                 newton_steps=_NEWTON_STEPS,
@@ -98,7 +103,7 @@ def parameter_table(subject: ExportSubject, name: str) -> ParameterTable:
     rows = []
     for k, i in enumerate(kept):
         p[int(i)] = symbols[k]
-        rows.append((layout.names[i], layout.units[i], number(subject.p[i])))
+        rows.append((c_comment(layout.names[i]), layout.units[i], number(subject.p[i])))
     return ParameterTable(rows, Array(name, symbols, is_table=True), p)
 
 
@@ -153,8 +158,3 @@ def _forward(subject: ExportSubject) -> dict[str, str]:
     det = ca.Function("d", [m.z, m.q_symbols], [branch[0]])(subject.home, q_home)
     parts["sign"] = number(float(np.sign(float(det))))
     return parts
-
-
-def _comment(text: str) -> str:
-    """Text that ends no comment."""
-    return " ".join(text.replace("*/", "* /").split())

@@ -33,6 +33,7 @@ from deltaid.export.fmu_variables import (
 )
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.subject import ExportSubject
+from deltaid.export.text import c_comment
 from deltaid.mechanism.vectors import inverse
 
 # Longest step [s] of the unit's own integrator.
@@ -61,7 +62,7 @@ def fmu(subject: ExportSubject, name: str, *, forward: bool) -> FmuExport:
     functions = _functions(subject, table) if forward else {}
     values = {
         "prefix": name,
-        "provenance": subject.provenance.replace("*/", "* /"),
+        "provenance": c_comment(subject.provenance),
         "guard": name.upper(),
         "dof": subject.dynamics.dof,
         "n_states": variables.states,

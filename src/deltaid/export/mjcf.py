@@ -4,7 +4,6 @@ The model's own pose (qpos0) is the home pose with closed loops, and joint coord
 deltaid by `ref`, so an arm is level at zero.
 """
 
-from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from deltaid.export.inertia import body_inertia
 from deltaid.export.joint_forces import JointForces, joint_forces
 from deltaid.export.subject import ExportSubject
+from deltaid.export.text import numbers, xml_comment
 from deltaid.export.tree import Tree, TreeBody, TreeJoint, spanning_tree
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
@@ -30,8 +30,8 @@ def mjcf(subject: ExportSubject) -> str:
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
     home = tree.at(subject.home)
-    root = ET.Element("mujoco", model=subject.robot.name)
-    root.append(ET.Comment(f" {subject.provenance.replace('--', '- -')} "))
+    root = ET.Element("mujoco", model=subject.name)
+    root.append(ET.Comment(xml_comment(subject.provenance)))
     ET.SubElement(
         root,
         "compiler",
@@ -43,8 +43,8 @@ def mjcf(subject: ExportSubject) -> str:
     ET.SubElement(
         root,
         "option",
-        timestep=_text([_STEP]),
-        gravity=_text(subject.robot.gravity),
+        timestep=numbers([_STEP]),
+        gravity=numbers(subject.robot.gravity),
         integrator="implicitfast",
     )
     _defaults(root)
@@ -56,15 +56,17 @@ def mjcf(subject: ExportSubject) -> str:
     _equality(root, tree)
     _actuators(root, subject)
     keyframe = ET.SubElement(root, "keyframe")
-    ET.SubElement(keyframe, "key", name="home", qpos=_text(home[name] for name in order))
+    ET.SubElement(keyframe, "key", name="home", qpos=numbers(home[name] for name in order))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _defaults(root: ET.Element) -> None:
     default = ET.SubElement(root, "default")
-    ET.SubElement(default, "equality", solref=_text(_SOLREF), solimp=_text(_SOLIMP))
-    ET.SubElement(default, "joint", solreffriction=_text(_SOLREF), solimpfriction=_text(_SOLIMP))
+    ET.SubElement(default, "equality", solref=numbers(_SOLREF), solimp=numbers(_SOLIMP))
+    ET.SubElement(
+        default, "joint", solreffriction=numbers(_SOLREF), solimpfriction=numbers(_SOLIMP)
+    )
     ET.SubElement(default, "geom", contype="0", conaffinity="0", size="0.01")
     ET.SubElement(default, "site", size="0.012")
 
@@ -87,26 +89,26 @@ def _body(
     T = inertia.about_com
     entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
     quat = Rotation.from_matrix(R).as_quat(scalar_first=True)
-    element = ET.SubElement(parent, "body", name=body.name, pos=_text(r), quat=_text(quat))
+    element = ET.SubElement(parent, "body", name=body.name, pos=numbers(r), quat=numbers(quat))
     ET.SubElement(
         element,
         "inertial",
-        pos=_text(inertia.com),
-        mass=_text([inertia.mass]),
-        fullinertia=_text(entries),
+        pos=numbers(inertia.com),
+        mass=numbers([inertia.mass]),
+        fullinertia=numbers(entries),
     )
     for joint, axis in zip(body.joints, axes, strict=True):
         order.append(joint.name)
         _joint(element, subject, joint, axis, forces, home)
     for start, end in body.lines:
         if np.linalg.norm(end - start) > 1e-6:
-            fromto = _text([*start, *end])
+            fromto = numbers([*start, *end])
             ET.SubElement(element, "geom", type="capsule", fromto=fromto)
     if not body.lines:
         ET.SubElement(element, "geom", type="sphere", size="0.025")
     for point in (point for cut in tree.cuts for point in (cut.first, cut.second)):
         if point.body == body.name:
-            ET.SubElement(element, "site", name=point.name, pos=_text(point.position))
+            ET.SubElement(element, "site", name=point.name, pos=numbers(point.position))
     for child in tree.children(body.name):
         _body(element, subject, tree, child, forces, home, order)
 
@@ -139,8 +141,8 @@ def _joint(
         "joint",
         name=joint.name,
         type="slide" if joint.slides else "hinge",
-        axis=_text(axis),
-        ref=_text([home[joint.name]]),
+        axis=numbers(axis),
+        ref=numbers([home[joint.name]]),
     )
     own = forces.get(joint.name, JointForces())
     for key, value in (
@@ -150,12 +152,12 @@ def _joint(
         ("stiffness", own.stiffness),
     ):
         if value:
-            found.set(key, _text([value]))
+            found.set(key, numbers([value]))
     if own.stiffness:
-        found.set("springref", _text([own.rest]))
+        found.set("springref", numbers([own.rest]))
     limits = subject.robot.drive_limits.get(joint.name)
     if limits and limits.range:
-        found.set("range", _text(limits.range))
+        found.set("range", numbers(limits.range))
 
 
 def _equality(root: ET.Element, tree: Tree) -> None:
@@ -171,7 +173,7 @@ def _equality(root: ET.Element, tree: Tree) -> None:
             name=coupling.joint,
             joint1=coupling.joint,
             joint2=coupling.follows,
-            polycoef=_text([0.0, coupling.ratio, 0.0, 0.0, 0.0]),
+            polycoef=numbers([0.0, coupling.ratio, 0.0, 0.0, 0.0]),
         )
 
 
@@ -183,9 +185,4 @@ def _actuators(root: ET.Element, subject: ExportSubject) -> None:
         limits = subject.robot.drive_limits.get(drive)
         if limits and limits.effort:
             for key in ("ctrlrange", "forcerange"):
-                motor.set(key, _text([-limits.effort, limits.effort]))
-
-
-def _text(values: Iterable[float]) -> str:
-    """Numbers that read back with every bit."""
-    return " ".join(repr(float(value) + 0.0) for value in values)
+                motor.set(key, numbers([-limits.effort, limits.effort]))

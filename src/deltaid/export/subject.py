@@ -74,5 +74,15 @@ class ExportSubject:
     @property
     def provenance(self) -> str:
         """One line for the head of a file."""
-        title = self.robot.title or self.robot.name
-        return f"{title}, from {self.source} by deltaid {version('deltaid')}"
+        title = _printable(self.robot.title) or self.name
+        return f"{title}, from {_printable(self.source)} by deltaid {version('deltaid')}"
+
+    @property
+    def name(self) -> str:
+        """The robot's name, for other programs' files."""
+        return _printable(self.robot.name) or "robot"
+
+
+def _printable(text: str) -> str:
+    """Text on one line without control characters, which no file format takes."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

@@ -7,7 +7,6 @@ words for: inertia of motors and gears, springs.
 """
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -18,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from deltaid.export.inertia import body_inertia
 from deltaid.export.joint_forces import JointForces, joint_forces
 from deltaid.export.subject import ExportSubject
+from deltaid.export.text import numbers, xml_comment
 from deltaid.export.tree import Tree, TreeBody, TreeJoint, spanning_tree
 from deltaid.robot.description import RobotDescription
 
@@ -48,8 +48,8 @@ def urdf(subject: ExportSubject) -> UrdfExport:
         DeltaidError: the mechanism is the user's own, or its friction has terms that URDF lacks.
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "URDF")
-    root = ET.Element("robot", name=subject.robot.name)
-    root.append(ET.Comment(f" {subject.provenance.replace('--', '- -')} "))
+    root = ET.Element("robot", name=subject.name)
+    root.append(ET.Comment(xml_comment(subject.provenance)))
     ET.SubElement(root, "link", name=_BASE)
     for body in tree.bodies:
         _link_and_joints(root, subject.robot, body, forces)
@@ -75,11 +75,11 @@ def _link_and_joints(
             _inertial(link, body)
         element = ET.SubElement(root, "joint", name=joint.name, type=_kind(robot, joint))
         _place(element, parent, name, R, r)
-        ET.SubElement(element, "axis", xyz=_text(joint.axis))
+        ET.SubElement(element, "axis", xyz=numbers(joint.axis))
         _limit(element, robot, joint)
         own = forces.get(joint.name)
         if own and (own.viscous or own.coulomb):
-            values = {"damping": _text([own.viscous]), "friction": _text([own.coulomb])}
+            values = {"damping": numbers([own.viscous]), "friction": numbers([own.coulomb])}
             ET.SubElement(element, "dynamics", values)
         parent, R, r = name, np.eye(3), np.zeros(3)
 
@@ -88,12 +88,12 @@ def _inertial(link: ET.Element, body: TreeBody) -> None:
     """Mass, and inertia about the centre of mass in the link's axes."""
     inertia = body_inertia(body.p)
     element, T = ET.SubElement(link, "inertial"), inertia.about_com
-    ET.SubElement(element, "origin", xyz=_text(inertia.com), rpy=_text(np.zeros(3)))
-    ET.SubElement(element, "mass", value=_text([inertia.mass]))
+    ET.SubElement(element, "origin", xyz=numbers(inertia.com), rpy=numbers(np.zeros(3)))
+    ET.SubElement(element, "mass", value=numbers([inertia.mass]))
     entries = {
         f"i{a}{b}": (i, j) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
     }
-    ET.SubElement(element, "inertia", {key: _text([T[place]]) for key, place in entries.items()})
+    ET.SubElement(element, "inertia", {key: numbers([T[place]]) for key, place in entries.items()})
 
 
 def _place(
@@ -105,7 +105,7 @@ def _place(
 ) -> None:
     """A joint's frame in its parent link; URDF's roll, pitch and yaw are about fixed axes."""
     rpy = Rotation.from_matrix(R).as_euler("xyz")
-    ET.SubElement(element, "origin", xyz=_text(r), rpy=_text(rpy))
+    ET.SubElement(element, "origin", xyz=numbers(r), rpy=numbers(rpy))
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
 
@@ -122,15 +122,15 @@ def _limit(element: ET.Element, robot: RobotDescription, joint: TreeJoint) -> No
     low, high = (limits and limits.range) or (-_FAR, _FAR)
     effort = (limits and limits.effort) or _STRONG
     speed = (limits and limits.top_speed) or _FAST
-    values = {"effort": _text([effort]), "velocity": _text([speed])}
+    values = {"effort": numbers([effort]), "velocity": numbers([speed])}
     if _kind(robot, joint) != "continuous":
-        values |= {"lower": _text([low]), "upper": _text([high])}
+        values |= {"lower": numbers([low]), "upper": numbers([high])}
     ET.SubElement(element, "limit", values)
 
 
 def _loops(subject: ExportSubject, tree: Tree, forces: dict[str, JointForces]) -> str:
     content = {
-        "robot": subject.robot.name,
+        "robot": subject.name,
         "provenance": subject.provenance,
         "gravity": list(subject.robot.gravity),
         "drives": list(subject.robot.drives),
@@ -162,8 +162,3 @@ def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
         for what, joints in found.items()
         if joints
     )
-
-
-def _text(values: Iterable[float]) -> str:
-    """Numbers that read back with every bit."""
-    return " ".join(repr(float(value) + 0.0) for value in values)
