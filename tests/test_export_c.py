@@ -21,6 +21,7 @@ from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot
 from exports import CC, STRICT, compiled, disturbed, model, needs_compiler, states, subject
+from sessions import ROOT, blocks
 from support import assert_close
 
 OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR = range(5)
@@ -173,8 +174,18 @@ def test_a_title_cannot_end_the_comment() -> None:
 
 
 @needs_compiler
+def test_the_example_of_the_documentation_compiles(tmp_path: Path) -> None:
+    code = c_code(subject("irb360-6-1600"), "irb360")
+    (tmp_path / "irb360.h").write_text(code.header)
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    [(_, example)] = blocks(page, "c")
+    (tmp_path / "cycle.c").write_text(example + "\n")
+    compiled(tmp_path / "cycle.c", tmp_path / "cycle.so")
+
+
+@needs_compiler
 def test_a_mechanism_of_ones_own(tmp_path: Path) -> None:
-    folder = Path(__file__).resolve().parents[1] / "examples" / "heli4"
+    folder = ROOT / "examples" / "heli4"
     own.use_mechanism(folder / "mechanism.py")
     chosen = disturbed(load_robot(folder / "robot.yaml"))
     assert_same(build(chosen, tmp_path), chosen, 10)

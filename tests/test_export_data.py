@@ -27,6 +27,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.load import catalogue, load_robot
 from exports import model, states, subject
+from sessions import ROOT, blocks
 from support import assert_close
 
 
@@ -177,6 +178,26 @@ def test_command_takes_a_model(tmp_path: Path) -> None:
     exported = np.load(tmp_path / "linear_delta.npz")["p"]
     assert (exported == IdentifiedModel.load(path).p).all()
     assert (exported != prior_parameters(robot)).any()
+
+
+def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = subject("irb360-6-1600")
+    z, _, qd, qdd = (part[0] for part in states(chosen, 1))
+    tau = model(chosen, z[None], qd[None], qdd[None]).tau[0]
+    for target in TARGETS:
+        if target != "fmu-inverse":
+            write_export(chosen, target, tmp_path / f"irb360{TARGETS[target].suffixes[0]}")
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    examples = [text for _, text in blocks(page, "python")]
+    assert len(examples) == 4
+    for text in examples:
+        scope = {"z": z, "qd": qd, "qdd": qdd, "tau": tau}
+        exec(text, scope)
+        if "casadi" in text:
+            assert_close(np.array(scope["tau"]).ravel(), tau, 1e-12)
+        if "fmpy" in text:
+            assert scope["out"]["q1"][-1] != scope["out"]["q1"][0]
 
 
 def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:

@@ -1,0 +1,276 @@
+"""Microseconds a call of the exported C code, beside MuJoCo and Pinocchio on the same robot.
+
+    pip install deltaid[test,benchmark]
+    python benchmarks/c_code.py
+
+One thread. Every function is called with states of a motion through the workspace, 1 ms apart. The
+first figure is the mean over all states in the best of many rounds, the one in brackets the slowest
+state, each at the best of many calls, so neither counts what the operating system does in between.
+Forward kinematics starts from the pose of the call before. `--native` compiles for this machine's
+own instructions.
+
+Beside it, forward dynamics of the MJCF and URDF exports of the same robot with its loops closed:
+MuJoCo's mj_forward (soft constraints, no contacts, friction left out), and Pinocchio's
+constraintDynamics (proximal, on the cut tree, without couplings of joints, so only for robots that
+have none). Both are called from Python; the call itself is measured on an empty function and
+counted off.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import json
+import time
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pinocchio as pin
+from _timing import machine
+
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.export.c_code import c_code
+from deltaid.export.mjcf import mjcf
+from deltaid.export.subject import ExportSubject
+from deltaid.export.tree import spanning_tree
+from deltaid.export.urdf import urdf
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.load import catalogue, load_robot
+
+STATES, ROUNDS = 1000, 200
+FUNCTIONS = (
+    ("FK", "status |= r_forward_kinematics(q + i * D, z);"),
+    ("ID from z", "r_inverse_dynamics_at(zs + i * D, qd + i * D, qdd + i * D, out);"),
+    ("ID from q", "status |= r_inverse_dynamics(q + i * D, qd + i * D, qdd + i * D, z, out);"),
+    ("M", "r_mass_matrix(zs + i * D, out);"),
+    ("bias", "r_bias(zs + i * D, qd + i * D, out);"),
+    ("FD from z", "status |= r_forward_dynamics(zs + i * D, qd + i * D, tau + i * D, out);"),
+)
+MAIN = """
+#define _POSIX_C_SOURCE 200809L
+#include "r.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#define D R_DOF
+static double now(void)
+{{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
+}}
+int main(void)
+{{
+    static double x[5][{states} * D], out[D * D], z[D];
+    double *zs = x[0], *q = x[1], *qd = x[2], *qdd = x[3], *tau = x[4], clock = 1e9;
+    volatile double sum = 0;
+    int i, k, status = 0;
+    FILE *file = fopen("states", "rb");
+    if (!file || fread(x, sizeof x, 1, file) != 1)
+        return 1;
+    for (i = 0; i < 10000; ++i) {{
+        const double t = -now(), d = t + now();
+        if (d < clock)
+            clock = d;
+    }}
+{parts}
+    (void)qdd; (void)tau; (void)sum;
+    return status;
+}}
+"""
+PART = """
+    {{
+        double best = 1e9, worst = 0;
+        for (k = 0; k < {rounds}; ++k) {{
+            double t;
+            for (i = 0; i < D; ++i)
+                z[i] = zs[i];
+            t = -now();
+            for (i = 0; i < {states}; ++i) {{
+                {call}
+                sum += out[0] + z[0];
+            }}
+            t += now();
+            if (t < best)
+                best = t;
+        }}
+        for (i = 0; i < D; ++i)
+            z[i] = zs[i];
+        for (i = 0; i < {states}; ++i) {{
+            double least = 1e9, kept[D], t;
+            for (k = 0; k < D; ++k)
+                kept[k] = z[k];
+            for (k = 0; k < {rounds}; ++k) {{
+                int j;
+                for (j = 0; j < D; ++j)
+                    z[j] = kept[j];
+                t = -now();
+                {call}
+                t += now() - clock;
+                if (t < least)
+                    least = t;
+            }}
+            if (least > worst)
+                worst = least;
+        }}
+        printf("%g %g\\n", best / {states}, worst);
+    }}
+"""
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("robots", nargs="*", default=catalogue())
+    parser.add_argument("--native", action="store_true", help="compile with -march=native")
+    arguments = parser.parse_args()
+    options = ["-O2", *(["-march=native"] if arguments.native else [])]
+    print(machine(), "\n")
+    head = [f"{name:>15}" for name, _ in FUNCTIONS]
+    print(f"{'mean (slowest), us':<18}{''.join(head)}{'mj_forward':>12}{'Pinocchio':>11}")
+    for name in arguments.robots:
+        robot = load_robot(name)
+        subject = ExportSubject(robot, prior_parameters(robot), name)
+        states = along_a_motion(subject)
+        times = [f"{mean:.2f} ({worst:.1f})" for mean, worst in in_c(subject, states, options)]
+        cells = "".join(f"{cell:>15}" for cell in times)
+        pinocchio = pinocchio_forward(subject, states)
+        shown = f"{pinocchio:.1f}" if pinocchio else "–"
+        print(f"{name:<18}{cells}{mujoco_forward(subject, states):>12.1f}{shown:>11}")
+
+
+def along_a_motion(subject: ExportSubject) -> tuple[np.ndarray, ...]:
+    """z, q, q̇, q̈, τ of a random motion at 1 kHz, a controller's rate."""
+    dynamics = subject.dynamics
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    z, zd, zdd = motion.evaluate(1e-3 * np.arange(STATES))
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    return z, q, qd, qdd, dynamics.torque(z, qd, qdd, subject.p)
+
+
+def in_c(
+    subject: ExportSubject, states: tuple[np.ndarray, ...], options: list[str]
+) -> list[tuple[float, float]]:
+    """Best mean and slowest state's time [µs] of every function."""
+    code = c_code(subject, "r")
+    parts = [PART.format(call=call, rounds=ROUNDS, states=STATES) for _, call in FUNCTIONS]
+    compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        (work / "r.h").write_text(code.header)
+        (work / "r.c").write_text(code.source)
+        (work / "main.c").write_text(MAIN.format(parts="".join(parts), states=STATES))
+        np.concatenate([part.ravel() for part in states]).tofile(work / "states")
+        command = [compiler, "-std=c99", *options, "r.c", "main.c", "-o", "run", "-lm"]
+        subprocess.run(command, cwd=work, check=True)
+        done = subprocess.run([work / "run"], cwd=work, capture_output=True, check=True)
+    rows = [line.split() for line in done.stdout.decode().splitlines()]
+    return [(float(best), float(worst)) for best, worst in rows]
+
+
+def tree_states(
+    subject: ExportSubject, states: tuple[np.ndarray, ...], names: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and rates of the tree's joints."""
+    tree, (z, _, qd, *_) = spanning_tree(subject), states
+    x = ca.vertcat(*[tree.coordinates[name] for name in names])
+    function = ca.Function("x", [tree.z], [x, ca.jacobian(x, tree.z)])
+    J = subject.dynamics.kinematics.jacobian(z)
+    positions, rates = [], []
+    for row, zd in zip(z, np.linalg.solve(J, qd[..., None])[..., 0], strict=True):
+        position, slope = function(row)
+        positions.append(np.asarray(position).ravel())
+        rates.append(np.asarray(slope) @ zd)
+    return np.array(positions), np.array(rates)
+
+
+def mujoco_forward(subject: ExportSubject, states: tuple[np.ndarray, ...]) -> float:
+    """Best mean time [µs] of mj_forward."""
+    model = mujoco.MjModel.from_xml_string(mjcf(subject.without_friction()))
+    data = mujoco.MjData(model)
+    names = [model.joint(j).name for j in range(model.njnt)]
+    positions, rates = tree_states(subject, states, names)
+    drives = [names.index(drive) for drive in subject.robot.drives]
+
+    def rounds(step: bool) -> float:
+        start = time.perf_counter()
+        for x, v, tau in zip(positions, rates, states[4], strict=True):
+            data.qpos, data.qvel, data.qfrc_applied[drives] = x, v, tau
+            if step:
+                mujoco.mj_forward(model, data)
+        return time.perf_counter() - start
+
+    empty = min(rounds(False) for _ in range(5))
+    return 1e6 * (min(rounds(True) for _ in range(10)) - empty) / STATES
+
+
+def pinocchio_forward(subject: ExportSubject, states: tuple[np.ndarray, ...]) -> float | None:
+    """Best mean time [µs] of constraintDynamics; None where joints follow others."""
+    export = urdf(subject.without_friction())
+    loops = json.loads(export.loops)
+    if any(pair["joint"] != "tool" for pair in loops["following_joints"]):
+        return None
+    model = pin.buildModelFromXML(export.urdf)
+    if loops["following_joints"]:  # a tool that turns with a drive: its joint is kept at rest
+        tool = model.getJointId("tool")
+        model = pin.buildReducedModel(model, [tool], pin.neutral(model))
+    for name, inertia in loops["armature"].items():
+        model.armature[model.joints[model.getJointId(name)].idx_v] = inertia
+    data = model.createData()
+    contacts = pin.StdVec_RigidConstraintModel()
+    for pair in loops["coincident_frames"]:
+        a, b = (model.frames[model.getFrameId(name)] for name in pair["frames"])
+        contacts.append(
+            pin.RigidConstraintModel(
+                pin.ContactType.CONTACT_3D, model, a.parentJoint, a.placement,
+                b.parentJoint, b.placement, pin.ReferenceFrame.LOCAL,
+            )
+        )  # fmt: skip
+    found = pin.StdVec_RigidConstraintData()
+    for contact in contacts:
+        found.append(contact.createData())
+    pin.initConstraintDynamics(model, data, contacts, found)
+    settings = pin.ProximalSettings(1e-10, 1e-10, 10)
+    names = sorted(list(model.names)[1:], key=lambda n: model.joints[model.getJointId(n)].idx_v)
+    positions, rates = tree_states(subject, states, names)
+    q = np.array([_configuration(model, names, x) for x in positions])
+    drives = [names.index(drive) for drive in subject.robot.drives]
+    forces = np.zeros((STATES, model.nv))
+    forces[:, drives] = states[4]
+
+    def rounds() -> float:
+        start = time.perf_counter()
+        for x, v, tau in zip(q, rates, forces, strict=True):
+            pin.constraintDynamics(model, data, x, v, tau, contacts, found, settings)
+        return time.perf_counter() - start
+
+    def empty() -> float:
+        start = time.perf_counter()
+        for x, v, _ in zip(q, rates, forces, strict=True):
+            pin.normalize(model, x)
+            v.sum()
+        return time.perf_counter() - start
+
+    return 1e6 * (min(rounds() for _ in range(10)) - min(empty() for _ in range(5))) / STATES
+
+
+def _configuration(model: "pin.Model", names: list[str], x: np.ndarray) -> np.ndarray:
+    """Pinocchio writes joints without limits as cosine and sine."""
+    q = np.zeros(model.nq)
+    for name, value in zip(names, x, strict=True):
+        joint = model.joints[model.getJointId(name)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = (
+            value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        )
+    return q
+
+
+if __name__ == "__main__":
+    main()
