@@ -190,7 +190,7 @@ def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
     examples = [text for _, text in blocks(page, "python")]
-    assert len(examples) == 4
+    assert len(examples) == 5
     for text in examples:
         scope = {"z": z, "qd": qd, "qdd": qdd, "tau": tau}
         exec(text, scope)
