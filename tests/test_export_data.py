@@ -25,7 +25,7 @@ from deltaid.export.urdf import urdf
 from deltaid.identification.model import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import catalogue, catalogue_text, load_robot
 from exports import model, states, subject
 from sessions import ROOT, blocks
 from support import assert_close
@@ -198,6 +198,27 @@ def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.Monke
             assert_close(np.array(scope["tau"]).ravel(), tau, 1e-12)
         if "fmpy" in text:
             assert scope["out"]["q1"][-1] != scope["out"]["q1"][0]
+
+
+def test_friction_that_a_target_lacks_is_refused_or_left_out(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.yaml"
+    law = "drive1: {viscous: 1.5, coulomb: 5.0"
+    text = catalogue_text("clavel-delta3")
+    assert law in text
+    robot.write_text(text.replace(law, f"{law}, load: 0.1"), encoding="utf-8")
+    for target in ("mjcf", "urdf"):
+        output = tmp_path / f"robot{TARGETS[target].suffixes[0]}"
+        told = refused("export", robot, "--to", target, "-o", output, folder=tmp_path)
+        assert "has load.drive1" in told.replace("\n", " ")
+        assert "--without-friction" in told
+        done = run("export", robot, "--to", target, "-o", output, "--without-friction")
+        assert done.code == 0
+        output.unlink()
+    path = tmp_path / "bare.npz"
+    assert run("export", robot, "--to", "npz", "-o", path, "--without-friction").code == 0
+    data = np.load(path)
+    assert len(data["friction_coefficient"]) == 7
+    assert not data["friction_coefficient"].any()
 
 
 def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:
