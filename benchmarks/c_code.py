@@ -38,8 +38,8 @@ from _timing import machine
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.export.c_code import c_code
 from deltaid.export.mjcf import mjcf
+from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.subject import ExportSubject
-from deltaid.export.tree import spanning_tree
 from deltaid.export.urdf import urdf
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot

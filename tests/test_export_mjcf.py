@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from composed import Make
 from deltaid.errors import DeltaidError
 from deltaid.export.mjcf import mjcf
+from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.subject import ExportSubject
-from deltaid.export.tree import spanning_tree
 from deltaid.robot.load import catalogue, load_robot
 from exports import (
     COMPOSED,

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.export.inertia import body_inertia
 from deltaid.export.joint_forces import JointForces, joint_forces
+from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.subject import ExportSubject
 from deltaid.export.text import numbers, xml_comment
-from deltaid.export.tree import Tree, TreeBody, TreeJoint, spanning_tree
+from deltaid.export.tree import Tree, TreeBody, TreeJoint
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
 # allows at this step, and the impedance leaves a share of 1e-4 of what a rigid joint would feel.

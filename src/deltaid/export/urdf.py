@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.export.inertia import body_inertia
 from deltaid.export.joint_forces import JointForces, joint_forces
+from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.subject import ExportSubject
 from deltaid.export.text import numbers, xml_comment
-from deltaid.export.tree import Tree, TreeBody, TreeJoint, spanning_tree
+from deltaid.export.tree import Tree, TreeBody, TreeJoint
 from deltaid.robot.description import RobotDescription
 
 _BASE = "base"
