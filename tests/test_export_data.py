@@ -129,7 +129,7 @@ def test_command_writes_a_file_or_into_a_folder(target: str, tmp_path: Path) -> 
         assert outcome.code == 0, outcome.err
         assert outcome.out.startswith("wrote ")
     names = {path.stem.partition(".")[0] for path in tmp_path.iterdir()}
-    assert names == {"linear_delta", "mine"}
+    assert names == {f"linear_delta{TARGETS[target].addition}", "mine"}
     assert len(list(tmp_path.iterdir())) == 2 * len(TARGETS[target].suffixes)
 
 

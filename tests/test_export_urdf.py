@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from composed import Make
 from deltaid.errors import DeltaidError
 from deltaid.export.files import write_export
 from deltaid.export.subject import ExportSubject
-from deltaid.export.urdf import urdf
+from deltaid.export.urdf import _rpy, urdf
 from deltaid.robot.load import catalogue, load_robot
 from exports import (
     COMPOSED,
@@ -121,6 +122,34 @@ def test_bodies_and_home(name: str) -> None:
         if limits.range:
             low, high = tree.model.lowerPositionLimit, tree.model.upperPositionLimit
             assert (low[joint.idx_q], high[joint.idx_q]) == pytest.approx(limits.range)
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "par4"])
+def test_what_is_drawn_ends_at_joints(name: str) -> None:
+    """Cylinders of URDF stand along z about their middle: ends of arms, struts and spokes."""
+    chosen, root = subject(name), ElementTree.fromstring(urdf(subject(name)).urdf)
+    limbs = chosen.robot.limb_geometry
+    ends = {"U1": [limbs[0].upper_arm * np.eye(3)[0]], "S2": [limbs[1].strut * np.eye(3)[0]]}
+    ends |= {"P": [limb.attachment for limb in limbs]} if name == "clavel-delta3" else {}
+    for link, tips in ends.items():
+        drawn = []
+        for visual in root.findall(f"link[@name='{link}']/visual"):
+            origin, cylinder = visual.find("origin"), visual.find("geometry/cylinder")
+            assert origin is not None
+            assert cylinder is not None
+            rpy, xyz = (np.fromstring(origin.get(key, ""), sep=" ") for key in ("rpy", "xyz"))
+            half = 0.5 * float(cylinder.get("length", ""))
+            axis = pin.rpy.rpyToMatrix(rpy)[:, 2]
+            np.testing.assert_allclose(xyz - half * axis, 0, atol=1e-12)
+            drawn.append(xyz + half * axis)
+        np.testing.assert_allclose(drawn, tips, atol=1e-12)
+
+
+def test_roll_pitch_yaw() -> None:
+    rng = np.random.default_rng(0)
+    for rpy in [*rng.uniform(-1.5, 1.5, (20, 3)), (0.3, np.pi / 2, 0.4), (0.3, -np.pi / 2, -2.0)]:
+        R = pin.rpy.rpyToMatrix(*map(float, rpy))
+        np.testing.assert_allclose(pin.rpy.rpyToMatrix(*_rpy(R)), R, atol=1e-15)
 
 
 def test_what_urdf_has_no_words_for_is_told() -> None:

@@ -46,10 +46,12 @@ class Target:
     Attributes:
         suffixes: ends of the names of its files, the one asked for first.
         build: its content for a subject and the name of the file without its end.
+        addition: what follows the robot's name in a file's name that was not given.
     """
 
     suffixes: tuple[str, ...]
     build: Callable[[ExportSubject, str], Export]
+    addition: str = ""
 
 
 def _c(subject: ExportSubject, stem: str) -> Export:
@@ -82,7 +84,7 @@ def _fmu(subject: ExportSubject, stem: str, *, forward: bool) -> Export:
 TARGETS: Mapping[str, Target] = {
     "c": Target((".c", ".h"), _c),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
-    "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False)),
+    "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
     "casadi": Target((".casadi",), _casadi),
     "mjcf": Target((".xml",), _mjcf),
     "urdf": Target((".urdf", ".loops.json"), _urdf),
@@ -96,9 +98,10 @@ def output_path(target: str, robot: str, output: Path) -> Path:
     Raises:
         DeltaidError: the file's name has another end than the target's.
     """
-    suffix = TARGETS[target].suffixes[0]
+    suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
     if output.is_dir():
-        return output / f"{re.sub(r'[^A-Za-z0-9]+', '_', robot).strip('_') or 'robot'}{suffix}"
+        name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
+        return output / f"{name}{addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(
             f"must end in {suffix} for --to {target}, or be a folder", where=str(output)

@@ -23,6 +23,8 @@ from deltaid.export.tree import Tree, TreeBody, TreeJoint
 from deltaid.robot.description import RobotDescription
 
 _BASE = "base"
+# Radius of the lines that are drawn [m].
+_RADIUS = 0.01
 # URDF demands limits of sliding joints, which passive ones do not have: far beyond any robot.
 _FAR, _STRONG, _FAST = 1e2, 1e6, 1e3
 
@@ -74,6 +76,7 @@ def _link_and_joints(
         link = ET.SubElement(root, "link", name=name)
         if last:
             _inertial(link, body)
+            _visual(link, body)
         element = ET.SubElement(root, "joint", name=joint.name, type=_kind(robot, joint))
         _place(element, parent, name, R, r)
         ET.SubElement(element, "axis", xyz=numbers(joint.axis))
@@ -97,6 +100,21 @@ def _inertial(link: ET.Element, body: TreeBody) -> None:
     ET.SubElement(element, "inertia", {key: numbers([T[place]]) for key, place in entries.items()})
 
 
+def _visual(link: ET.Element, body: TreeBody) -> None:
+    """A thin cylinder for each line; URDF's stand along z about their middle."""
+    for start, end in body.lines:
+        length = float(np.linalg.norm(end - start))
+        if length < 1e-6:
+            continue
+        turn, _ = Rotation.align_vectors([(end - start) / length], [[0.0, 0.0, 1.0]])
+        visual = ET.SubElement(link, "visual")
+        rpy = numbers(_rpy(turn.as_matrix()))
+        ET.SubElement(visual, "origin", xyz=numbers(0.5 * (start + end)), rpy=rpy)
+        geometry = ET.SubElement(visual, "geometry")
+        values = {"radius": numbers([_RADIUS]), "length": numbers([length])}
+        ET.SubElement(geometry, "cylinder", values)
+
+
 def _place(
     element: ET.Element,
     parent: str,
@@ -105,10 +123,18 @@ def _place(
     r: Float[np.ndarray, " 3"],
 ) -> None:
     """A joint's frame in its parent link; URDF's roll, pitch and yaw are about fixed axes."""
-    rpy = Rotation.from_matrix(R).as_euler("xyz")
-    ET.SubElement(element, "origin", xyz=numbers(r), rpy=numbers(rpy))
+    ET.SubElement(element, "origin", xyz=numbers(r), rpy=numbers(_rpy(R)))
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
+
+
+def _rpy(R: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw with R = R_z(yaw) R_y(pitch) R_x(roll); exact at pitch 90° as well."""
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return float(roll), float(pitch), float(yaw)
 
 
 def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
