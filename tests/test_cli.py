@@ -155,7 +155,7 @@ def test_demo(tmp_path: Path) -> None:
     assert outcome.code == 0
     assert "against the truth" in outcome.out
     kept = {path.name for path in (tmp_path / "new" / "demo").iterdir()}
-    assert kept == {"robot.yaml", "identify.csv", "verify.csv", "model.yaml"}
+    assert kept == {"robot.yaml", "truth.yaml", "identify.csv", "verify.csv", "model.yaml"}
 
 
 def test_columns_option(folder: Path, tmp_path: Path) -> None:

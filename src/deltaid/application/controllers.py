@@ -16,7 +16,7 @@ model these functions of the state never grow beyond the work of disturbances:
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -43,6 +43,7 @@ class Measured:
     qd: Samples
 
 
+@runtime_checkable
 class Controller(Protocol):
     """A control law."""
 

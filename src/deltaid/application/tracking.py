@@ -55,6 +55,26 @@ class Drives:
 
 
 @dataclass(frozen=True)
+class TrackingError:
+    """How far a motion was from the desired one, and what it took; before it ended, if it did.
+
+    Attributes:
+        drive_rms, drive_max: of q − q_d [rad or m].
+        platform_rms, platform_max: distance of the platform point from where it should be [m].
+        torque_rms, torque_max: of the torques applied [N m or N].
+        saturated: share of the samples at which a limit cut a drive's torque.
+    """
+
+    drive_rms: Float[np.ndarray, " dof"]
+    drive_max: Float[np.ndarray, " dof"]
+    platform_rms: float
+    platform_max: float
+    torque_rms: Float[np.ndarray, " dof"]
+    torque_max: Float[np.ndarray, " dof"]
+    saturated: Float[np.ndarray, " dof"]
+
+
+@dataclass(frozen=True)
 class Tracking:
     """A motion as it was desired and as it became, one sample of the drives a row.
 
@@ -84,6 +104,22 @@ class Tracking:
     def platform_error(self) -> Float[np.ndarray, " samples"]:
         """Distance of the platform point from where it should be [m]."""
         return np.linalg.norm(self.z[:, :3] - self.z_desired[:, :3], axis=1)
+
+    @property
+    def error(self) -> TrackingError:
+        """Its size, up to where it ended."""
+        valid = self.time < (np.inf if self.ended is None else self.ended)
+        drives, platform = self.drive_error[valid], self.platform_error[valid]
+        tau = self.tau[valid]
+        return TrackingError(
+            drive_rms=_rms(drives),
+            drive_max=np.abs(drives).max(axis=0),
+            platform_rms=float(_rms(platform[:, None])[0]),
+            platform_max=float(platform.max()),
+            torque_rms=_rms(tau),
+            torque_max=np.abs(tau).max(axis=0),
+            saturated=self.saturated[valid].mean(axis=0),
+        )
 
 
 def track(
@@ -156,6 +192,10 @@ class _Readings:
         self._last = error
         self._late.append((error, self._rate))
         return self._late[0]
+
+
+def _rms(values: Float[np.ndarray, "samples columns"]) -> Float[np.ndarray, " columns"]:
+    return np.sqrt((values**2).mean(axis=0))
 
 
 def _row(desired: Desired, k: int) -> Desired:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +34,7 @@ class Desired:
     qdd: Samples
 
 
+@runtime_checkable
 class Trajectory(Protocol):
     """A desired motion that can be asked for any time between 0 and its duration."""
 

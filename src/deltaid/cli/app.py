@@ -10,6 +10,7 @@ import typer
 
 from deltaid.cli import (
     base,
+    compare_controllers,
     demo,
     excite,
     export,
@@ -19,6 +20,7 @@ from deltaid.cli import (
     robots,
     schema,
     show,
+    simulate,
     torque,
     validate,
 )
@@ -43,6 +45,8 @@ for module in (
     identify,
     validate,
     torque,
+    simulate,
+    compare_controllers,
     base,
     export,
     forces,

@@ -82,4 +82,5 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         "numbers are less certain than what the drives feel of them"
     )
     if keep is not None:
-        console.print(f"robot.yaml, identify.csv, verify.csv and model.yaml are in {keep}")
+        files = "robot.yaml, truth.yaml, identify.csv, verify.csv and model.yaml"
+        console.print(f"{files} are in {keep}")

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from deltaid.identification.model import Parameter
 
 # Columns whose cells are words.
-_TEXT_COLUMNS = ("unit", "from", "robot", "mechanism", "base parameter", "chosen law")
+_TEXT_COLUMNS = (
+    "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark"
+)  # fmt: skip
 # Columns that may take several lines where the terminal is narrow.
 _WRAPPED_COLUMNS = ("robot", "mechanism", "base parameter", "chosen law")
 

@@ -15,6 +15,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,
+    surrogate_description,
     surrogate_parameters,
     write_recording,
 )
@@ -64,6 +65,7 @@ def demonstrate(
     motions = [random_motion(dynamics.kinematics, rng) for _ in range(2)]
     noise = SensorNoise(torque=torque_noise)
     save_yaml(robot, folder / "robot.yaml")
+    save_yaml(surrogate_description(robot, truth), folder / "truth.yaml")
     for name, motion in zip(("identify", "verify"), motions, strict=True):
         recording = simulate_recording(dynamics, truth, motion, rng, duration=20.0, noise=noise)
         write_recording(recording, folder / f"{name}.csv")

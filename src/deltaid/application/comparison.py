@@ -1,0 +1,127 @@
+"""What identification buys: each controller with each model of one robot, on the same plant."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.application.control_model import ControlModel
+from deltaid.application.controllers import (
+    CONTROLLERS,
+    NEED_MASS_MATRIX,
+    Controller,
+    ControllerName,
+    tuned,
+)
+from deltaid.application.tracking import Drives, Plant, Tracking, track
+from deltaid.application.trajectory import Trajectory
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.identification.base import symbol
+from deltaid.identification.model import IdentifiedModel
+
+# M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
+# feedback of a computed torque is a hundred times weaker in one direction than it was tuned for.
+_POSITIVE = 0.01
+# Poses of a trajectory at which M is looked at.
+_POSES = 400
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model by name: 'prior', 'base parameters', 'identified'."""
+
+    name: str
+    model: ControlModel
+
+
+@dataclass(frozen=True)
+class Run:
+    """One controller with one model.
+
+    Attributes:
+        controller: its name.
+        model: the model's name; empty for a controller that needs none.
+        tracking: what became of it; None where it cannot run.
+        why_not: why not, then.
+    """
+
+    controller: ControllerName
+    model: str
+    tracking: Tracking | None
+    why_not: str = ""
+
+
+def candidates(model: IdentifiedModel) -> tuple[Candidate, ...]:
+    """The description's prior, the base parameters (if the file has them), the consistent model."""
+    vectors = {"prior": prior_parameters(model.robot)}
+    if model.base_parameters:
+        vectors["base parameters"] = base_vector(model)
+    vectors["identified"] = model.p
+    return tuple(Candidate(name, ControlModel(model.robot, p)) for name, p in vectors.items())
+
+
+def base_vector(model: IdentifiedModel) -> Parameters:
+    """A p with the torques of the base parameters: each on its representative, all else zero.
+
+    Its torques, M and C are those of all p with the same base parameters, but its bodies are not
+    those of a robot.
+    """
+    layout = parameter_layout(model.robot)
+    places = {symbol(name): k for k, name in enumerate(layout.names)}
+    p = np.zeros(len(layout.names))
+    for parameter in model.base_parameters:
+        p[places[parameter.formula.partition(" ")[0]]] = parameter.value
+    return p
+
+
+def gains(
+    name: ControllerName, model: ControlModel, trajectory: Trajectory, bandwidth: float
+) -> Controller:
+    """A controller tuned with a model's M along a trajectory; `bandwidth` in Hz.
+
+    Raises:
+        KinematicsError: the trajectory is out of reach.
+    """
+    return tuned(name, model.mass_diagonal(_poses(trajectory)), bandwidth)
+
+
+def compare(
+    plant: Plant,
+    models: Sequence[Candidate],
+    trajectory: Trajectory,
+    drives: Drives,
+    bandwidth: float,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Run, ...]:
+    """All controllers with all models, tuned alike: with the mass matrix of the last model.
+
+    A controller that needs a mass matrix does not run with a model whose M is not positive definite
+    along the trajectory; base parameters by least squares promise torques only.
+
+    Raises:
+        KinematicsError: the trajectory is out of reach.
+    """
+    runs = []
+    for name in CONTROLLERS:
+        controller = gains(name, models[-1].model, trajectory, bandwidth)
+        for candidate in models[-1:] if name == "pd" else models:
+            label = "" if name == "pd" else candidate.name
+            progress(f"{name} {label}")
+            why_not = ""
+            if name in NEED_MASS_MATRIX:
+                why_not = _lack(candidate.model.least_eigenvalue(_poses(trajectory)))
+            done = (
+                None if why_not else track(plant, controller, candidate.model, trajectory, drives)
+            )
+            runs.append(Run(name, label, done, why_not))
+    return tuple(runs)
+
+
+def _lack(eigenvalue: float) -> str:
+    return "" if eigenvalue > _POSITIVE else "M is not positive definite"
+
+
+def _poses(trajectory: Trajectory) -> Float[np.ndarray, "poses dof"]:
+    return trajectory.at(np.linspace(0.0, trajectory.duration, _POSES)).q

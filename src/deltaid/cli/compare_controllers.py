@@ -1,0 +1,119 @@
+"""`deltaid compare-controllers`: every controller with every model of a robot, on one plant."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from deltaid.cli.simulate import (
+    DEFAULT_BANDWIDTH,
+    DEFAULT_RATE,
+    AsJson,
+    Bandwidth,
+    Columns,
+    Delay,
+    Encoder,
+    Rate,
+    Trajectory,
+)
+
+if TYPE_CHECKING:
+    from deltaid.application.comparison import Run
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("compare-controllers")(compare_controllers)
+
+
+def compare_controllers(
+    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    trajectory: Trajectory,
+    plant: Annotated[str, typer.Option(help="The true robot: another model, robot name or file.")],
+    rate: Rate = DEFAULT_RATE,
+    bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
+    encoder: Encoder = None,
+    delay: Delay = 0,
+    columns: Columns = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page with figures, works offline.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare tracking with the prior, the base parameters and the identified model.
+
+    Every controller runs with every model on the plant, all tuned alike: what differs is what they
+    know of the robot.
+    """
+    from deltaid.application.comparison import candidates, compare
+    from deltaid.cli.output import print_json, print_warnings, progress, require_report
+    from deltaid.cli.simulate import (
+        drives_dictionary,
+        drives_of,
+        given,
+        load_plant,
+        load_trajectory,
+    )
+    from deltaid.identification.model import IdentifiedModel
+
+    drives = drives_of(rate, bandwidth, encoder, delay)
+    if report is not None:
+        require_report(report, given(model, trajectory, plant, columns))
+    identified = IdentifiedModel.load(model)
+    runs_on = load_plant(plant, identified.robot)
+    with progress(as_json) as say:
+        say(f"checking {trajectory}")
+        motion, warnings = load_trajectory(trajectory, identified.robot, columns)
+        runs = compare(runs_on, candidates(identified), motion, drives, bandwidth, say)
+        if report is not None:
+            from deltaid.report.page import write_page
+            from deltaid.report.tracking import comparison_page
+
+            say(f"writing {report}")
+            names = f"{model.name} on {Path(plant).name} along {trajectory.name}"
+            write_page(comparison_page(identified.robot, runs, names), report)
+    print_warnings(warnings)
+    if as_json:
+        settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
+        print_json(settings | {"runs": [_as_dictionary(run) for run in runs]})
+    else:
+        _print(identified.robot.title or identified.robot.name, runs, report)
+
+
+def _as_dictionary(run: "Run") -> dict:
+    from deltaid.cli.simulate import error_dictionary
+
+    head = {
+        "controller": run.controller,
+        "model": run.model or None,
+        "why_not": run.why_not or None,
+    }
+    return head | (error_dictionary(run.tracking) if run.tracking is not None else {})
+
+
+def _print(title: str, runs: "tuple[Run, ...]", report: Path | None) -> None:
+    from deltaid.cli.output import console, number, percent, table
+
+    rows = []
+    for run in runs:
+        if run.tracking is None:
+            rows.append([run.controller, run.model, "—", "", "", run.why_not])
+            continue
+        error = run.tracking.error
+        remark = f"lost after {run.tracking.ended:.3g} s" if run.tracking.ended is not None else ""
+        rows.append(
+            [
+                run.controller,
+                run.model or "none",
+                number(1e3 * error.platform_rms, 3),
+                number(1e3 * error.platform_max, 3),
+                percent(error.saturated.max()) if error.saturated.any() else "",
+                remark,
+            ]
+        )
+    columns = ["controller", "model", "rms, mm", "max, mm", "at a limit", "remark"]
+    console.print(
+        table(f"{title}: distance of the platform from where it should be", columns, rows)
+    )
+    if report is not None:
+        console.print(f"wrote {report}")

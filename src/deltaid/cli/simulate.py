@@ -1,0 +1,250 @@
+"""`deltaid simulate`: a controller that knows a model, on a robot, along a motion."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from deltaid.application.tracking import Drives, Plant, Tracking
+    from deltaid.application.trajectory import SampledTrajectory
+    from deltaid.robot.description import RobotDescription
+
+
+class Law(StrEnum):
+    """What a controller does."""
+
+    PD = "pd"
+    PD_FEEDFORWARD = "pd-feedforward"
+    COMPUTED_TORQUE = "computed-torque"
+    AUGMENTED_PD = "augmented-pd"
+    SLOTINE_LI = "slotine-li"
+
+
+Trajectory = Annotated[
+    Path, typer.Argument(help="Motion to follow: a file of `deltaid excite`, or a recording.")
+]
+OnPlant = Annotated[
+    str | None,
+    typer.Option(help="The robot it runs on: another model, robot name or file. Default: MODEL."),
+]
+Rate = Annotated[float, typer.Option(help="Samples a second of the drives.")]
+Bandwidth = Annotated[float, typer.Option(help="Of the feedback, in Hz.")]
+Encoder = Annotated[
+    float | None,
+    typer.Option(help="Encoder step, rad or m; 0 for none. Default: 2⁻²⁰ of a turn.", min=0),
+]
+Delay = Annotated[int, typer.Option(help="Samples from reading to use.", min=0, max=1000)]
+Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
+DEFAULT_RATE, DEFAULT_BANDWIDTH = 1000.0, 10.0
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("simulate")(simulate)
+
+
+def simulate(
+    model: Annotated[str, typer.Argument(help="A saved model; or a robot, by name or file.")],
+    trajectory: Trajectory,
+    controller: Annotated[
+        Law, typer.Option(help="pd, pd-feedforward, computed-torque, augmented-pd or slotine-li.")
+    ] = Law.COMPUTED_TORQUE,
+    plant: OnPlant = None,
+    rate: Rate = DEFAULT_RATE,
+    bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
+    encoder: Encoder = None,
+    delay: Delay = 0,
+    columns: Columns = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="CSV file for motion and torques.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page with figures, works offline.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Follow a motion with a controller that knows MODEL, on a robot that may be another one.
+
+    Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
+    its prior.
+    """
+    from deltaid.application.comparison import gains
+    from deltaid.application.control_model import ControlModel
+    from deltaid.application.tracking import track
+    from deltaid.cli.output import print_json, print_warnings, progress, require_report
+    from deltaid.files import require_writable, written_whole
+    from deltaid.show.subject import load_subject
+
+    drives = drives_of(rate, bandwidth, encoder, delay)
+    inputs = given(model, trajectory, plant, columns)
+    if output is not None:
+        require_writable(output, inputs)
+    if report is not None:
+        require_report(report, inputs)
+    subject = load_subject(model)
+    runs_on = load_plant(plant or model, subject.robot)
+    known = ControlModel(subject.robot, subject.p)
+    with progress(as_json) as say:
+        say(f"checking {trajectory}")
+        motion, warnings = load_trajectory(trajectory, subject.robot, columns)
+        say("simulating")
+        law = gains(controller.value, known, motion, bandwidth)
+        result = track(runs_on, law, known, motion, drives)
+        if output is not None:
+            with written_whole(output) as file:
+                file.write(as_table(result).write_csv())
+        if report is not None:
+            from deltaid.report.page import write_page
+            from deltaid.report.tracking import tracking_page
+
+            say(f"writing {report}")
+            title = f"{controller.value} with {Path(model).name} on {Path(plant or model).name}"
+            write_page(tracking_page(subject.robot, result, title), report)
+    print_warnings(warnings)
+    if as_json:
+        settings = {"controller": controller.value, "model": model, "plant": plant or model}
+        settings |= drives_dictionary(drives, bandwidth)
+        print_json(settings | error_dictionary(result))
+    else:
+        _print(subject.robot, result, [path for path in (output, report) if path])
+
+
+def drives_of(rate: float, bandwidth: float, encoder: float | None, delay: int) -> "Drives":
+    """The drives' electronics from the options.
+
+    Raises:
+        DeltaidError: a rate or a bandwidth is out of bounds.
+    """
+    from deltaid.application.tracking import ENCODER_STEP, Drives
+    from deltaid.cli.output import positive
+
+    positive("--rate", rate, (10.0, 1e5))
+    positive("--bandwidth", bandwidth, (0.01, rate / 10))
+    step = ENCODER_STEP if encoder is None else encoder
+    return Drives(rate=rate, encoder_step=step, delay=delay)
+
+
+def given(*names: str | Path | None) -> list[Path]:
+    """The input files among some arguments."""
+    return [Path(name) for name in names if name is not None]
+
+
+def load_plant(name: str, like: "RobotDescription") -> "Plant":
+    """The robot that a controller runs on.
+
+    Raises:
+        DeltaidError: its drives are not those of the model.
+    """
+    from deltaid.application.forward_dynamics import compiled_forward
+    from deltaid.application.tracking import Plant
+    from deltaid.errors import DeltaidError
+    from deltaid.show.subject import load_subject
+
+    subject = load_subject(name)
+    robot = subject.robot
+    kinds = [[r.is_linear(drive) for drive in r.drives] for r in (robot, like)]
+    if kinds[0] != kinds[1]:
+        words = [f"{k.count(False)} rotary and {k.count(True)} linear drives" for k in kinds]
+        raise DeltaidError(
+            f"has {words[0]}, but the model's robot has {words[1]}",
+            where=f"--plant {name}",
+            cure="the plant must be the robot that the model is of",
+        )
+    return Plant(compiled_forward(robot), subject.p)
+
+
+def load_trajectory(
+    path: Path, robot: "RobotDescription", columns: Path | None
+) -> "tuple[SampledTrajectory, list[str]]":
+    """The motion of a file, and warnings about it.
+
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    from deltaid.application.trajectory import open_trajectory
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.recording.columns import load_mapping
+
+    mapping = load_mapping(columns) if columns else None
+    motion, log = open_trajectory(path, compiled(robot).kinematics, mapping)
+    return motion, [f"{path}: {text}" for text in log.warnings]
+
+
+def drives_dictionary(drives: "Drives", bandwidth: float) -> dict:
+    """Settings for JSON."""
+    return {
+        "bandwidth_hz": bandwidth,
+        "rate_hz": drives.rate,
+        "encoder_step": drives.encoder_step,
+        "delay": drives.delay,
+    }
+
+
+def error_dictionary(result: "Tracking") -> dict:
+    """Tracking errors for JSON, SI units."""
+    error = result.error
+    return {
+        "samples": len(result.time),
+        "ended": result.ended,
+        "platform_rms": error.platform_rms,
+        "platform_max": error.platform_max,
+        "drive_rms": error.drive_rms.tolist(),
+        "drive_max": error.drive_max.tolist(),
+        "torque_rms": error.torque_rms.tolist(),
+        "torque_max": error.torque_max.tolist(),
+        "saturated": error.saturated.tolist(),
+    }
+
+
+def as_table(result: "Tracking") -> "pl.DataFrame":
+    """Motion and torques with the default names of a log, and what was desired."""
+    import polars as pl
+
+    task = ("x", "y", "z", "psi")[: result.z.shape[1]]
+    columns = {"t": result.time}
+    for name, values in (
+        ("q{}", result.q),
+        ("tau{}", result.tau),
+        ("q{}_desired", result.q_desired),
+    ):
+        columns |= {name.format(i + 1): values[:, i] for i in range(values.shape[1])}
+    columns |= {name: result.z[:, i] for i, name in enumerate(task)}
+    columns |= {f"{name}_desired": result.z_desired[:, i] for i, name in enumerate(task)}
+    return pl.DataFrame(columns)
+
+
+def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> None:
+    from deltaid.cli.output import console, number, percent, table
+
+    error, rows = result.error, []
+    for i, (drive, units) in enumerate(robot.drive_units.items()):
+        sliding = robot.is_linear(drive)
+        rows.append(
+            [
+                drive,
+                number(1e3 * error.drive_rms[i], 3),
+                number(1e3 * error.drive_max[i], 3),
+                "mm" if sliding else "mrad",
+                number(error.torque_rms[i], 3),
+                number(error.torque_max[i], 3),
+                units.force,
+                percent(error.saturated[i]) if error.saturated[i] else "",
+            ]
+        )
+    columns = ["drive", "error rms", "max", "unit", "effort rms", "max", "unit", "at its limit"]
+    console.print(table(robot.title or robot.name, columns, rows))
+    console.print()
+    console.print(
+        f"platform {1e3 * error.platform_rms:.3g} mm rms and {1e3 * error.platform_max:.3g} mm at "
+        f"most from where it should be, over {result.time[-1]:.4g} s"
+    )
+    if result.ended is not None:
+        console.print(f"[bold red]lost[/] after {result.ended:.4g} s: a limb was stretched")
+    for path in files:
+        console.print(f"wrote {path}")

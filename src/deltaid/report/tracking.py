@@ -1,0 +1,245 @@
+"""The pages of `deltaid simulate` and `deltaid compare-controllers`."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+from plotly.subplots import make_subplots
+
+from deltaid.application.comparison import Run
+from deltaid.application.tracking import Tracking, effort_limits
+from deltaid.report import style
+from deltaid.report.numbers import number, percent
+from deltaid.report.page import Block, Fact, Figure, Page, Section, Table, Text
+from deltaid.robot.description import RobotDescription
+
+# Points a line is drawn with.
+_POINTS = 4000
+_MODELS = {
+    "": style.LIMIT,
+    "prior": style.PRIOR,
+    "base parameters": style.MEASURED,
+    "identified": style.IDENTIFIED,
+}
+_NO_MODEL = "no model"
+
+Signal = Float[np.ndarray, " samples"]
+Points = Float[np.ndarray, " points"]
+
+
+def tracking_page(robot: RobotDescription, result: Tracking, title: str) -> Page:
+    """One controller on one plant."""
+    own = [(title, style.IDENTIFIED, result)]
+    return Page(
+        title=robot.title or robot.name,
+        subtitle=f"Simulated tracking: {title}",
+        facts=_facts(result),
+        sections=(
+            Section("Tracking", (_platform(own), _drives(robot, result))),
+            Section("Torques", (_torques(robot, result), _numbers(robot, result))),
+        ),
+        warnings=_lost([(title, result)]),
+    )
+
+
+def comparison_page(robot: RobotDescription, runs: Sequence[Run], title: str) -> Page:
+    """All controllers with all models on one plant."""
+    done = [(run, run.tracking) for run in runs if run.tracking is not None]
+    best = min(done, key=lambda pair: pair[1].error.platform_rms)
+    lines = [
+        Section(controller, (_platform(_of_controller(controller, done)),))
+        for controller in dict.fromkeys(run.controller for run, _ in done)
+    ]
+    return Page(
+        title=robot.title or robot.name,
+        subtitle=f"Simulated tracking: {title}",
+        facts=(
+            Fact(
+                "least error of the platform",
+                f"{1e3 * best[1].error.platform_rms:.3g} mm",
+                f"rms; {best[0].controller}, {best[0].model or _NO_MODEL}",
+            ),
+            *_gains(runs),
+        ),
+        sections=(Section("What identification buys", (_bars(runs), _table(runs))), *lines),
+        warnings=_lost([(f"{run.controller}, {run.model or _NO_MODEL}", t) for run, t in done]),
+    )
+
+
+def _facts(result: Tracking) -> tuple[Fact, ...]:
+    error = result.error
+    return (
+        Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
+        Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
+        Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"),
+    )
+
+
+def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
+    """How much smaller the error is with the identified model than with the prior."""
+    by_name = {(r.controller, r.model): r.tracking for r in runs if r.tracking is not None}
+    facts = []
+    for controller in dict.fromkeys(run.controller for run in runs):
+        prior, after = (by_name.get((controller, m)) for m in ("prior", "identified"))
+        if prior is not None and after is not None:
+            before, now = prior.error.platform_rms, after.error.platform_rms
+            note = f"{1e3 * before:.3g} mm with the prior, {1e3 * now:.3g} mm identified"
+            facts.append(Fact(controller, f"{before / now:.2g} times nearer", note))
+    return tuple(facts)
+
+
+def _lost(runs: Sequence[tuple[str, Tracking]]) -> tuple[str, ...]:
+    return tuple(
+        f"{name}: lost after {run.ended:.4g} s, where a limb was stretched"
+        for name, run in runs
+        if run.ended is not None
+    )
+
+
+def _of_controller(
+    controller: str, done: Sequence[tuple[Run, Tracking]]
+) -> list[tuple[str, str, Tracking]]:
+    return [
+        (run.model or _NO_MODEL, _MODELS[run.model], tracking)
+        for run, tracking in done
+        if run.controller == controller
+    ]
+
+
+def _bars(runs: Sequence[Run]) -> Figure:
+    """Error of the platform for each controller and model."""
+    figure = go.Figure()
+    for model in dict.fromkeys(run.model for run in runs):
+        own = [r for r in runs if r.model == model and r.tracking is not None]
+        errors = [1e3 * r.tracking.error.platform_rms for r in own if r.tracking is not None]
+        figure.add_bar(
+            x=[run.controller for run in own],
+            y=errors,
+            name=model or _NO_MODEL,
+            marker={"color": _MODELS[model], "line": {"width": 0}},
+            text=[f"{error:.2g}" for error in errors],
+            textposition="outside",
+            cliponaxis=False,
+            hovertemplate="%{x}, " + (model or _NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
+        )
+    figure.update_yaxes(type="log", title_text="platform error, rms [mm]", dtick=1)
+    figure.update_layout(barmode="group", height=420, bargap=0.25)
+    return Figure(
+        figure,
+        "Distance of the platform point from where it should be, root mean square, with a "
+        "logarithmic scale. All are tuned alike, so what differs is what they know of the robot.",
+    )
+
+
+def _table(runs: Sequence[Run]) -> Table:
+    rows = []
+    for run in runs:
+        name = (run.controller, run.model or _NO_MODEL)
+        if run.tracking is None:
+            rows.append((*name, "—", "—", "—", run.why_not))
+            continue
+        error, ended = run.tracking.error, run.tracking.ended
+        remark = f"lost after {ended:.4g} s" if ended is not None else ""
+        numbers = (number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3))
+        rows.append((*name, *numbers, percent(float(error.saturated.max())), remark))
+    columns = ("controller", "model", "rms [mm]", "largest [mm]", "at a limit", "remark")
+    return Table(columns, tuple(rows), "Error of the platform; share of time at a torque limit.")
+
+
+def _platform(runs: Sequence[tuple[str, str, Tracking]]) -> Figure:
+    """Distance of the platform from where it should be, over time."""
+    figure = go.Figure()
+    for name, color, run in runs:
+        time, error = _peaks(run.time, 1e3 * run.platform_error)
+        figure.add_scatter(
+            x=time,
+            y=error,
+            name=style.label(name),
+            mode="lines",
+            line={"color": color, "width": 1.3},
+            showlegend=len(runs) > 1,
+            hovertemplate="%{y:.3g} mm at %{x:.4g} s<extra></extra>",
+        )
+    figure.update_xaxes(title_text="time [s]")
+    figure.update_yaxes(title_text="platform error [mm]", rangemode="tozero")
+    figure.update_layout(height=340)
+    return Figure(figure, "Distance of the platform point from where it should be.")
+
+
+def _drives(robot: RobotDescription, result: Tracking) -> Figure:
+    """q − q_d of each drive."""
+    units = {d: "mm" if robot.is_linear(d) else "mrad" for d in robot.drives}
+    figure = _stack(robot, lambda drive: f"{drive} [{units[drive]}]")
+    for i, drive in enumerate(robot.drives):
+        time, error = _peaks(result.time, 1e3 * result.drive_error[:, i])
+        _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {units[drive]}")
+    return Figure(figure, "Error of each drive, actual less desired coordinate.")
+
+
+def _torques(robot: RobotDescription, result: Tracking) -> Figure:
+    """Torques that were applied, with the drives' limits where they come near."""
+    units = robot.drive_units
+    figure = _stack(robot, lambda drive: f"{drive} [{units[drive].force}]")
+    for i, (drive, limit) in enumerate(zip(robot.drives, effort_limits(robot), strict=True)):
+        tau = result.tau[:, i]
+        time, shown = _peaks(result.time, tau)
+        _line(figure, i, time, shown, style.MEASURED, f"{drive} %{{y:.4g}} {units[drive].force}")
+        if np.nanmax(np.abs(tau)) > 0.5 * limit:
+            for edge in (-limit, limit):
+                line = {"color": style.LIMIT, "dash": "dot", "width": 1}
+                figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
+    return Figure(figure, "Torques of the drives. Dotted: limits of the description, if near.")
+
+
+def _numbers(robot: RobotDescription, result: Tracking) -> Block:
+    error, rows = result.error, []
+    for i, (drive, units) in enumerate(robot.drive_units.items()):
+        length = "mm" if robot.is_linear(drive) else "mrad"
+        rows.append(
+            (
+                drive,
+                f"{1e3 * error.drive_rms[i]:.3g} {length}",
+                f"{1e3 * error.drive_max[i]:.3g} {length}",
+                f"{error.torque_rms[i]:.3g} {units.force}",
+                f"{error.torque_max[i]:.3g} {units.force}",
+                percent(float(error.saturated[i])),
+            )
+        )
+    columns = ("drive", "error rms", "largest", "effort rms", "largest effort", "at its limit")
+    return Table(columns, tuple(rows)) if rows else Text("")
+
+
+def _stack(robot: RobotDescription, title: Callable[[str], str]) -> go.Figure:
+    """One panel a drive with one time axis."""
+    n = len(robot.drives)
+    figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.12 / n)
+    for i, drive in enumerate(robot.drives):
+        figure.update_yaxes(title_text=title(drive), row=i + 1, col=1)
+    figure.update_xaxes(title_text="time [s]", row=n, col=1)
+    figure.update_layout(height=170 * n + 80)
+    return figure
+
+
+def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, hover: str) -> None:
+    figure.add_scatter(
+        x=time,
+        y=values,
+        mode="lines",
+        showlegend=False,
+        line={"color": color, "width": 1.2},
+        hovertemplate=hover + " at %{x:.4g} s<extra></extra>",
+        row=i + 1,
+        col=1,
+    )
+
+
+def _peaks(time: Signal, values: Signal) -> tuple[Points, Points]:
+    """At most `_POINTS` samples: of each stretch the one of largest size."""
+    step = -(-len(time) // _POINTS)
+    if step == 1:
+        return time.astype(np.float32), values.astype(np.float32)
+    whole = len(time) // step
+    size = np.nan_to_num(np.abs(values[: whole * step]), nan=-1.0).reshape(whole, step)
+    at = np.arange(whole) * step + size.argmax(axis=1)
+    return time[at].astype(np.float32), values[at].astype(np.float32)

@@ -1,0 +1,372 @@
+"""Controllers: their energy balances, tracking with what a drive does to it, and the commands."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.integrate import cumulative_simpson
+
+from command import Outcome, refused, run
+from deltaid.application.comparison import base_vector, candidates
+from deltaid.application.control_model import ControlModel
+from deltaid.application.controllers import (
+    CONTROLLERS,
+    PD,
+    AugmentedPD,
+    ComputedTorque,
+    Controller,
+    Measured,
+    PDFeedForward,
+    SlotineLi,
+    tuned,
+)
+from deltaid.application.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.application.simulation import integrate
+from deltaid.application.tracking import Drives, Plant, Tracking, track
+from deltaid.application.trajectory import Desired, MotionTrajectory, open_trajectory
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.identification.model import IdentifiedModel
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.load import catalogue_text, load_robot
+
+ROBOT = "clavel-delta3"
+
+
+def motion(forward: ForwardDynamics, duration: float = 2.0) -> MotionTrajectory:
+    made = random_motion(forward.kinematics, np.random.default_rng(0))
+    return MotionTrajectory(forward.kinematics, made, duration)
+
+
+def resting(trajectory: MotionTrajectory, time: np.ndarray) -> Desired:
+    """The first pose, held."""
+    d = trajectory.at(np.zeros(len(time)))
+    return Desired(d.z, d.q, 0 * d.qd, 0 * d.qdd)
+
+
+# --- laws -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", ["pd", "feed-forward", "computed", "augmented", "slotine-li"])
+def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str) -> None:
+    """An equality, so a C that is not Christoffel's or a wrong sign shows.
+
+    Storage, supplied power and dissipation of each law with the exact model, viscous friction and
+    a disturbance d at the drives; see the text of `controllers`.
+    """
+    robot = load_robot("irb360-6-1600")
+    p, layout = prior_parameters(robot), parameter_layout(robot)
+    p[layout.coulomb] = 0
+    if law in ("pd", "feed-forward", "computed"):
+        p[layout.viscous] = 0
+    forward, model, dynamics = compiled_forward(robot), ControlModel(robot, p), compiled(robot)
+    trajectory = motion(forward)
+    K, D = np.array([400.0, 300.0, 500.0, 2.0]), np.array([8.0, 6.0, 5.0, 0.01])
+    w = 15.0
+    laws: dict[str, Controller] = {
+        "pd": PD(K, D),
+        "feed-forward": PDFeedForward(K, D),
+        "computed": ComputedTorque(w),
+        "augmented": AugmentedPD(K, D),
+        "slotine-li": SlotineLi(w, D),
+    }
+    held = law in ("pd", "feed-forward")
+
+    def desired(t: np.ndarray) -> Desired:
+        return resting(trajectory, t) if held else trajectory.at(t)
+
+    def disturbance(t: np.ndarray) -> np.ndarray:
+        return 3 * np.array([1.0, -0.7, 0.5, 0.02]) * np.sin(17 * t[:, None])
+
+    def torque(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        at = np.array([t])
+        return laws[law].torque(model, Measured(q, qd), desired(at)) + disturbance(at)
+
+    time = np.linspace(0, 0.3, 301)
+    first = desired(time[:1])
+    z0 = first.z + np.array([0.02, -0.015, 0.01, 0.1])
+    path = integrate(forward, p, z0, forward.task_velocity(z0, first.qd), time, torque)
+    z, zd = path.z[:, 0], path.zd[:, 0]
+    q, qd = forward.drive_motion(z, zd)
+    d, e = desired(time), q - desired(time).q
+    ed = qd - d.qd
+    M, push = dynamics.mass_matrix(q, p), disturbance(time)
+    friction = np.einsum("sij,si,sj->s", _viscous(dynamics, q, p), ed, ed)
+
+    def form(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return np.einsum("sij,si,sj->s", np.broadcast_to(A, (len(x), *A.shape[-2:])), x, x)
+
+    if held:
+        kinetic, potential = forward.energy(z, zd, p)
+        weight = dynamics.torque(d.z, d.qd, d.qd, p) if law == "feed-forward" else 0 * e
+        storage = kinetic + potential + 0.5 * e**2 @ K - np.sum(weight * e, axis=1)
+        supplied, lost = np.sum(push * qd, axis=1), qd**2 @ D
+    elif law == "computed":
+        storage = 0.5 * np.sum(ed**2 + w**2 * e**2, axis=1)
+        supplied = np.sum(np.linalg.solve(M, push[:, :, None])[:, :, 0] * ed, axis=1)
+        lost = 2 * w * np.sum(ed**2, axis=1)
+    elif law == "augmented":
+        storage = 0.5 * form(M, ed) + 0.5 * e**2 @ K
+        supplied, lost = np.sum(push * ed, axis=1), ed**2 @ D + friction
+    else:
+        s = ed + w * e
+        storage = 0.5 * form(M, s)
+        supplied, lost = np.sum(push * s, axis=1), s**2 @ D + form(_viscous(dynamics, q, p), s)
+    assert lost.min() > -1e-12
+    work = cumulative_simpson(supplied, x=time, initial=0)
+    gone = cumulative_simpson(lost, x=time, initial=0)
+    size = np.ptp(storage)
+    np.testing.assert_allclose(storage - storage[0], work - gone, atol=1e-5 * size)
+    assert np.all(storage - storage[0] <= work + 1e-5 * size)
+    assert gone[-1] > 0.05 * size
+
+
+def _viscous(dynamics, q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """∂f/∂q̇ of viscous friction: f is linear in q̇."""
+    units = (np.broadcast_to(unit, q.shape) for unit in np.eye(dynamics.dof))
+    return np.stack([dynamics.terms(q, unit, p).f for unit in units], axis=2)
+
+
+def test_what_the_model_gives_is_inverse_dynamics_and_finds_the_pose_itself() -> None:
+    robot = load_robot("irb360-6-1600")
+    p, dynamics = prior_parameters(robot), compiled(robot)
+    d = motion(compiled_forward(robot)).at(np.linspace(0, 2, 20))
+    near = d.z + 0.01 * np.random.default_rng(0).uniform(-1, 1, d.z.shape)
+    found = ControlModel(robot, p).torque(near, d.q, d.qd, d.qd, d.qdd, d.qd)
+    expected = dynamics.torque(d.z, d.qd, d.qdd, p)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_all_laws_are_one_linear_feedback_near_the_motion() -> None:
+    """On a robot whose M is diagonal and constant the tuned laws are the same to first order."""
+    robot = load_robot("linear-delta")
+    p = prior_parameters(robot)
+    p[:10] *= 1e-6
+    p[10:30] *= 1e-6  # carriages, struts and platform weigh nothing, so that rotors are all of M
+    model = ControlModel(robot, p)
+    d = motion(compiled_forward(robot)).at(np.array([0.3]))
+    e, ed = 1e-6 * np.array([[1.0, -2.0, 3.0]]), 1e-4 * np.array([[2.0, 1.0, -1.0]])
+    mass = model.mass_diagonal(d.q)
+    at = [Measured(d.q + k * e, d.qd + k * ed) for k in (0, 1)]
+    viscous = np.array([40.0, 40.0, 40.0])
+    answers = {
+        name: np.subtract(*(tuned(name, mass, 5.0).torque(model, m, d) for m in reversed(at)))
+        for name in CONTROLLERS
+    }
+    # The friction that Slotine-Li compensates is that of q̇_r.
+    answers["slotine-li"] = answers["slotine-li"] + viscous * 2 * np.pi * 5.0 * e
+    for name in CONTROLLERS:
+        np.testing.assert_allclose(answers[name], answers["pd"], rtol=2e-3, err_msg=name)
+
+
+# --- on a drive -----------------------------------------------------------------------------------
+
+
+def tracked(controller: str, drives: Drives, share: float = 1.0, duration: float = 0.3) -> Tracking:
+    """A second on the robot whose masses the model knows to a share."""
+    robot = load_robot(ROBOT)
+    forward, p = compiled_forward(robot), prior_parameters(robot)
+    known = p.copy()
+    known[:30] *= share
+    model = ControlModel(robot, known)
+    trajectory = motion(forward, duration)
+    mass = ControlModel(robot, p).mass_diagonal(trajectory.at(np.linspace(0, 0.3, 50)).q)
+    return track(Plant(forward, p), tuned(controller, mass, 10.0), model, trajectory, drives)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_the_exact_model_leaves_microns_and_a_wrong_one_more(controller: str) -> None:
+    exact = tracked(controller, Drives(encoder_step=0.0)).error
+    wrong = tracked(controller, Drives(encoder_step=0.0), share=0.8).error
+    if controller == "pd":
+        assert exact.platform_rms > 1e-3
+        assert wrong.platform_rms == exact.platform_rms
+    else:
+        assert exact.platform_rms < 2e-5
+        assert wrong.platform_rms > 10 * exact.platform_rms
+
+
+def test_a_faster_drive_tracks_nearer_and_coarse_encoders_and_delay_do_not() -> None:
+    def error(share: float, **changed: float) -> float:
+        drives = Drives(**({"encoder_step": 0.0} | changed))
+        return tracked("computed-torque", drives, share).error.platform_rms
+
+    assert tracked("augmented-pd", Drives(rate=4000.0, encoder_step=0.0)).error.platform_rms < (
+        0.5 * tracked("augmented-pd", Drives(rate=500.0, encoder_step=0.0)).error.platform_rms
+    )
+    assert error(1.0, encoder_step=1e-3) > 5 * error(1.0)
+    assert error(0.8, delay=20) > 1.2 * error(0.8)
+
+
+def test_delay_beyond_the_phase_margin_loses_the_robot() -> None:
+    result = tracked("computed-torque", Drives(delay=80), share=0.8, duration=1.0)
+    assert result.ended is not None
+    assert np.isnan(result.q[-1]).all()
+    assert np.isfinite(result.error.platform_rms)
+
+
+def test_torques_stay_within_the_limits() -> None:
+    robot = load_robot(ROBOT)
+    limits = {d: robot.drive_limits[d].model_copy(update={"torque": 12.0}) for d in robot.drives}
+    robot = robot.model_copy(update={"drive_limits": limits})
+    forward, p = ForwardDynamics(robot), prior_parameters(robot)
+    model, trajectory = ControlModel(robot, p), motion(forward, 0.5)
+    result = track(Plant(forward, p), ComputedTorque(60.0), model, trajectory, Drives())
+    assert np.abs(result.tau).max() == 12.0
+    assert 0 < result.saturated.mean() < 1
+    assert np.array_equal(np.abs(result.tau) == 12.0, result.saturated)
+
+
+# --- files and commands ---------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A demonstration with truth, and a planned motion of it; no test changes these."""
+    place = tmp_path_factory.mktemp("controllers")
+    assert run("demo", ROBOT, "--keep", place, "--noise", 0.0).code == 0
+    excite = ("excite", ROBOT, "--starts", 1, "--duration", 4, "--harmonics", 2)
+    assert run(*excite, "-o", place / "motion.csv").code == 0
+    pl.read_csv(place / "motion.csv")[:500].write_csv(place / "short.csv")
+    return place
+
+
+def test_a_file_is_the_motion_that_was_planned(folder: Path) -> None:
+    robot = load_robot(ROBOT)
+    kinematics = compiled(robot).kinematics
+    path = folder / "motion.csv"
+    file = pl.read_csv(path)
+    trajectory, _ = open_trajectory(path, kinematics)
+    found = trajectory.at(file["t"].to_numpy())
+    for name, values, near in (
+        ("q", found.q, 1e-9),
+        ("qd", found.qd, 1e-6),
+        ("qdd", found.qdd, 1e-3),
+    ):
+        expected = file.select(f"{name}{i}" for i in (1, 2, 3)).to_numpy()
+        np.testing.assert_allclose(values, expected, atol=near * np.abs(expected).max())
+    np.testing.assert_allclose(found.z, file.select("x", "y", "z").to_numpy(), atol=1e-9)
+    middle = trajectory.at(np.array([0.5, 0.5005]))
+    passed = middle.qd.mean(axis=0) * 5e-4
+    np.testing.assert_allclose(np.diff(middle.q, axis=0)[0], passed, atol=1e-7)
+
+
+def test_a_recording_is_filtered_before_it_is_followed(folder: Path) -> None:
+    """Encoder steps would be accelerations of 6 rad/s² otherwise."""
+    path = folder / "verify.csv"
+    trajectory, log = open_trajectory(path, compiled(load_robot(ROBOT)).kinematics)
+    assert log.samples / log.rate - 2 < trajectory.duration < log.samples / log.rate
+    qdd = trajectory.at(np.linspace(0, trajectory.duration, 40_000)).qdd
+    assert np.abs(np.diff(qdd, axis=0)).max() < 0.5
+
+
+def test_base_parameters_have_the_torques_of_the_truth(folder: Path) -> None:
+    model = IdentifiedModel.load(folder / "model.yaml")
+    truth = prior_parameters(load_robot(folder / "truth.yaml"))
+    dynamics = compiled(model.robot)
+    d = motion(compiled_forward(model.robot)).at(np.linspace(0, 2, 100))
+    expected = dynamics.torque(d.z, d.qd, d.qdd, truth)
+    found = dynamics.torque(d.z, d.qd, d.qdd, base_vector(model))
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+    assert [c.name for c in candidates(model)] == ["prior", "base parameters", "identified"]
+
+
+def test_comparison_tells_what_identification_buys(folder: Path) -> None:
+    files = (folder / "model.yaml", folder / "short.csv", "--plant", folder / "truth.yaml")
+    report = folder / "comparison.html"
+    outcome = run("compare-controllers", *files, "--report", report, "--json")
+    assert outcome.code == 0, outcome.err
+    runs = json.loads(outcome.out)["runs"]
+    assert len(runs) == 1 + 4 * 3
+    error = {(r["controller"], r["model"]): r["platform_rms"] for r in runs}
+    for controller in CONTROLLERS[1:]:
+        prior, identified = (error[controller, m] for m in ("prior", "identified"))
+        assert identified < 0.3 * prior
+        assert prior < 0.5 * error["pd", None]
+        assert error[controller, "base parameters"] < 0.5 * prior
+    assert "What identification buys" in report.read_text(encoding="utf-8")
+    report.unlink()
+
+
+def test_a_model_without_a_positive_mass_matrix_runs_feed_forward_only(folder: Path) -> None:
+    model = IdentifiedModel.load(folder / "model.yaml")
+    text = (folder / "model.yaml").read_text(encoding="utf-8")
+    inertia = next(b for b in model.base_parameters if b.formula.startswith("m_P"))
+    assert text.count(f"value: {inertia.value!r}") >= 1
+    path = folder / "wrong.yaml"
+    path.write_text(text.replace(f"value: {inertia.value!r}", "value: -30.0"), encoding="utf-8")
+    files = (path, folder / "short.csv", "--plant", folder / "truth.yaml", "--bandwidth", 20)
+    outcome = run("compare-controllers", *files, width=120)
+    path.unlink()
+    assert outcome.code == 0, outcome.err
+    rows = [row for row in outcome.out.splitlines() if "base parameters" in row]
+    refused_rows = [row for row in rows if "M is not positive definite" in row]
+    assert len(refused_rows) == 3
+    assert "pd-feedforward" in next(row for row in rows if row not in refused_rows)
+
+
+def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:
+    output, report = folder / "out.csv", folder / "out.html"
+    files = (folder / "model.yaml", folder / "motion.csv", "--plant", folder / "truth.yaml")
+    outcome = run("simulate", *files, "-o", output, "--report", report)
+    assert outcome.code == 0, outcome.err
+    assert "platform 0.0" in outcome.out
+    assert "Torques" in report.read_text(encoding="utf-8")
+    log = pl.read_csv(output)
+    assert log.columns[:7] == ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"]
+    validated = run("validate", folder / "model.yaml", output, "--json")
+    assert validated.code == 0, validated.err
+    assert max(json.loads(validated.out)["nrmse"]) < 0.05
+    for path in (output, report):
+        path.unlink()
+
+
+def test_json_of_simulate(folder: Path) -> None:
+    outcome = run("simulate", ROBOT, folder / "short.csv", "--controller", "slotine-li", "--json")
+    answer = json.loads(outcome.out)
+    assert answer["controller"] == "slotine-li"
+    assert answer["ended"] is None
+    assert answer["platform_rms"] < 1e-4
+    assert len(answer["drive_rms"]) == 3
+
+
+BAD = [
+    ("simulate {m} far.csv", "the elbow of limb 1 points inwards"),
+    ("simulate {m} missing.csv", "missing.csv: no such file"),
+    ("simulate irb360-6-1600 motion.csv", "has no column q4"),
+    ("simulate {m} motion.csv --plant irb360-6-1600", "has 4 rotary and 0 linear drives"),
+    ("simulate {m} motion.csv --plant linear-delta", "0 rotary and 3 linear drives"),
+    ("simulate nobody motion.csv", "no robot file and no catalogue robot called 'nobody'"),
+    ("simulate {m} motion.csv --rate 0", "--rate: must be a positive number"),
+    ("simulate {m} motion.csv --bandwidth 500", "--bandwidth: must lie between 0.01 and 100"),
+    ("simulate {m} motion.csv -o motion.csv", "would overwrite an input"),
+    ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
+    ("compare-controllers {m} motion.csv --plant irb360-6-1600", "has 4 rotary"),
+    ("compare-controllers robot.yaml motion.csv --plant {m}", "robot.yaml: "),
+    ("compare-controllers {m} motion.csv --plant truth.yaml --report no/r.html", "its folder"),
+]
+
+
+@pytest.mark.parametrize(("line", "message"), BAD)
+def test_bad_input(line: str, message: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    far = pl.read_csv("motion.csv").with_columns(q1=pl.col("q1") + 1.7)
+    far.write_csv("far.csv")
+    assert message in " ".join(refused(*line.format(m="model.yaml").split(), folder=folder).split())
+
+
+def test_an_unknown_controller_is_told(folder: Path) -> None:
+    outcome: Outcome = run("simulate", ROBOT, folder / "motion.csv", "--controller", "pid")
+    assert outcome.code == 2
+    assert "'pid' is not one of" in outcome.err
+
+
+def test_a_plant_of_another_geometry_is_followed_too(folder: Path, tmp_path: Path) -> None:
+    """Its platform is then where its own lengths put it."""
+    longer = tmp_path / "longer.yaml"
+    longer.write_text(catalogue_text(ROBOT).replace("strut: 1.055", "strut: 1.056"), "utf-8")
+    arguments = ("simulate", ROBOT, folder / "short.csv", "--plant", longer, "--json")
+    answer = json.loads(run(*arguments).out)
+    assert 5e-4 < answer["platform_rms"] < 3e-3
