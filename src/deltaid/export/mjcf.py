@@ -89,7 +89,7 @@ def _body(
     inertia = body_inertia(body.p)
     T = inertia.about_com
     entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
-    quat = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    quat = np.roll(Rotation.from_matrix(R).as_quat(), 1)  # MuJoCo has the scalar first
     element = ET.SubElement(parent, "body", name=body.name, pos=numbers(r), quat=numbers(quat))
     ET.SubElement(
         element,
