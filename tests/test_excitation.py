@@ -160,7 +160,7 @@ def test_limits_that_fight_are_named() -> None:
         workspace={"shape": "cylinder", "radius": 0.3, "z": [-1.1, -0.8]},
         drive_limits={f"drive{i}": {"angle_deg": [-44, -30]} for i in (1, 2, 3)},
     )
-    with pytest.raises(DeltaidError, match="angle") as caught:
+    with pytest.raises(DeltaidError, match=r"drive\d leaves its angle range") as caught:
         Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     assert "workspace" in str(caught.value)
 

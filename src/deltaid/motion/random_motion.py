@@ -39,10 +39,10 @@ def random_motion(
             continue
         if np.ptp(np.sign(kinematics.regularity(z).determinant)) > 0:
             reason = "the robot passes through singular poses"
-        elif within_angles(robot, q):
+            continue
+        reason = _outside(robot, q)
+        if not reason:
             return motion
-        else:
-            reason = "the drives leave their ranges"
     raise KinematicsError(
         f"no random motion in the described workspace is possible: {reason}",
         where=robot.name,
@@ -51,15 +51,16 @@ def random_motion(
     )
 
 
-def within_angles(robot: RobotDescription, q: Float[np.ndarray, "samples dof"]) -> bool:
-    """Whether drive coordinates keep the described angle limits."""
+def _outside(robot: RobotDescription, q: Float[np.ndarray, "samples dof"]) -> str:
+    """The first drive that leaves its described range, in words; empty if none does."""
     for i, drive in enumerate(robot.drives):
         limits = robot.drive_limits.get(drive)
         if limits is not None and limits.range is not None:
             low, high = limits.range
             if q[:, i].min() < low or q[:, i].max() > high:
-                return False
-    return True
+                what = "position" if robot.is_linear(drive) else "angle"
+                return f"{drive} leaves its {what} range"
+    return ""
 
 
 def _scaled(
