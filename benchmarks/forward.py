@@ -1,0 +1,203 @@
+"""µs a forward dynamics: deltaid, MuJoCo's constrained simulation, Pinocchio's constraintDynamics.
+
+    pip install deltaid[test,benchmark]
+    python benchmarks/forward.py
+
+Everything is measured in one run on one core, for one 4-DOF Delta with telescope bar. The tool and
+the rotor are given (almost) no inertia and the joints no friction, so that all three solve the same
+equations; the run fails if Pinocchio's accelerations differ. Counted is:
+
+deltaid    `ForwardDynamics.acceleration` for a batch, a state at a time, and the kernel alone (its
+           machine code called for one state, which fills one of its lanes; the rest is Python and
+           allocation). `ForwardDynamics.step` is a whole time step with friction at rest: two
+           evaluations and the impulses of five friction joints.
+MuJoCo     `mj_forward` of what `deltaid export --to mjcf` writes (spanning tree with equality
+           constraints), called from Python, and `mj_step` repeated in C by its own `nstep`. Its
+           Newton solver, as by default. The loops are soft springs there; the tool has its weight.
+Pinocchio  `constraintDynamics` of the tree of `_pinocchio_delta.py` with its twelve closures as
+           rigid contacts, called from Python. That the tool turns with the bar is no contact and
+           left out, in Pinocchio's favour.
+
+Neither MuJoCo nor Pinocchio has to find coordinates that close the loops: they are given.
+Times are CPU times of the process, the median of several repeats.
+"""
+
+import ctypes
+import os
+import sys
+import time
+from collections.abc import Callable
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from _pinocchio_delta import DRIVES, Array, PinocchioDelta
+from _timing import machine, measure
+from regressor import random_motion
+
+from deltaid.application.forward_dynamics import ForwardDynamics
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.export.mjcf import mjcf
+from deltaid.export.subject import ExportSubject
+from deltaid.kernel.batch import BatchKernel
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+ROBOT, SAMPLES, REPEATS = "irb360-6-1600", 4000, 9
+CPU = time.process_time
+TOLERANCE = 1e-6
+# The tree's joints: what body each carries, and how often.
+_LIMB, _REST = ("U", "S"), ("P", "EE", "TU", "TL")
+
+
+def main() -> int:
+    """Measure, check, print; 1 if the accelerations disagree."""
+    robot = load_robot(ROBOT)
+    forward, dynamics = ForwardDynamics(robot), Dynamics(robot)
+    p = without_tool(robot)
+    z, qd, _ = random_motion(dynamics, SAMPLES, np.random.default_rng(0))
+    zd = forward.task_velocity(z, qd)
+    tau = np.random.default_rng(1).uniform(-20, 20, z.shape) * [1, 1, 1, 0.05]
+    times = _deltaid(forward, p, z, zd, qd, tau) | _mujoco(robot)
+    pinocchio, theirs = _pinocchio(robot, p, z, qd, tau)
+    times |= pinocchio
+    print(f"{machine()}, mujoco {mujoco.__version__}\n{ROBOT}, {SAMPLES} states\n")
+    fastest = times["deltaid, acceleration, batch"]
+    for name, seconds in times.items():
+        print(f"{name:44}{1e6 * seconds:10.3f} µs{seconds / fastest:10.1f}")
+    ours = forward.drive_acceleration(forward.drive_coordinates(z), qd, tau, p)
+    error = float(np.abs(theirs - ours).max() / np.abs(ours).max())
+    print(f"\nlargest relative difference from Pinocchio: {error:.1e}")
+    return 0 if error < TOLERANCE else 1
+
+
+def without_tool(robot: RobotDescription) -> Array:
+    """The prior, with a tool and a rotor that hardly weigh, and no friction."""
+    p, layout = prior_parameters(robot), parameter_layout(robot)
+    p[layout.friction] = 0.0
+    p[layout.body("EE")] *= 1e-9
+    p[layout.rotor] = 0.0
+    return p
+
+
+def _deltaid(
+    forward: ForwardDynamics, p: Array, z: Array, zd: Array, qd: Array, tau: Array
+) -> dict[str, float]:
+    step = np.append(prior_parameters(forward.robot), 2.5e-4)
+    states = np.hstack([z, zd, tau]).T.copy(), np.hstack([z, qd, tau]).T.copy()
+    acceleration = _kernel_times(
+        "deltaid, acceleration", forward._acceleration_kernel, states[0], p
+    )
+    return acceleration | _kernel_times(
+        "deltaid, step with friction", forward._step_kernel, states[1], step
+    )
+
+
+def _kernel_times(name: str, kernel: BatchKernel, x: Array, uniform: Array) -> dict[str, float]:
+    one = x[:, :1].copy()
+    together = measure(lambda: kernel(x, uniform, threads=1), REPEATS, CPU)
+    return {
+        f"{name}, batch": together / x.shape[1],
+        f"{name}, a state at a time": _often(lambda: kernel(one, uniform)),
+        f"{name}, kernel alone": _often(_bare(kernel, one, uniform)),
+    }
+
+
+def _bare(kernel: BatchKernel, one: Array, uniform: Array) -> Callable[[], None]:
+    """The machine code for one vector of equal states, buffers ready."""
+    width = kernel._width
+    x, out = np.repeat(one, width, axis=1), np.empty((kernel.n_out, width))
+    shared = np.ascontiguousarray(uniform)
+    pointers = [ctypes.c_void_p(a.ctypes.data) for a in (out, x, shared)]
+    call, length = kernel._call, ctypes.c_int64(width)
+
+    def run(_keep: tuple = (x, out, shared)) -> None:
+        call(pointers[0], length, pointers[1], length, pointers[2], length)
+
+    return run
+
+
+def _mujoco(robot: RobotDescription) -> dict[str, float]:
+    p = prior_parameters(robot)
+    p[parameter_layout(robot).friction] = 0.0
+    model = mujoco.MjModel.from_xml_string(mjcf(ExportSubject(robot, p, ROBOT)))
+    data = mujoco.MjData(model)
+
+    def home() -> None:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+
+    home()
+    rows = {"MuJoCo, mj_forward": _often(lambda: mujoco.mj_forward(model, data))}
+
+    def steps() -> None:
+        home()
+        mujoco.mj_step(model, data, nstep=200)
+
+    rows["MuJoCo, mj_step in C"] = measure(steps, REPEATS, CPU) / 200
+    return rows
+
+
+def _pinocchio(
+    robot: RobotDescription, p: Array, z: Array, qd: Array, tau: Array
+) -> tuple[dict[str, float], Array]:
+    """Time of a call, and the drives' accelerations."""
+    tree, layout = PinocchioDelta(robot), parameter_layout(robot)
+    model = tree.model
+    bodies = [name for _ in range(3) for name in _LIMB] + list(_REST)
+    for joint, name in enumerate(bodies, start=1):
+        count = robot.limbs.struts_per_limb if name == "S" else 1
+        model.inertias[joint] = _inertia(count * p[layout.body(name)])
+    contacts = pin.StdVec_RigidConstraintModel()
+    for tip, seat in tree._cuts:
+        a, b = model.frames[tip], model.frames[seat]
+        contacts.append(
+            pin.RigidConstraintModel(
+                pin.ContactType.CONTACT_3D, model, a.parentJoint, a.placement, b.parentJoint,
+                b.placement, pin.ReferenceFrame.LOCAL,
+            )
+        )  # fmt: skip
+    data = model.createData()
+    cache = pin.StdVec_RigidConstraintData()
+    for contact in contacts:
+        cache.append(contact.createData())
+    pin.initConstraintDynamics(model, data, contacts, cache)
+    motion = tree.motion(z, qd, np.zeros_like(qd))
+    forces = np.zeros((len(z), model.nv))
+    forces[:, DRIVES] = tau
+    found = np.empty((len(z), len(DRIVES)))
+    settings = pin.ProximalSettings(1e-12, 0.0, 1)
+
+    def all_states() -> None:
+        for i in range(len(z)):
+            a = pin.constraintDynamics(
+                model, data, motion.q[i], motion.v[i], forces[i], contacts, cache, settings
+            )
+            found[i] = a[DRIVES]
+
+    return {"Pinocchio, constraintDynamics": measure(all_states, 3, CPU) / len(z)}, found
+
+
+def _inertia(ten: Array) -> pin.Inertia:
+    """Pinocchio's inertia of the ten parameters about the joint's frame."""
+    m, c = ten[0], ten[1:4] / ten[0]
+    xx, yy, zz, xy, yz, xz = ten[4:]
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return pin.Inertia(m, c, about - m * (c @ c * np.eye(3) - np.outer(c, c)))
+
+
+def _often(function: Callable[[], object], calls: int = 2000) -> float:
+    """Time of one call among many."""
+
+    def loop() -> None:
+        for _ in range(calls):
+            function()
+
+    return measure(loop, REPEATS, CPU) / calls
+
+
+if __name__ == "__main__":
+    sys.exit(main())
