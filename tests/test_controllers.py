@@ -341,6 +341,8 @@ BAD = [
     ("simulate nobody motion.csv", "no robot file and no catalogue robot called 'nobody'"),
     ("simulate {m} motion.csv --rate 0", "--rate: must be a positive number"),
     ("simulate {m} motion.csv --bandwidth 500", "--bandwidth: must lie between 0.01 and 100"),
+    ("simulate {m} motion.csv --encoder inf", "--encoder: must be a positive number"),
+    ("simulate {m} motion.csv --rate nan", "--rate: must be a positive number"),
     ("simulate {m} motion.csv -o motion.csv", "would overwrite an input"),
     ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
     ("compare-controllers {m} motion.csv --plant irb360-6-1600", "has 4 rotary"),

@@ -100,7 +100,7 @@ def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: boo
     assert_close(found, expected, 1e-10)
 
 
-@pytest.mark.parametrize("kind", ["par4", "i4"])
+@pytest.mark.parametrize("kind", ["h4", "par4", "i4"])
 def test_accelerations_of_composed_robots_against_the_oracle(kind: str) -> None:
     """Springs, rotors, passive joints and gravity in any direction included."""
     twin = composed.twin(composed.Make(kind=kind))

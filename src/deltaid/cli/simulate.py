@@ -119,13 +119,15 @@ def drives_of(rate: float, bandwidth: float, encoder: float | None, delay: int) 
     """The drives' electronics from the options.
 
     Raises:
-        DeltaidError: a rate or a bandwidth is out of bounds.
+        DeltaidError: a rate, a bandwidth or an encoder's step is out of bounds.
     """
     from deltaid.application.tracking import ENCODER_STEP, Drives
     from deltaid.cli.output import positive
 
     positive("--rate", rate, (10.0, 1e5))
     positive("--bandwidth", bandwidth, (0.01, rate / 10))
+    if encoder:
+        positive("--encoder", encoder, (0.0, 1.0))
     step = ENCODER_STEP if encoder is None else encoder
     return Drives(rate=rate, encoder_step=step, delay=delay)
 
