@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY
+
 _INFIX = {
     ca.OP_ADD: "+",
     ca.OP_SUB: "-",
@@ -22,21 +24,11 @@ _CALLED = {
     ca.OP_FABS: "fabs",
     ca.OP_FLOOR: "floor",
     ca.OP_CEIL: "ceil",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
-    ca.OP_TANH: "tanh",
     ca.OP_FMIN: "fmin",
     ca.OP_FMAX: "fmax",
     ca.OP_COPYSIGN: "copysign",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
+    **LIBM_UNARY,
+    **LIBM_BINARY,
 }
 
 
