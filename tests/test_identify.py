@@ -117,6 +117,7 @@ def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
         "identify.csv",
         "verify.csv",
         "model.yaml",
+        "truth.yaml",
     }
 
 
