@@ -12,6 +12,7 @@ from typing import get_type_hints
 import pytest
 import typer
 
+import deltaid
 from deltaid.cli.app import app
 from deltaid.identification.model import IdentifiedModel
 from deltaid.recording.columns import ColumnMapping
@@ -50,6 +51,13 @@ def command_lines(path: Path) -> list[str]:
                 found += re.findall(r"(?:^|[/\s])(deltaid [^|&;>]+)", bare)
     prose = re.sub(r"^```.*?^```$", "", page, flags=re.M | re.S)
     return found + _INLINE.findall(prose)
+
+
+@pytest.mark.parametrize("name", deltaid.__all__)
+def test_public_names_are_what_the_api_page_shows(name: str) -> None:
+    assert getattr(deltaid, name).__name__ == name
+    page = (DOCS / "api.md").read_text(encoding="utf-8")
+    assert re.search(rf"^::: deltaid\.{name}$", page, re.M)
 
 
 @pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)

@@ -14,8 +14,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from deltaid.application.constraint_forces import ConstraintForces
+    from deltaid.application.forward_dynamics import ForwardDynamics
+    from deltaid.application.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
+    from deltaid.dynamics.parameters import prior_parameters
     from deltaid.errors import DeltaidError
+    from deltaid.excitation.excite import ExcitationSettings, Exciter
+    from deltaid.export.files import write_export
+    from deltaid.export.subject import ExportSubject
     from deltaid.identification.identify import Identification, identify
     from deltaid.identification.model import IdentifiedModel, Settings
     from deltaid.identification.validation import validate
@@ -29,32 +36,46 @@ if TYPE_CHECKING:
     from deltaid.robot.own import use_mechanism
 
 _HOME = {
-    "build_limb": "deltaid.mechanism.limb",
-    "LimbGeometry": "deltaid.robot.limbs",
-    "Limbs": "deltaid.robot.limbs",
-    "use_mechanism": "deltaid.robot.own",
-    "MechanismParts": "deltaid.mechanism.own",
     "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.columns",
+    "ConstraintForces": "deltaid.application.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
+    "ExcitationSettings": "deltaid.excitation.excite",
+    "Exciter": "deltaid.excitation.excite",
+    "ExportSubject": "deltaid.export.subject",
+    "ForwardDynamics": "deltaid.application.forward_dynamics",
     "Identification": "deltaid.identification.identify",
     "IdentifiedModel": "deltaid.identification.model",
     "Kinematics": "deltaid.mechanism.kinematics",
+    "LimbGeometry": "deltaid.robot.limbs",
+    "Limbs": "deltaid.robot.limbs",
+    "MechanismParts": "deltaid.mechanism.own",
     "RobotDescription": "deltaid.robot.description",
     "Settings": "deltaid.identification.model",
+    "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.identification.identify",
+    "integrate": "deltaid.application.simulation",
     "load_mapping": "deltaid.recording.columns",
     "load_robot": "deltaid.robot.load",
+    "prior_parameters": "deltaid.dynamics.parameters",
+    "step_through": "deltaid.application.simulation",
+    "use_mechanism": "deltaid.robot.own",
     "validate": "deltaid.identification.validation",
+    "write_export": "deltaid.export.files",
 }
 
 __all__ = [
     "BodyPose",
     "ColumnMapping",
+    "ConstraintForces",
     "DeltaidError",
     "Dynamics",
+    "ExcitationSettings",
+    "Exciter",
+    "ExportSubject",
+    "ForwardDynamics",
     "Identification",
     "IdentifiedModel",
     "Kinematics",
@@ -66,10 +87,14 @@ __all__ = [
     "build_limb",
     "catalogue",
     "identify",
+    "integrate",
     "load_mapping",
     "load_robot",
+    "prior_parameters",
+    "step_through",
     "use_mechanism",
     "validate",
+    "write_export",
 ]
 
 
