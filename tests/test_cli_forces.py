@@ -95,6 +95,9 @@ def test_what_cannot_be_is_refused(folder: Path) -> None:
     assert "would overwrite" in refused(*command, "-o", folder / "verify.csv", folder=folder)
     page = folder / "a.html"
     assert "--output" in refused(*command, "-o", page, "--report", page, folder=folder)
+    other = refused(*command, "--logs", folder / "verify.csv", folder=folder)
+    assert "is not a recording that the model was identified from" in " ".join(other.split())
+    assert "identify.csv" in other
     missing = folder / "no.csv"
     half = (*command, "-o", folder / "half.csv", "--logs", missing)
     assert "no.csv" in refused(*half, folder=folder)

@@ -164,6 +164,13 @@ def test_names_that_c_cannot_have(prefix: str) -> None:
         c_code(subject("linear-delta"), prefix)
 
 
+@pytest.mark.parametrize("prefix", ["math", "Math", "fmi2"])
+def test_a_header_that_would_hide_another_one(prefix: str) -> None:
+    """<math.h> with -I., and fmi2.c of a unit, which its own sources would overwrite."""
+    with pytest.raises(DeltaidError, match=f"'{prefix}.h' would be mistaken"):
+        c_code(subject("linear-delta"), prefix)
+
+
 def test_a_title_cannot_end_the_comment() -> None:
     robot = load_robot("linear-delta").model_copy(update={"title": "*//* int x; /*/\n#error"})
     code = c_code(ExportSubject(robot, prior_parameters(robot), "a.yaml"), "delta")

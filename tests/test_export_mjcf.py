@@ -5,9 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from composed import Make
+from deltaid.application.forward_dynamics import compiled_forward
+from deltaid.application.simulation import integrate
 from deltaid.errors import DeltaidError
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
@@ -131,9 +132,9 @@ def test_accelerations_within_the_softness_of_constraints(case: str | Make) -> N
     assert gaps[2].max() < (0.005 if case in catalogue() else 0.1)
 
 
-@pytest.mark.parametrize("name", ["clavel-delta3", "i4-linear"])
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "h4", "i4-linear"])
 def test_a_second_of_motion(name: str) -> None:
-    """Held by springs of our own making, started with a push: MuJoCo beside an integrator."""
+    """Held by springs of our own making, started with a push: MuJoCo beside forward dynamics."""
     chosen = subject(name).without_friction()
     simulation = Simulation(chosen)
     simulation.model.opt.timestep = 2.5e-4
@@ -147,16 +148,16 @@ def test_a_second_of_motion(name: str) -> None:
 
     push = np.array([2.0, -1.5, 1.0, 0.6])[: len(home)]
 
-    def slope(_: float, x: np.ndarray) -> np.ndarray:
-        z, qd = np.split(x, 2)
-        q = chosen.dynamics.kinematics.inverse(z[None])[0]
-        terms = model(chosen, z[None], qd[None], still)
-        J = chosen.dynamics.kinematics.jacobian(z[None])[0]
-        qdd = np.linalg.solve(terms.M[0], torque(q, qd) - terms.bias[0])
-        return np.concatenate([np.linalg.solve(J, qd), qdd])
-
-    end = solve_ivp(slope, (0, 1), np.concatenate([chosen.home, push]), rtol=1e-8).y[:, -1]
-    want = chosen.dynamics.kinematics.inverse(end[None, : len(home)])[0]
+    forward = compiled_forward(chosen.robot)
+    path = integrate(
+        forward,
+        chosen.p,
+        chosen.home[None],
+        forward.task_velocity(chosen.home[None], push[None]),
+        np.array([0.0, 1.0]),
+        lambda _, q, qd: torque(q[0], qd[0])[None],
+    )
+    want = forward.drive_coordinates(path.z[-1])[0]
     assert np.abs(want - home).max() > 0.02
     gaps = []
     for seconds, impedance in ((0.1, 0.8), (0.03, 0.95), (0.002, 0.9999)):
@@ -169,7 +170,6 @@ def test_a_second_of_motion(name: str) -> None:
             simulation.data.qfrc_applied[simulation.drives] = torque(q, qd)
             mujoco.mj_step(simulation.model, simulation.data)
         gaps.append(np.abs(simulation.data.qpos[simulation.drives] - want).max())
-    print(name, gaps)
     assert gaps[2] < gaps[1] < gaps[0]
     assert gaps[2] < 2e-3 * np.abs(want - home).max() + 2e-4
 

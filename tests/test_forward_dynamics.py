@@ -1,6 +1,7 @@
 """Forward dynamics: inverse of inverse dynamics, energy, MuJoCo's projection, positive M."""
 
 from functools import cache
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -19,6 +20,9 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.own import use_mechanism
+from exports import states as exported_states
+from exports import subject
 from support import assert_close, random_states, random_twin
 
 ANY_SEED = st.integers(0, 2**32 - 1)
@@ -84,6 +88,27 @@ def test_mass_matrix_is_symmetric_and_positive_definite(name: str) -> None:
         assert np.linalg.eigvalsh(M).min() > 0
 
 
+@every_robot
+def test_identity_at_random_states_of_bodies_without_symmetry(name: str) -> None:
+    """Pose, speed and acceleration drawn independently, by way of forward kinematics."""
+    chosen = subject(name)
+    z, q, qd, qdd = exported_states(chosen, 30, seed=8)
+    tau = chosen.dynamics.torque(z, qd, qdd, chosen.p)
+    found = compiled_forward(chosen.robot).drive_acceleration(q, qd, tau, chosen.p)
+    assert_close(found, qdd, 1e-9)
+
+
+def test_identity_for_a_mechanism_of_ones_own() -> None:
+    folder = Path(__file__).resolve().parents[1] / "examples" / "heli4"
+    use_mechanism(folder / "mechanism.py")
+    robot = load_robot(folder / "robot.yaml")
+    forward, dynamics, p = ForwardDynamics(robot), Dynamics(robot), prior_parameters(robot)
+    z, zd, zdd = states(dynamics.kinematics)
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, p)
+    assert_close(forward.acceleration(z, zd, tau, p), zdd, 1e-9)
+
+
 # --- against MuJoCo's tree, projected -------------------------------------------------------------
 
 
@@ -125,7 +150,7 @@ def frictionless(name: str) -> tuple[ForwardDynamics, np.ndarray]:
     return compiled_forward(robot), p
 
 
-@pytest.mark.parametrize("name", ["irb360-6-1600", "par4"])
+@pytest.mark.parametrize("name", ["irb360-6-1600", "par4", "linear-delta"])
 def test_energy_is_kept_for_ten_seconds_and_loops_stay_closed(name: str) -> None:
     """Constant torques that hold the robot at home, and springs about it: a potential as well."""
     forward, p = frictionless(name)

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.application.unknowns import Unknowns, unknowns
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.errors import IdentificationError
+from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.base import BaseParameters, base_parameters
 from deltaid.identification.conic import svec
 from deltaid.identification.information import Information, gather, merge, places_of, triangle
@@ -36,6 +36,7 @@ from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.log import Log
 from deltaid.recording.windows import open_logs
 
 # Half the width of a 95 % interval in standard deviations.
@@ -125,11 +126,12 @@ def evidence(
     """What recordings say about a model's parameters, filtered as for its identification.
 
     Raises:
-        RecordingError: a log cannot be used.
+        RecordingError: a log cannot be used, or is not one that the model comes from.
         IdentificationError: the motion does not determine base parameters.
     """
     dynamics: Dynamics = compiled(model.robot)
     filtered = open_logs(logs, dynamics.kinematics, columns, model.settings.cutoff, progress)
+    _require_sources(model, [log for log, _ in filtered])
     places = places_of(dynamics, [log for log, _ in filtered])
     load = model.p if model.robot.load_drives else None
     blocks = []
@@ -140,6 +142,19 @@ def evidence(
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=Groups(tuple(blocks), places.sums))
     return Evidence(information, estimate), Determinacy(model, base)
+
+
+def _require_sources(model: IdentifiedModel, logs: Sequence[Log]) -> None:
+    """Another recording may be of another robot: its range would hold neither truth nor model."""
+    own = {source.sha256 for source in model.sources}
+    for log in logs:
+        if log.sha256 not in own:
+            raise RecordingError(
+                "is not a recording that the model was identified from",
+                where=str(log.path),
+                cure="give those that the model names, unchanged: "
+                + ", ".join(source.log for source in model.sources),
+            )
 
 
 class Ranges:

@@ -61,6 +61,7 @@ class TrackingError:
     Attributes:
         drive_rms, drive_max: of q − q_d [rad or m].
         platform_rms, platform_max: distance of the platform point from where it should be [m].
+        turn_rms, turn_max: of ψ − ψ_d [rad]; None for a robot that does not turn its tool.
         torque_rms, torque_max: of the torques applied [N m or N].
         saturated: share of the samples at which a limit cut a drive's torque.
     """
@@ -69,6 +70,8 @@ class TrackingError:
     drive_max: Float[np.ndarray, " dof"]
     platform_rms: float
     platform_max: float
+    turn_rms: float | None
+    turn_max: float | None
     torque_rms: Float[np.ndarray, " dof"]
     torque_max: Float[np.ndarray, " dof"]
     saturated: Float[np.ndarray, " dof"]
@@ -106,16 +109,24 @@ class Tracking:
         return np.linalg.norm(self.z[:, :3] - self.z_desired[:, :3], axis=1)
 
     @property
+    def turn_error(self) -> Float[np.ndarray, " samples"] | None:
+        """ψ − ψ_d [rad]; None for a robot that does not turn its tool."""
+        return self.z[:, 3] - self.z_desired[:, 3] if self.z.shape[1] > 3 else None
+
+    @property
     def error(self) -> TrackingError:
         """Its size, up to where it ended."""
         valid = self.time < (np.inf if self.ended is None else self.ended)
         drives, platform = self.drive_error[valid], self.platform_error[valid]
+        turn = None if self.turn_error is None else self.turn_error[valid]
         tau = self.tau[valid]
         return TrackingError(
             drive_rms=_rms(drives),
             drive_max=np.abs(drives).max(axis=0),
             platform_rms=float(_rms(platform[:, None])[0]),
             platform_max=float(platform.max()),
+            turn_rms=None if turn is None else float(_rms(turn[:, None])[0]),
+            turn_max=None if turn is None else float(np.abs(turn).max()),
             torque_rms=_rms(tau),
             torque_max=np.abs(tau).max(axis=0),
             saturated=self.saturated[valid].mean(axis=0),

@@ -71,7 +71,8 @@ def compare_controllers(
 
             say(f"writing {report}")
             names = f"{model.name} on {Path(plant).name} along {trajectory.name}"
-            write_page(comparison_page(identified.robot, runs, names), report)
+            page = comparison_page(identified.robot, runs, names, drives, bandwidth)
+            write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
@@ -94,10 +95,11 @@ def _as_dictionary(run: "Run") -> dict:
 def _print(title: str, runs: "tuple[Run, ...]", report: Path | None) -> None:
     from deltaid.cli.output import console, number, percent, table
 
+    turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
     rows = []
     for run in runs:
         if run.tracking is None:
-            rows.append([run.controller, run.model, "—", "", "", run.why_not])
+            rows.append([run.controller, run.model, "—", "", *[""] * turns, "", run.why_not])
             continue
         error = run.tracking.error
         remark = f"lost after {run.tracking.ended:.3g} s" if run.tracking.ended is not None else ""
@@ -107,11 +109,13 @@ def _print(title: str, runs: "tuple[Run, ...]", report: Path | None) -> None:
                 run.model or "none",
                 number(1e3 * error.platform_rms, 3),
                 number(1e3 * error.platform_max, 3),
+                *([number(1e3 * (error.turn_rms or 0.0), 3)] if turns else []),
                 percent(error.saturated.max()) if error.saturated.any() else "",
                 remark,
             ]
         )
-    columns = ["controller", "model", "rms, mm", "max, mm", "at a limit", "remark"]
+    turn = ["turn rms, mrad"] * turns
+    columns = ["controller", "model", "rms, mm", "max, mm", *turn, "at a limit", "remark"]
     console.print(
         table(f"{title}: distance of the platform from where it should be", columns, rows)
     )

@@ -105,7 +105,9 @@ def simulate(
 
             say(f"writing {report}")
             title = f"{controller.value} with {Path(model).name} on {Path(plant or model).name}"
-            write_page(tracking_page(subject.robot, result, title), report)
+            title = f"{title} along {trajectory.name}"
+            page = tracking_page(runs_on.forward.robot, result, title, drives, bandwidth)
+            write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"controller": controller.value, "model": model, "plant": plant or model}
@@ -196,6 +198,8 @@ def error_dictionary(result: "Tracking") -> dict:
         "ended": result.ended,
         "platform_rms": error.platform_rms,
         "platform_max": error.platform_max,
+        "turn_rms": error.turn_rms,
+        "turn_max": error.turn_max,
         "drive_rms": error.drive_rms.tolist(),
         "drive_max": error.drive_max.tolist(),
         "torque_rms": error.torque_rms.tolist(),
@@ -246,6 +250,11 @@ def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> 
         f"platform {1e3 * error.platform_rms:.3g} mm rms and {1e3 * error.platform_max:.3g} mm at "
         f"most from where it should be, over {result.time[-1]:.4g} s"
     )
+    if error.turn_rms is not None and error.turn_max is not None:
+        console.print(
+            f"tool {1e3 * error.turn_rms:.3g} mrad rms and {1e3 * error.turn_max:.3g} mrad at "
+            "most from the turn it should have"
+        )
     if result.ended is not None:
         console.print(f"[bold red]lost[/] after {result.ended:.4g} s: a limb was stretched")
     for path in files:

@@ -50,17 +50,30 @@ class ParameterTable:
     p: ca.SX
 
 
+# Headers of C99 and of an FMU, which a compiler told to look into the folder would not find.
+_OTHER_HEADERS = frozenset(
+    "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg "
+    "stdbool stddef stdint stdio stdlib string tgmath time wchar wctype fmi2".split()
+)
+
+
 def c_code(subject: ExportSubject, prefix: str) -> CCode:
     """The C code of a model; its functions are named PREFIX_….
 
     Raises:
-        DeltaidError: the prefix is no identifier of C.
+        DeltaidError: the prefix is no identifier of C, or the name of a standard header.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", prefix):
         raise DeltaidError(
             f"'{prefix[:60]}' cannot begin the names of C functions",
             where="name of the output",
             cure="use letters, digits and _, a letter first",
+        )
+    if prefix.lower() in _OTHER_HEADERS:
+        raise DeltaidError(
+            f"'{prefix}.h' would be mistaken for another header of that name",
+            where="name of the output",
+            cure="choose another name",
         )
     dynamics, table = subject.dynamics, parameter_table(subject, f"{prefix}_p")
     closed_form = dynamics.kinematics.mechanism.forward is not None

@@ -22,6 +22,14 @@ _UNITS: dict[str, dict[str, str]] = {
     "N": {"kg": "1", "m": "1", "s": "-2"},
 }
 
+# What task coordinates are, by name.
+_TASK = {
+    "x": "x of the platform point in the world",
+    "y": "y of the platform point in the world",
+    "z": "z of the platform point in the world",
+    "psi": "turn of the tool about world z",
+}
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -91,7 +99,7 @@ def forward_variables(subject: ExportSubject) -> Variables:
         for i, (_, force) in enumerate(found.drives, 1)
     ])  # fmt: skip
     z = found.add("Z", [
-        Variable(name, "output", unit, "of the platform", float(start))
+        Variable(name, "output", unit, _TASK[name], float(start))
         for (name, unit), start in zip(found.task, home, strict=True)
     ])  # fmt: skip
     qd = found.add("QD", [
@@ -132,7 +140,7 @@ def inverse_variables(subject: ExportSubject) -> Variables:
         for i, (_, force) in enumerate(found.drives, 1)
     ])  # fmt: skip
     found.add("Z", [
-        Variable(name, "output", unit, "of the platform", needs=q) for name, unit in found.task
+        Variable(name, "output", unit, _TASK[name], needs=q) for name, unit in found.task
     ])  # fmt: skip
     return Variables(tuple(found.all), found.places, 0)
 

@@ -12,7 +12,7 @@ from deltaid.identification.friction_record import FrictionChoice
 from deltaid.identification.reduction import least_margin
 from deltaid.identification.regularizer import RegularizerName
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.inertia import pseudo_inertia, why_inconsistent
 from deltaid.robot.load import bound, load_yaml, save_yaml
 from deltaid.robot.quantities import Coordinate
 
@@ -186,8 +186,22 @@ class IdentifiedModel(_Part):
                 raise ValueError(f"fit.{name} must have one number a drive, that is {drives}")
         worst, margin = least_margin(self.layout, self.p)
         if margin <= 0:
-            raise ValueError(f"{worst} is not physically consistent")
+            raise ValueError(f"parameters: {_why_inconsistent(self.layout, self.p, worst)}")
         return self
+
+
+def _why_inconsistent(
+    layout: ParameterLayout, p: Float[np.ndarray, " parameters"], worst: str
+) -> str:
+    """Which body or coefficient cannot exist, why, and how a file comes to have it."""
+    if worst in layout.bodies:
+        reason = why_inconsistent(p[layout.body(worst)]) or "it lies at the edge of consistency"
+        text = f"body {worst} cannot exist: {reason}"
+    else:
+        value = p[layout.names.index(worst)]
+        bound = "between 0 and 1" if worst.startswith("load.") else "positive"
+        text = f"{worst} must be {bound}, not {value:.4g}"
+    return f"{text}; if the file was edited by hand, take back what `deltaid identify` wrote"
 
 
 def eigenvalues(

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 
 from deltaid.application.comparison import Run
-from deltaid.application.tracking import Tracking, effort_limits
+from deltaid.application.tracking import Drives, Tracking, effort_limits
 from deltaid.report import style
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Block, Fact, Figure, Page, Section, Table, Text
@@ -28,27 +28,34 @@ Signal = Float[np.ndarray, " samples"]
 Points = Float[np.ndarray, " points"]
 
 
-def tracking_page(robot: RobotDescription, result: Tracking, title: str) -> Page:
-    """One controller on one plant."""
+def tracking_page(
+    robot: RobotDescription, result: Tracking, title: str, drives: Drives, bandwidth: float
+) -> Page:
+    """One controller on one plant, which is `robot`; bandwidth in Hz."""
     own = [(title, style.IDENTIFIED, result)]
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
         facts=_facts(result),
         sections=(
-            Section("Tracking", (_platform(own), _drives(robot, result))),
+            Section(
+                "Tracking", (*_errors(own), _drives(robot, result), _conditions(drives, bandwidth))
+            ),
             Section("Torques", (_torques(robot, result), _numbers(robot, result))),
         ),
         warnings=_lost([(title, result)]),
     )
 
 
-def comparison_page(robot: RobotDescription, runs: Sequence[Run], title: str) -> Page:
-    """All controllers with all models on one plant."""
+def comparison_page(
+    robot: RobotDescription, runs: Sequence[Run], title: str, drives: Drives, bandwidth: float
+) -> Page:
+    """All controllers with all models on one plant; bandwidth in Hz."""
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
-    best = min(done, key=lambda pair: pair[1].error.platform_rms)
+    # Who was lost early may have been near until then.
+    best = min(done, key=lambda pair: (pair[1].ended is not None, pair[1].error.platform_rms))
     lines = [
-        Section(controller, (_platform(_of_controller(controller, done)),))
+        Section(controller, _errors(_of_controller(controller, done)))
         for controller in dict.fromkeys(run.controller for run, _ in done)
     ]
     return Page(
@@ -62,7 +69,13 @@ def comparison_page(robot: RobotDescription, runs: Sequence[Run], title: str) ->
             ),
             *_gains(runs),
         ),
-        sections=(Section("What identification buys", (_bars(runs), _table(runs))), *lines),
+        sections=(
+            Section(
+                "What identification buys",
+                (_bars(runs), _table(runs), _conditions(drives, bandwidth)),
+            ),
+            *lines,
+        ),
         warnings=_lost([(f"{run.controller}, {run.model or _NO_MODEL}", t) for run, t in done]),
     )
 
@@ -72,20 +85,31 @@ def _facts(result: Tracking) -> tuple[Fact, ...]:
     return (
         Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
         Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
+        *(
+            [Fact("error of the tool's turn", f"{1e3 * error.turn_rms:.3g} mrad", "rms")]
+            if error.turn_rms is not None
+            else []
+        ),
         Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"),
     )
 
 
 def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
     """How much smaller the error is with the identified model than with the prior."""
-    by_name = {(r.controller, r.model): r.tracking for r in runs if r.tracking is not None}
+    by_name = {
+        (r.controller, r.model): r.tracking
+        for r in runs
+        if r.tracking is not None and r.tracking.ended is None
+    }
     facts = []
     for controller in dict.fromkeys(run.controller for run in runs):
         prior, after = (by_name.get((controller, m)) for m in ("prior", "identified"))
         if prior is not None and after is not None:
             before, now = prior.error.platform_rms, after.error.platform_rms
             note = f"{1e3 * before:.3g} mm with the prior, {1e3 * now:.3g} mm identified"
-            facts.append(Fact(controller, f"{before / now:.2g} times nearer", note))
+            share = before / now
+            times = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
+            facts.append(Fact(controller, f"{times} times nearer", note))
     return tuple(facts)
 
 
@@ -132,39 +156,71 @@ def _bars(runs: Sequence[Run]) -> Figure:
     )
 
 
+def _conditions(drives: Drives, bandwidth: float) -> Text:
+    """What the drives do, in a sentence."""
+    step = f"steps of {drives.encoder_step:.3g} rad or m" if drives.encoder_step else "no steps"
+    late = f"a delay of {drives.delay} samples" if drives.delay else "no delay"
+    return Text(
+        f"Feedback of {bandwidth:g} Hz, {drives.rate:g} samples a second, encoders with {step}, "
+        f"{late}."
+    )
+
+
 def _table(runs: Sequence[Run]) -> Table:
+    turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
     rows = []
     for run in runs:
         name = (run.controller, run.model or _NO_MODEL)
         if run.tracking is None:
-            rows.append((*name, "—", "—", "—", run.why_not))
+            rows.append((*name, "—", "—", *["—"] * turns, "—", run.why_not))
             continue
         error, ended = run.tracking.error, run.tracking.ended
         remark = f"lost after {ended:.4g} s" if ended is not None else ""
-        numbers = (number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3))
+        numbers = [number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3)]
+        numbers += [number(1e3 * (error.turn_rms or 0.0), 3)] * turns
         rows.append((*name, *numbers, percent(float(error.saturated.max())), remark))
-    columns = ("controller", "model", "rms [mm]", "largest [mm]", "at a limit", "remark")
+    turn = ["turn rms [mrad]"] * turns
+    columns = (
+        "controller", "model", "rms [mm]", "largest [mm]", *turn, "at a limit", "remark"
+    )  # fmt: skip
     return Table(columns, tuple(rows), "Error of the platform; share of time at a torque limit.")
 
 
-def _platform(runs: Sequence[tuple[str, str, Tracking]]) -> Figure:
-    """Distance of the platform from where it should be, over time."""
+def _errors(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
+    """Distance of the platform from where it should be, and error of the tool's turn, over time."""
+    platform = [(name, color, run.time, 1e3 * run.platform_error) for name, color, run in runs]
+    caption = "Distance of the platform point from where it should be."
+    figures = [_over_time(platform, "platform error", "mm", caption)]
+    turns = [
+        (name, color, run.time, 1e3 * run.turn_error)
+        for name, color, run in runs
+        if run.turn_error is not None
+    ]
+    if turns:
+        caption = "Turn ψ of the tool, actual less desired."
+        figures.append(_over_time(turns, "error of the turn", "mrad", caption))
+    return tuple(figures)
+
+
+def _over_time(
+    lines: Sequence[tuple[str, str, Signal, Signal]], what: str, unit: str, caption: str
+) -> Figure:
     figure = go.Figure()
-    for name, color, run in runs:
-        time, error = _peaks(run.time, 1e3 * run.platform_error)
+    for name, color, times, errors in lines:
+        time, error = _peaks(times, errors)
         figure.add_scatter(
             x=time,
             y=error,
             name=style.label(name),
             mode="lines",
             line={"color": color, "width": 1.3},
-            showlegend=len(runs) > 1,
-            hovertemplate="%{y:.3g} mm at %{x:.4g} s<extra></extra>",
+            showlegend=len(lines) > 1,
+            hovertemplate=f"%{{y:.3g}} {unit} at %{{x:.4g}} s<extra></extra>",
         )
     figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text="platform error [mm]", rangemode="tozero")
+    figure.update_yaxes(title_text=f"{what} [{unit}]", rangemode="tozero")
     figure.update_layout(height=340)
-    return Figure(figure, "Distance of the platform point from where it should be.")
+    return Figure(figure, caption)
 
 
 def _drives(robot: RobotDescription, result: Tracking) -> Figure:
@@ -189,7 +245,7 @@ def _torques(robot: RobotDescription, result: Tracking) -> Figure:
             for edge in (-limit, limit):
                 line = {"color": style.LIMIT, "dash": "dot", "width": 1}
                 figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
-    return Figure(figure, "Torques of the drives. Dotted: limits of the description, if near.")
+    return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
 
 
 def _numbers(robot: RobotDescription, result: Tracking) -> Block:
