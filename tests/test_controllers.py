@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from command import Outcome, refused, run
-from deltaid.application.comparison import base_vector, candidates
+from deltaid.application.comparison import Run, base_vector, candidates
 from deltaid.application.control_model import ControlModel
 from deltaid.application.controllers import (
     CONTROLLERS,
@@ -30,6 +30,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.identification.model import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
+from deltaid.report.page import Table, Text
+from deltaid.report.tracking import comparison_page
 from deltaid.robot.load import catalogue_text, load_robot
 
 ROBOT = "clavel-delta3"
@@ -49,21 +51,25 @@ def resting(trajectory: MotionTrajectory, time: np.ndarray) -> Desired:
 # --- laws -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3", "i4-linear"])
 @pytest.mark.parametrize("law", ["pd", "feed-forward", "computed", "augmented", "slotine-li"])
-def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str) -> None:
+def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, name: str) -> None:
     """An equality, so a C that is not Christoffel's or a wrong sign shows.
 
     Storage, supplied power and dissipation of each law with the exact model, viscous friction and
     a disturbance d at the drives; see the text of `controllers`.
     """
-    robot = load_robot("irb360-6-1600")
+    robot = load_robot(name)
     p, layout = prior_parameters(robot), parameter_layout(robot)
     p[layout.coulomb] = 0
     if law in ("pd", "feed-forward", "computed"):
         p[layout.viscous] = 0
     forward, model, dynamics = compiled_forward(robot), ControlModel(robot, p), compiled(robot)
     trajectory = motion(forward)
-    K, D = np.array([400.0, 300.0, 500.0, 2.0]), np.array([8.0, 6.0, 5.0, 0.01])
+    # Gains of every drive another share of its inertia.
+    mass = model.mass_diagonal(trajectory.at(np.zeros(1)).q)
+    K = 700 * mass * np.array([1.0, 0.8, 1.3, 0.7])[: len(mass)]
+    D = 14 * mass * np.array([1.2, 0.9, 0.7, 0.5])[: len(mass)]
     w = 15.0
     laws: dict[str, Controller] = {
         "pd": PD(K, D),
@@ -78,7 +84,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str) -
         return resting(trajectory, t) if held else trajectory.at(t)
 
     def disturbance(t: np.ndarray) -> np.ndarray:
-        return 3 * np.array([1.0, -0.7, 0.5, 0.02]) * np.sin(17 * t[:, None])
+        return 5 * mass * np.array([1.0, -0.7, 0.5, 0.6])[: len(mass)] * np.sin(17 * t[:, None])
 
     def torque(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         at = np.array([t])
@@ -86,7 +92,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str) -
 
     time = np.linspace(0, 0.3, 301)
     first = desired(time[:1])
-    z0 = first.z + np.array([0.02, -0.015, 0.01, 0.1])
+    z0 = first.z + np.array([0.02, -0.015, 0.01, 0.1])[: len(mass)]
     path = integrate(forward, p, z0, forward.task_velocity(z0, first.qd), time, torque)
     z, zd = path.z[:, 0], path.zd[:, 0]
     q, qd = forward.drive_motion(z, zd)
@@ -219,6 +225,41 @@ def test_torques_stay_within_the_limits() -> None:
     assert np.array_equal(np.abs(result.tau) == 12.0, result.saturated)
 
 
+def made_up(shift: float, turn: float, ended: float | None = None) -> Tracking:
+    """A tracking of a 4-DOF robot that is this far off at all times, until it was lost."""
+    time, still = np.linspace(0, 1, 11), np.zeros((11, 4))
+    off = still + [shift, 0, 0, turn]
+    if ended is not None:
+        off[time >= ended] = np.nan
+    return Tracking(time, still, still, off, off, still, still > 0, ended)
+
+
+def test_the_tools_turn_is_an_error_of_its_own() -> None:
+    error = made_up(0.001, -0.2).error
+    assert (error.platform_rms, error.platform_max) == pytest.approx((0.001, 0.001))
+    assert (error.turn_rms, error.turn_max) == pytest.approx((0.2, 0.2))
+    assert tracked("pd", Drives()).error.turn_rms is None
+
+
+def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
+    robot = load_robot("irb360-6-1600")
+    runs = (
+        Run("pd-feedforward", "prior", made_up(0.05, 0.1)),
+        Run("pd-feedforward", "identified", made_up(0.0002, 0.003)),
+        Run("computed-torque", "prior", made_up(1e-9, 0.0, ended=0.2)),
+        Run("computed-torque", "identified", made_up(0.001, 0.0)),
+    )
+    page = comparison_page(robot, runs, "a on b", Drives(delay=2), 12.0)
+    told = [(fact.label, fact.value) for fact in page.facts]
+    assert told == [("least error of the platform", "0.2 mm"), ("pd-feedforward", "250 times nearer")]
+    assert page.warnings == ("computed-torque, prior: lost after 0.2 s, where a limb was stretched",)
+    [table] = [block for block in page.sections[0].blocks if isinstance(block, Table)]
+    assert [row[4] for row in table.rows] == ["100", "3", "0", "0"]
+    [text] = [block for block in page.sections[0].blocks if isinstance(block, Text)]
+    assert "12 Hz" in text.text
+    assert "a delay of 2 samples" in text.text
+
+
 # --- files and commands ---------------------------------------------------------------------------
 
 
@@ -321,6 +362,16 @@ def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:
     assert max(json.loads(validated.out)["nrmse"]) < 0.05
     for path in (output, report):
         path.unlink()
+
+
+def test_page_of_simulate_shows_the_limits_of_the_plant(folder: Path, tmp_path: Path) -> None:
+    weaker, report = tmp_path / "weaker.yaml", tmp_path / "run.html"
+    text = (folder / "robot.yaml").read_text(encoding="utf-8")
+    assert text.count("torque: 150.0") == 3
+    weaker.write_text(text.replace("torque: 150.0", "torque: 41.5"), encoding="utf-8")
+    files = (folder / "model.yaml", folder / "short.csv", "--plant", weaker)
+    assert run("simulate", *files, "--report", report).code == 0
+    assert '"y0":41.5' in report.read_text(encoding="utf-8")
 
 
 def test_json_of_simulate(folder: Path) -> None:
