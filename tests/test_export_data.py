@@ -196,6 +196,8 @@ def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.Monke
         exec(text, scope)
         if "casadi" in text:
             assert_close(np.array(scope["tau"]).ravel(), tau, 1e-12)
+        if "pinocchio" in text:
+            assert np.isfinite(scope["acceleration"]).all()
         if "fmpy" in text:
             assert scope["out"]["q1"][-1] != scope["out"]["q1"][0]
 

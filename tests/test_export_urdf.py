@@ -28,6 +28,7 @@ from exports import (
     title,
     tree_motion,
 )
+from sessions import ROOT, blocks
 from support import assert_close
 
 pin = pytest.importorskip("pinocchio")
@@ -93,6 +94,27 @@ def test_torques_projected_and_loops_closed(case: str | Make) -> None:
         for pair in tree.loops["following_joints"]:
             followed = pair["ratio"] * place[pair["follows"]]
             assert place[pair["joint"]] == pytest.approx(followed, abs=1e-13)
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "linear-delta"])
+def test_example_of_the_documentation_accelerates_as_the_package(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pinocchio's constrained dynamics with the loops, of robots in which no joint follows."""
+    chosen = subject(name).without_friction()
+    write_export(chosen, "urdf", tmp_path / "irb360.urdf")
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    [example] = [text for _, text in blocks(page, "python") if "pinocchio" in text]
+    scope = {}
+    exec(example, scope)
+    assert scope["loops"]["following_joints"] == []
+    still = np.zeros((1, 3))
+    found = model(chosen, chosen.home[None], still, still)
+    want = np.linalg.solve(found.M[0], -found.g[0])  # it falls
+    tree = scope["model"]
+    places = [tree.joints[tree.getJointId(drive)].idx_v for drive in chosen.robot.drives]
+    assert_close(scope["acceleration"][places], want, 1e-5)
 
 
 @pytest.mark.parametrize("name", ["irb360-6-1600", "par4", "i4-linear"])
