@@ -130,7 +130,10 @@ def forces() -> float:
     robot = load_robot("irb360-6-1600")
     assert robot.limbs is not None
     limbs = robot.limbs.model_copy(update={"strut_spacing": 0.1})
-    computed, p = ConstraintForces(robot.model_copy(update={"limbs": limbs})), prior_parameters(robot)
+    computed, p = (
+        ConstraintForces(robot.model_copy(update={"limbs": limbs})),
+        prior_parameters(robot),
+    )
     motion = random_motion(computed.kinematics, np.random.default_rng(0))
     z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, 100_000))
     _, qd, qdd = computed.kinematics.drive_motion(z, zd, zdd)

@@ -251,8 +251,13 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
     )
     page = comparison_page(robot, runs, "a on b", Drives(delay=2), 12.0)
     told = [(fact.label, fact.value) for fact in page.facts]
-    assert told == [("least error of the platform", "0.2 mm"), ("pd-feedforward", "250 times nearer")]
-    assert page.warnings == ("computed-torque, prior: lost after 0.2 s, where a limb was stretched",)
+    assert told == [
+        ("least error of the platform", "0.2 mm"),
+        ("pd-feedforward", "250 times nearer"),
+    ]
+    assert page.warnings == (
+        "computed-torque, prior: lost after 0.2 s, where a limb was stretched",
+    )
     [table] = [block for block in page.sections[0].blocks if isinstance(block, Table)]
     assert [row[4] for row in table.rows] == ["100", "3", "0", "0"]
     [text] = [block for block in page.sections[0].blocks if isinstance(block, Text)]
