@@ -228,7 +228,7 @@ def test_torques_stay_within_the_limits() -> None:
 def made_up(shift: float, turn: float, ended: float | None = None) -> Tracking:
     """A tracking of a 4-DOF robot that is this far off at all times, until it was lost."""
     time, still = np.linspace(0, 1, 11), np.zeros((11, 4))
-    off = still + [shift, 0, 0, turn]
+    off = still + np.array([shift, 0, 0, turn])
     if ended is not None:
         off[time >= ended] = np.nan
     return Tracking(time, still, still, off, off, still, still > 0, ended)
@@ -377,6 +377,15 @@ def test_page_of_simulate_shows_the_limits_of_the_plant(folder: Path, tmp_path: 
     files = (folder / "model.yaml", folder / "short.csv", "--plant", weaker)
     assert run("simulate", *files, "--report", report).code == 0
     assert '"y0":41.5' in report.read_text(encoding="utf-8")
+
+
+def test_file_of_a_lost_robot_ends_where_it_was_lost(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "lost.csv"
+    files = (folder / "model.yaml", folder / "motion.csv", "--delay", 100)
+    answer = json.loads(run("simulate", *files, "-o", output, "--json").out)
+    table = pl.read_csv(output)
+    assert np.isfinite(table.to_numpy()).all()
+    assert table["t"][-1] == pytest.approx(answer["ended"] - 1e-3)
 
 
 def test_json_of_simulate(folder: Path) -> None:

@@ -209,7 +209,11 @@ def error_dictionary(result: "Tracking") -> dict:
 
 
 def as_table(result: "Tracking") -> "pl.DataFrame":
-    """Motion and torques with the default names of a log, and what was desired."""
+    """Motion and torques with the default names of a log, and what was desired.
+
+    It ends where the robot was lost, so that it can be read as a log.
+    """
+    import numpy as np
     import polars as pl
 
     task = ("x", "y", "z", "psi")[: result.z.shape[1]]
@@ -222,7 +226,8 @@ def as_table(result: "Tracking") -> "pl.DataFrame":
         columns |= {name.format(i + 1): values[:, i] for i in range(values.shape[1])}
     columns |= {name: result.z[:, i] for i, name in enumerate(task)}
     columns |= {f"{name}_desired": result.z_desired[:, i] for i, name in enumerate(task)}
-    return pl.DataFrame(columns)
+    valid = result.time < (np.inf if result.ended is None else result.ended)
+    return pl.DataFrame({name: values[valid] for name, values in columns.items()})
 
 
 def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> None:

@@ -51,10 +51,11 @@ class ParameterTable:
 
 
 # Headers of C99 and of an FMU, which a compiler told to look into the folder would not find.
-_OTHER_HEADERS = frozenset(
-    "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg "
-    "stdbool stddef stdint stdio stdlib string tgmath time wchar wctype fmi2".split()
-)
+_OTHER_HEADERS = (
+    "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
+    "locale", "math", "setjmp", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
+    "stdlib", "string", "tgmath", "time", "wchar", "wctype", "fmi2",
+)  # fmt: skip
 
 
 def c_code(subject: ExportSubject, prefix: str) -> CCode:
