@@ -199,6 +199,15 @@ def test_friction_holds_the_robot_but_for_a_creep(kind: str, tmp_path: Path) -> 
     assert speeds == pytest.approx(0.01 * np.arctanh(0.5), rel=0.1)
 
 
+@pytest.mark.parametrize("speed", [0.0, -0.01, np.nan])
+def test_friction_that_would_drive_is_refused(speed: float, tmp_path: Path) -> None:
+    """tanh(v / s) with s < 0 adds energy; in model exchange nothing steps that would find out."""
+    with unit(subject("linear-delta"), "fmu", tmp_path, FMU2Model) as found:
+        found.set(["friction_speed"], np.array([speed]))
+        with pytest.raises(Exception, match="fmi2GetReal"):
+            found.get("der(qd1)")
+
+
 def test_a_state_can_be_saved_and_gone_back_to(tmp_path: Path) -> None:
     chosen = subject("linear-delta")
     with unit(chosen, "fmu", tmp_path) as found:

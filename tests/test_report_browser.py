@@ -6,6 +6,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from matplotlib.image import imread
 
@@ -22,7 +23,7 @@ ARGUMENTS = (
 )  # fmt: skip
 # What Chromium says about its own speed when Plotly reads pixels back; nothing is wrong then.
 BROWSERS_OWN = ("willReadFrequently", "GPU stall due to ReadPixels")
-PAGES = ("identify", "validate", "excite", "forces")
+PAGES = ("identify", "validate", "excite", "forces", "simulate", "compare-controllers")
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +33,19 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     assert run("demo", "--keep", folder).code == 0
     robot, log, verify = (folder / name for name in ("robot.yaml", "identify.csv", "verify.csv"))
     pages = {name: folder / f"{name}.html" for name in PAGES}
+    model, short = folder / "model.yaml", folder / "short.csv"
+    pl.read_csv(verify)[:1000].write_csv(short)
+    on_truth = (model, short, "--plant", folder / "truth.yaml", "--report")
     commands = (
         ("identify", robot, log, "--verify", verify, "--report", pages["identify"]),
         ("validate", folder / "model.yaml", verify, "--report", pages["validate"]),
         ("excite", "clavel-delta3", "--starts", 1, "--duration", 3, "--report", pages["excite"]),
         ("forces", folder / "model.yaml", verify, "--strut-spacing", 0.1, "--report",
          pages["forces"]),
+        ("simulate", *on_truth, pages["simulate"]),
+        ("compare-controllers", *on_truth, pages["compare-controllers"]),
     )  # fmt: skip
-    assert [run(*command).code for command in commands] == [0, 0, 0, 0]
+    assert [run(*command).code for command in commands] == [0] * len(PAGES)
     return pages
 
 
@@ -109,7 +115,8 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
     with Visit(browser, reports[name]) as visit:
         page = visit.page
         expected = page.locator(".drawing").count()
-        assert expected >= {"identify": 14, "validate": 7, "excite": 3, "forces": 1}[name]
+        least = {"identify": 14, "validate": 7, "excite": 3, "forces": 1, "simulate": 4}
+        assert expected >= least.get(name, 11)
         assert page.locator(".js-plotly-plot svg.main-svg").count() >= expected
         assert page.locator(".no-webgl").count() == 0
         flat = page.evaluate(
@@ -118,7 +125,8 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
         )
         assert min(flat) > 0
         solid = page.locator(".drawing").filter(has=page.locator("canvas"))
-        assert solid.count() == {"identify": 2, "forces": 0}.get(name, 1) == expected - len(flat)
+        solids = {"identify": 2, "validate": 1, "excite": 1}.get(name, 0)
+        assert solid.count() == solids == expected - len(flat)
         for i in range(solid.count()):
             assert _inked(solid.nth(i).locator("canvas").screenshot()) > 0.003
         assert visit.fits()

@@ -53,7 +53,14 @@ def forces(
     """
     from deltaid.application.constraint_forces import ConstraintForces
     from deltaid.application.force_study import study, with_struts
-    from deltaid.cli.output import console, positive, print_json, print_warnings, progress
+    from deltaid.cli.output import (
+        console,
+        positive,
+        print_json,
+        print_warnings,
+        progress,
+        require_outputs,
+    )
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.validation import model_filter
     from deltaid.recording.columns import load_mapping
@@ -62,7 +69,7 @@ def forces(
     positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
     positive("--socket-force", socket_force)
     inputs = [path for path in (model, motion, *(logs or ()), columns, log_columns) if path]
-    _require(output, report, inputs)
+    require_outputs(output, report, inputs)
     mapping, log_mapping = (load_mapping(path) if path else None for path in (columns, log_columns))
     identified = with_struts(IdentifiedModel.load(model), strut_spacing, socket_force)
     computed = ConstraintForces(identified.robot)
@@ -91,20 +98,6 @@ def forces(
     for path in (output, report):
         if path is not None:
             console.print(f"wrote {path}")
-
-
-def _require(output: Path | None, report: Path | None, inputs: list[Path]) -> None:
-    """Refuse before any work what could not be written."""
-    from deltaid.cli.output import require_report
-    from deltaid.errors import DeltaidError
-    from deltaid.files import require_writable
-
-    if output is not None:
-        require_writable(output, inputs)
-    if report is not None:
-        require_report(report, inputs)
-        if output is not None and output.resolve() == report.resolve():
-            raise DeltaidError("is the file of --output as well", where=f"--report {report}")
 
 
 def _viewers(

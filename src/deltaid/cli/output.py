@@ -105,6 +105,16 @@ def require_report(path: Path, inputs: Sequence[Path]) -> None:
     require_writable(path, inputs)
 
 
+def require_outputs(output: Path | None, report: Path | None, inputs: Sequence[Path]) -> None:
+    """The same for a file of --output and a report, which must not be one file."""
+    if output is not None:
+        require_writable(output, inputs)
+    if report is not None:
+        require_report(report, inputs)
+        if output is not None and output.resolve() == report.resolve():
+            raise DeltaidError("is the file of --output as well", where=f"--report {report}")
+
+
 # What ± stands for in tables.
 HALF_WIDTH = "± (95 %)"
 

@@ -77,16 +77,13 @@ def simulate(
     from deltaid.application.comparison import gains
     from deltaid.application.control_model import ControlModel
     from deltaid.application.tracking import track
-    from deltaid.cli.output import print_json, print_warnings, progress, require_report
-    from deltaid.files import require_writable, written_whole
+    from deltaid.cli.output import print_json, print_warnings, progress, require_outputs
+    from deltaid.files import written_whole
     from deltaid.show.subject import load_subject
 
     drives = drives_of(rate, bandwidth, encoder, delay)
     inputs = given(model, trajectory, plant, columns)
-    if output is not None:
-        require_writable(output, inputs)
-    if report is not None:
-        require_report(report, inputs)
+    require_outputs(output, report, inputs)
     subject = load_subject(model)
     runs_on = load_plant(plant or model, subject.robot)
     known = ControlModel(subject.robot, subject.p)

@@ -65,7 +65,8 @@ def comparison_page(
             Fact(
                 "least error of the platform",
                 f"{1e3 * best[1].error.platform_rms:.3g} mm",
-                f"rms; {best[0].controller}, {best[0].model or _NO_MODEL}",
+                f"rms; {best[0].controller}, {best[0].model or _NO_MODEL}"
+                + (", until it was lost" if best[1].ended is not None else ""),
             ),
             *_gains(runs),
         ),
@@ -142,7 +143,7 @@ def _bars(runs: Sequence[Run]) -> Figure:
             y=errors,
             name=model or _NO_MODEL,
             marker={"color": _MODELS[model], "line": {"width": 0}},
-            text=[f"{error:.2g}" for error in errors],
+            text=[f"{error:.2g}" if error < 99.5 else f"{error:.0f}" for error in errors],
             textposition="outside",
             cliponaxis=False,
             hovertemplate="%{x}, " + (model or _NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
