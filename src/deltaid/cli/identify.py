@@ -82,9 +82,8 @@ def identify(
         print_json,
         print_warnings,
         progress,
-        require_report,
+        require_outputs,
     )
-    from deltaid.files import require_writable
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import GAMMA_LIMITS, SPREAD_LIMITS, Settings
     from deltaid.identification.validation import validate
@@ -104,10 +103,7 @@ def identify(
         friction=friction.value,
     )
     inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
-    if output is not None:
-        require_writable(output, inputs)
-    if report is not None:
-        require_report(report, inputs)
+    require_outputs(output, report, inputs)
     if verify is not None:
         with opened(verify):
             pass  # to miss it now, not after the fit
