@@ -13,6 +13,7 @@ from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.identify import identify
 from deltaid.identification.model import IdentifiedModel
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
@@ -60,6 +61,16 @@ def rotation_z(a):
     c, s = ca.cos(a), ca.sin(a)
     return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 """
+
+
+def returning(attribute: str, value: str) -> str:
+    """The same function with one attribute of what it returns set past the tests' type checks."""
+    return DELTA.replace(
+        "    return deltaid.MechanismParts(drives=drives, bodies=bodies)",
+        "    parts = deltaid.MechanismParts(drives=drives, bodies=bodies)\n"
+        f"    object.__setattr__(parts, '{attribute}', {value})\n"
+        "    return parts",
+    )
 
 
 @pytest.fixture
@@ -159,6 +170,28 @@ def _file(folder: Path, text: str, name: str = "mine.py") -> Path:
             "uses a symbol 'w_0' that is not an entry of z",
         ),
         (DELTA.replace('"plate", ca.SX.eye(3)', '"plate", ca.SX.eye(2)'), "rotation of shape"),
+        ("raise SystemExit(0)\n", "line 1, SystemExit"),
+        ("def mechanism(z):\n    raise SystemExit(0)\n", "line 2, SystemExit"),
+        ("import functools\ndef f(a, z):\n    return a / 0\nmechanism = functools.partial(f, 1)\n",
+         "mine.py, mechanism(z): fails: line 3, ZeroDivisionError"),
+        (returning("drives", "3"), "returns drives as int, not as a list"),
+        (returning("bodies", "None"), "returns bodies as NoneType, not as a list"),
+        (returning("bodies", "['arm']"), "returns str as entry 1 of bodies, not a del"),
+        (returning("drives", "['a', 1, 2]"), "drive 1 is of type str; it must be numb"),
+        (returning("drives", "[z, z, z]"), "drive 1 has the shape (3, 1); it must be"),
+        (returning("drives", "[1.0, 2.0, 3.0]"), "drive 1 does not depend on z"),
+        (returning("drives", "drives[:1] * 3"), "the drives do not hold z in the middle"),
+        (returning("drives", "[d + ca.sqrt(z[2]) for d in drives]"), "drive 1 is nan in the middle"),
+        (returning("joints", "None"), "returns joints as NoneType"),
+        (returning("reach", "['x']"), "entry 1 of reach is of type str"),
+        (returning("reach", "[-1]"), "entry 1 of reach is -1 m in the"),
+        (returning("segments", "[(1, 2)]"), "that is not (body, start, end"),
+        (returning("segments", "[('no', z, z)]"), "has a segment of 'no'"),
+        (returning("segments", "[('arm', z, 1)]"), "not points of shape 3"),
+        (DELTA.replace("count=2", "count=-2"), "body 'rod' has the count -2; it must be 1, 2, …"),
+        (DELTA.replace('"plate", ca.SX.eye(3)', '"plate", ca.diag(ca.vertcat(-1, 1, 1))'),
+         "the rotation of body 'plate' is no rotation matrix"),
+        (DELTA.replace('eye(3), z)', 'eye(3), z / 0.0)'), "the origin of body 'plate' is inf"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_told(tmp_path, text, message):
@@ -177,3 +210,36 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path, text, message):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(DescriptionError, match="cannot be read"):
         deltaid.use_mechanism(tmp_path / "none.py")
+
+
+GANTRY = """
+import casadi as ca
+import deltaid
+
+def mechanism(z):
+    bodies = [deltaid.BodyPose("plate", ca.SX.eye(3), z[:3])]
+    return deltaid.MechanismParts(drives=[z[0], z[1], z[2], z[3]], bodies=bodies)
+"""
+
+
+def test_the_tools_range_need_not_contain_zero(heli4, tmp_path):
+    data = heli4.model_dump(exclude_none=True)
+    data["mechanism"] |= {"angle_deg": (20.0, 120.0), "sha256": None}
+    robot = bound(RobotDescription.model_validate(data), "heli4.yaml")
+    home = Kinematics(robot).home
+    np.testing.assert_allclose(home, [0, 0, -0.675, np.deg2rad(70.0)], atol=1e-12)
+
+
+def test_drives_may_be_the_task_coordinates_themselves(heli4, tmp_path):
+    digest = deltaid.use_mechanism(_file(tmp_path, GANTRY))
+    data = heli4.model_dump(exclude_none=True)
+    data["mechanism"] = {
+        "drives": ["linear", "linear", "linear", "rotary"], "bodies": ["plate"], "sha256": digest,
+    }  # fmt: skip
+    data["bodies"] = {"plate": data["bodies"]["half"]}
+    for key in ("friction", "drive_limits", "rotor_inertia", "springs"):
+        data.pop(key, None)
+    robot = RobotDescription.model_validate(data)
+    p = np.array([2.0, 0, 0, 0, 0.1, 0.1, 0.3, 0, 0, 0])
+    M = Dynamics(robot).mass_matrix(np.zeros((1, 4)) + [0, 0, -0.6, 0.1], p)[0]
+    np.testing.assert_allclose(M, np.diag([2.0, 2.0, 2.0, 0.0]), atol=1e-12)

@@ -14,7 +14,6 @@ from deltaid.mechanism.mechanism import build_mechanism
 from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.platform import RigidPlatform
 
 Samples = Float[np.ndarray, "samples dof"]
 
@@ -266,9 +265,7 @@ class Kinematics:
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
         """A pose in the middle of the workspace, z; ψ of a platform in the middle of its range."""
-        turn = self.robot.turn
-        middle = 0.0 if isinstance(self.robot.platform, RigidPlatform) else turn.low + turn.high
-        return np.append(self.robot.workspace.inner_box[0], np.full(self.dof - 3, 0.5 * middle))
+        return self.robot.home(self.dof)
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:

@@ -15,11 +15,15 @@ import numpy as np
 
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.mechanism_type import Mechanism, MovingBody
+from deltaid.mechanism.own_checks import Checker
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.own import FUNCTION, OwnMechanism, failure, function_of
+from deltaid.robot.own import FUNCTION, NamedFile, OwnMechanism, failure, named_file
 
 # What depends on z is an SX; what does not may be a number.
 Expression = ca.SX | ca.DM | np.ndarray | float
+
+# Name of segments that belong to what does not move.
+BASE = "base"
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,8 @@ class MechanismParts:
         joints: coordinates of the description's further joints by name [rad or m].
         reach: for each limb a distance by which z is inside its reach [m]; positive where the
             expressions above are finite. None says nothing about it.
-        segments: (body, start, end) of lines to draw, world [m]; bodies' frames if there are none.
+        segments: (body, start, end) of lines to draw, world [m], "base" for what does not move;
+            bodies' frames if there are none.
         turn_length: how far ψ moves the platform's parts [m/rad], to weigh ψ against lengths.
     """
 
@@ -65,74 +70,104 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     """The mechanism of a description with a function of its own.
 
     Raises:
-        DescriptionError: the function fails, or does not return what the description says.
+        DescriptionError: the function fails, or what it returns does not fit the description, is
+            not finite or no rigid motion, or leaves the drives without hold of z in the middle of
+            the workspace.
     """
     n = len(own.drives)
     z, q_symbols = ca.SX.sym("z", n), ca.SX.sym("q", n)
-    parts = _called(own, z)
-    _require(robot, own, parts)
-    q = ca.vertcat(*(ca.SX(drive) for drive in parts.drives))
-    drives = {drive: q[i] for i, drive in enumerate(robot.drives)}
-    bodies = tuple(
-        MovingBody(b.name, b.count, np.eye(3), ca.SX(b.rotation), ca.SX(b.origin))
-        for b in parts.bodies
-    )
-    free = ca.symvar(ca.vertcat(q, *[ca.vec(e) for b in bodies for e in (b.R_LB, b.r_LB)]))
-    foreign = [s.name() for s in free if not any(ca.is_equal(s, z[i]) for i in range(n))]
-    if foreign:
-        raise _wrong(f"uses a symbol '{foreign[0]}' that is not an entry of z")
-    return Mechanism(
+    file = named_file(own)
+    check = Checker(f"{file.path}, {FUNCTION}(z)", z)
+    parts = _called(file, z, check)
+    _require(robot, own, parts, check)
+    q = ca.vertcat(*(check.scalar(d, f"drive {i + 1}") for i, d in enumerate(parts.drives)))
+    bodies = tuple(_body(body, check) for body in parts.bodies)
+    joints = {name: check.scalar(parts.joints[name], f"joint '{name}'") for name in own.joints}
+    lengths = (1.0, 1.0, 1.0, *([check.positive(parts.turn_length, "turn_length")] * (n > 3)))
+    mechanism = Mechanism(
         z=z,
         q=q,
         bodies=bodies,
         limbs=(),
-        joints=drives | {name: ca.SX(parts.joints[name]) for name in own.joints},
-        reach=ca.vertcat(*(ca.SX(x) for x in parts.reach)) if parts.reach else ca.SX(1.0),
+        joints={drive: q[i] for i, drive in enumerate(robot.drives)} | joints,
+        reach=_reach(parts, check),
         q_symbols=q_symbols,
         closure=q - q_symbols,
         modes=ca.SX(1.0),
         forward=None,
-        lengths=(1.0, 1.0, 1.0, *([parts.turn_length] if n > 3 else [])),
-        drawing=tuple((name, ca.SX(a), ca.SX(b)) for name, a, b in parts.segments),
+        lengths=lengths,
+        drawing=tuple(_segment(line, robot, check) for line in parts.segments),
     )
+    check.motion(mechanism, robot)
+    return mechanism
 
 
-def _called(own: OwnMechanism, z: ca.SX) -> MechanismParts:
-    function = function_of(own)
+def _called(file: NamedFile, z: ca.SX, check: Checker) -> MechanismParts:
     try:
-        parts = function(z)
+        parts = file.function(z)
     except DescriptionError:
         raise
-    except Exception as error:  # whatever the user's code raises is told, not shown as our fault
-        raise _wrong(f"fails: {failure(error, function.__code__.co_filename)}") from None
+    except (Exception, SystemExit) as error:  # what the user's code raises is told as theirs
+        raise check.wrong(f"fails: {failure(error, file.path)}") from None
     if not isinstance(parts, MechanismParts):
-        raise _wrong(f"returns {type(parts).__name__}, not a deltaid.MechanismParts")
+        raise check.wrong(f"returns {type(parts).__name__}, not a deltaid.MechanismParts")
     return parts
 
 
-def _require(robot: RobotDescription, own: OwnMechanism, parts: MechanismParts) -> None:
-    """Refuse what does not fit the description."""
+def _require(
+    robot: RobotDescription, own: OwnMechanism, parts: MechanismParts, check: Checker
+) -> None:
+    """Refuse what is of the wrong kind, or does not fit the description."""
+    for name in ("drives", "bodies", "segments"):
+        check.sequence(getattr(parts, name), name)
+    if not isinstance(parts.joints, Mapping):
+        raise check.wrong(f"returns joints as {type(parts.joints).__name__}, not as a dict")
+    for i, body in enumerate(parts.bodies):
+        if not isinstance(body, BodyPose):
+            raise check.wrong(
+                f"returns {type(body).__name__} as entry {i + 1} of bodies, not a deltaid.BodyPose"
+            )
     if len(parts.drives) != len(own.drives):
-        raise _wrong(
+        raise check.wrong(
             f"returns {len(parts.drives)} drives, but the description has {len(own.drives)}"
         )
-    names = {body.name for body in parts.bodies}
+    names = [body.name for body in parts.bodies]
     for kind, found, wanted in (
-        ("body", names, set(robot.body_names)),
-        ("joint", set(parts.joints), set(own.joints)),
+        ("body", names, robot.body_names),
+        ("joint", list(parts.joints), tuple(own.joints)),
     ):
-        for name in sorted(wanted - found):
-            raise _wrong(f"returns no {kind} '{name}', which the description has")
-        for name in sorted(found - wanted):
-            raise _wrong(f"returns a {kind} '{name}', which the description does not have")
-    for body in parts.bodies:
-        shapes = (ca.SX(body.rotation).shape, ca.SX(body.origin).shape)
-        if shapes != ((3, 3), (3, 1)):
-            raise _wrong(
-                f"body '{body.name}' has a rotation of shape {shapes[0]} and an origin of shape "
-                f"{shapes[1]}; they must be (3, 3) and (3, 1)"
-            )
+        check.names(kind, found, wanted)
 
 
-def _wrong(what: str) -> DescriptionError:
-    return DescriptionError(what, where=f"{FUNCTION}(z)", cure="mend the Python file")
+def _body(body: BodyPose, check: Checker) -> MovingBody:
+    what = f"body '{body.name}'"
+    rotation = check.expression(body.rotation, f"the rotation of {what}")
+    origin = check.expression(body.origin, f"the origin of {what}")
+    if (rotation.shape, origin.shape) != ((3, 3), (3, 1)):
+        raise check.wrong(
+            f"{what} has a rotation of shape {rotation.shape} and an origin of shape "
+            f"{origin.shape}; they must be (3, 3) and (3, 1)"
+        )
+    if not isinstance(body.count, int) or body.count < 1:
+        raise check.wrong(f"{what} has the count {body.count!r}; it must be 1, 2, …")
+    return MovingBody(body.name, body.count, np.eye(3), rotation, origin)
+
+
+def _reach(parts: MechanismParts, check: Checker) -> ca.SX:
+    if parts.reach is None:
+        return ca.SX(1.0)
+    check.sequence(parts.reach, "reach")
+    values = [check.scalar(x, f"entry {i + 1} of reach") for i, x in enumerate(parts.reach)]
+    return ca.vertcat(*values) if values else ca.SX(1.0)
+
+
+def _segment(line: object, robot: RobotDescription, check: Checker) -> tuple[str, ca.SX, ca.SX]:
+    if not isinstance(line, tuple | list) or len(line) != 3:
+        raise check.wrong("has an entry of segments that is not (body, start, end)")
+    name, *ends = line
+    if name not in (*robot.body_names, BASE):
+        raise check.wrong(f"has a segment of '{name}', which is neither a body nor '{BASE}'")
+    start, end = (check.expression(end, f"a segment of body '{name}'") for end in ends)
+    if (start.shape, end.shape) != ((3, 1), (3, 1)):
+        raise check.wrong(f"has a segment of body '{name}' whose ends are not points of shape 3")
+    return name, start, end

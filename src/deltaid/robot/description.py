@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.robot.body import Body
@@ -184,6 +185,11 @@ class RobotDescription(_Part):
         limits = self.drive_limits.get("drive4") or DriveLimits()
         low, high = limits.range or (-np.pi, np.pi)
         return Turn(low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf)
+
+    def home(self, dof: int) -> Float[np.ndarray, " dof"]:
+        """The middle of the workspace as z [m, rad]; ψ of a platform in the middle of its range."""
+        middle = 0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0
+        return np.append(self.workspace.inner_box[0], np.full(dof - 3, middle))
 
     @property
     def friction_joints(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ user names the file, on the command line or by `use_mechanism`.
 import hashlib
 import runpy
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,7 +23,16 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
 # The function that a Python file has to define.
 FUNCTION = "mechanism"
 
-_named: dict[str, Callable[..., Any]] = {}
+
+@dataclass(frozen=True)
+class NamedFile:
+    """A Python file that the user has named, and the function that it defines."""
+
+    path: str
+    function: Callable[..., Any]
+
+
+_named: dict[str, NamedFile] = {}
 
 
 class OwnMechanism(BaseModel):
@@ -77,7 +87,7 @@ def use_mechanism(path: str | Path) -> str:
     except OSError as error:
         reason = error.strerror or error
         raise DescriptionError(f"cannot be read: {reason}", where=str(path)) from None
-    except Exception as error:  # whatever the user's code raises is told, not shown as our fault
+    except (Exception, SystemExit) as error:  # what the user's code raises is told as theirs
         raise DescriptionError(f"fails: {failure(error, path)}", where=str(path)) from None
     if not callable(found):
         raise DescriptionError(
@@ -86,7 +96,7 @@ def use_mechanism(path: str | Path) -> str:
             cure=f"write `def {FUNCTION}(z):` that returns a deltaid.MechanismParts",
         )
     _named.clear()
-    _named[digest] = found
+    _named[digest] = NamedFile(str(path), found)
     return digest
 
 
@@ -112,11 +122,11 @@ def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
     return own.model_copy(update={"sha256": digest})
 
 
-def function_of(own: OwnMechanism) -> Callable[..., Any]:
-    """The function of a mechanism whose file has been named.
+def named_file(own: OwnMechanism) -> NamedFile:
+    """The file of a mechanism, with its function.
 
     Raises:
-        DescriptionError: it has not.
+        DescriptionError: no file has been named, or another one.
     """
     if own.sha256 is None or own.sha256 not in _named:
         raise DescriptionError(

@@ -1,0 +1,143 @@
+"""What a function of the user's own returns, checked: kinds, shapes, symbols, and that it moves."""
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import DescriptionError
+from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.robot.description import RobotDescription
+
+# Rounding leaves 1e-15 of RᵀR − 1, and of the smallest singular value of ∂q/∂z over the largest.
+_ORTHONORMAL, _SINGULAR = 1e-9, 1e-9
+
+# Poses beside the middle of the workspace where rotations are looked at.
+_POSES = 8
+
+
+class Checker:
+    """Checks the parts of a mechanism, all with the same place in their messages."""
+
+    def __init__(self, where: str, z: ca.SX) -> None:
+        self._where, self._z = where, z
+
+    def wrong(self, what: str) -> DescriptionError:
+        """What to raise."""
+        return DescriptionError(what, where=self._where, cure="mend the Python file")
+
+    def sequence(self, value: object, name: str) -> None:
+        """Refuse what is not a list or tuple."""
+        if not isinstance(value, Sequence) or isinstance(value, str):
+            raise self.wrong(f"returns {name} as {type(value).__name__}, not as a list")
+
+    def names(self, kind: str, found: Sequence[object], wanted: Sequence[str]) -> None:
+        """Refuse names other than those of the description."""
+        for name in wanted:
+            if name not in found:
+                raise self.wrong(f"returns no {kind} '{name}', which the description has")
+        for name in found:
+            if name not in wanted:
+                raise self.wrong(f"returns a {kind} '{name}', which the description does not have")
+
+    def expression(self, value: object, what: str) -> ca.SX:
+        """A value as an expression of z."""
+        try:
+            expression = ca.SX(value)
+        except (NotImplementedError, TypeError, ValueError):
+            raise self.wrong(
+                f"{what} is of type {type(value).__name__}; it must be numbers or a CasADi SX "
+                "expression of z, several of them joined by ca.vertcat and ca.horzcat"
+            ) from None
+        n = self._z.numel()
+        for symbol in ca.symvar(expression):
+            if not any(ca.is_equal(symbol, self._z[i]) for i in range(n)):
+                raise self.wrong(
+                    f"{what} uses a symbol '{symbol.name()}' that is not an entry of z"
+                )
+        return expression
+
+    def scalar(self, value: object, what: str) -> ca.SX:
+        """A value as one expression of z."""
+        expression = self.expression(value, what)
+        if expression.shape != (1, 1):
+            raise self.wrong(f"{what} has the shape {expression.shape}; it must be one value")
+        return expression
+
+    def positive(self, value: object, what: str) -> float:
+        """A positive finite number."""
+        if not isinstance(value, int | float | np.number) or not 0 < value < np.inf:
+            raise self.wrong(f"{what} is {value!r}; it must be a positive number")
+        return float(value)
+
+    def motion(self, mechanism: Mechanism, robot: RobotDescription) -> None:
+        """Refuse what is not finite in the middle of the workspace, no rigid motion, or does not
+        let the drives move z there."""
+        home = robot.home(mechanism.dof)
+        self._require_independent(mechanism)
+        self._require_reach(mechanism, home)
+        self._require_finite(mechanism, home)
+        self._require_rigid(mechanism, robot, home)
+        J = self._at(mechanism.scaled_jacobian, home)
+        sizes = np.linalg.svd(J, compute_uv=False) if np.isfinite(J).all() else np.zeros(1)
+        if not sizes[-1] > _SINGULAR * sizes[0]:
+            raise self.wrong(
+                f"the drives do not hold z in {_middle(home)}: ∂q/∂z is singular there; check the "
+                "drives' formulas, or move the workspace in the description"
+            )
+
+    def _require_independent(self, mechanism: Mechanism) -> None:
+        for i in range(mechanism.dof):
+            if ca.jacobian(mechanism.q[i], mechanism.z).nnz() == 0:
+                raise self.wrong(f"drive {i + 1} does not depend on z")
+
+    def _require_reach(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
+        for i, value in enumerate(self._at(mechanism.reach, home).ravel()):
+            if not value > 0:
+                raise self.wrong(
+                    f"entry {i + 1} of reach is {value:.4g} m in {_middle(home)}, so out of reach; "
+                    "check the formulas, or the workspace in the description"
+                )
+
+    def _require_finite(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
+        named = [(f"drive {i + 1}", mechanism.q[i]) for i in range(mechanism.dof)]
+        named += [(f"joint '{name}'", joint) for name, joint in mechanism.joints.items()]
+        for body in mechanism.bodies:
+            named.append((f"the rotation of body '{body.name}'", body.R_LB))
+            named.append((f"the origin of body '{body.name}'", body.r_LB))
+        for name, start, end in mechanism.drawing:
+            named.append((f"a segment of body '{name}'", ca.vertcat(start, end)))
+        for what, expression in named:
+            values = self._at(expression, home)
+            if not np.isfinite(values).all():
+                wrong = values[~np.isfinite(values)][0]
+                raise self.wrong(f"{what} is {wrong} in {_middle(home)}; check its formula there")
+
+    def _require_rigid(
+        self, mechanism: Mechanism, robot: RobotDescription, home: Float[np.ndarray, " dof"]
+    ) -> None:
+        psi = 0.5 * (robot.turn.high - robot.turn.low)
+        half = np.append(robot.workspace.inner_box[1], np.full(mechanism.dof - 3, psi))
+        aside = np.random.default_rng(0).uniform(-1, 1, (_POSES, mechanism.dof)) * half
+        for body in mechanism.bodies:
+            for pose in (home, *(home + aside)):
+                R = self._at(body.R_LB, pose)
+                if not np.isfinite(R).all():  # out of reach
+                    continue
+                if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
+                    raise self.wrong(
+                        f"the rotation of body '{body.name}' is no rotation matrix (RᵀR = 1, "
+                        f"det R = 1) at z = {_numbers(pose)}"
+                    )
+
+    def _at(self, expression: ca.SX, z: Float[np.ndarray, " dof"]) -> np.ndarray:
+        return np.array(ca.Function("f", [self._z], [ca.densify(expression)])(z))
+
+
+def _middle(home: Float[np.ndarray, " dof"]) -> str:
+    return f"the middle of the workspace, z = {_numbers(home)}"
+
+
+def _numbers(z: Float[np.ndarray, " dof"]) -> str:
+    return "[" + ", ".join(f"{value:.4g}" for value in z) + "]"
