@@ -1,5 +1,8 @@
 """Mistakes in descriptions of composed robots: what is wrong is said, with line and key."""
 
+import re
+
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -7,7 +10,7 @@ from deltaid.errors import DescriptionError, KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue_text, parse
+from deltaid.robot.load import catalogue, catalogue_text, load_robot, parse
 
 
 def changed(name: str, old: str, new: str) -> str:
@@ -140,6 +143,12 @@ MISTAKES = [
     ),
     (
         "linear-delta",
+        "{position: [-0.15, 0.50], speed: 2.5, force: 600}",
+        "{position: [-150, 0.5], speed: 2500}",
+        "drive_limits.drive1.position.0: -150 m cannot be; positions are in metres; line 53, ",
+    ),
+    (
+        "linear-delta",
         "drive1: {viscous: 40",
         "platform: {viscous: 40",
         "friction: has unknown platform; choose from drive1, drive2, drive3",
@@ -160,6 +169,44 @@ def test_coinciding_rails_are_named() -> None:
     points = "base_points: [[0.3, 0, 0], [0.3, 0, 0], [-0.3, 0, 0]]"
     message = refusal(text.replace("base_radius: 0.300", points))
     assert "limbs: the rails coincide, those of limbs 1 and 2" in message
+
+
+def test_vertical_rails_on_one_line_coincide_whatever_their_azimuth() -> None:
+    message = refusal(changed("linear-delta", "base_radius: 0.300", "base_radius: 0"))
+    assert "limbs: the rails coincide, those of limbs 1 and 2" in message
+
+
+def test_limbs_at_right_angles_are_a_robot() -> None:
+    """Struts push and pull, so limbs need not surround the platform."""
+    text = changed("clavel-delta3", "[0, 120, 240]", "[0, 90, 180]")
+    kinematics = Kinematics(parse(text, RobotDescription, where="robot.yaml"))
+    z = np.random.default_rng(0).uniform([-0.3, -0.3, -1.1], [0.3, 0.3, -0.85], (1000, 3))
+    assert kinematics.regularity(z).worst.max() < 2.5
+    np.testing.assert_allclose(kinematics.forward(kinematics.inverse(z)), z, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_a_strut_that_cannot_close_is_named_with_file_and_line(name, tmp_path) -> None:
+    """The geometry of the loaded file against the limits of the symbolic kinematics."""
+    told, strut = 0, load_robot(name).limbs.strut
+    for strut_now in np.round(np.array([0.1, 0.3, 0.6, 0.8, 1.3, 2.5, 6.0]) * strut, 3):
+        text = re.sub(r"(?m)^  strut: .*", f"  strut: {strut_now}", catalogue_text(name))
+        try:
+            kinematics = Kinematics(parse(text, RobotDescription, where="robot.yaml"))
+        except DescriptionError:  # not even the lengths alone can close
+            continue
+        mechanism = kinematics.mechanism
+        reach = ca.Function("reach", [mechanism.z], [mechanism.reach])(kinematics.home)
+        (tmp_path / "robot.yaml").write_text(text)
+        if np.all(np.array(reach) > 0):
+            load_robot(tmp_path / "robot.yaml")
+            continue
+        told += 1
+        with pytest.raises(
+            DescriptionError, match=r"robot\.yaml: line \d+, limbs\.strut: limb \d "
+        ):
+            load_robot(tmp_path / "robot.yaml")
+    assert told
 
 
 @pytest.mark.parametrize(

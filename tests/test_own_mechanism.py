@@ -181,7 +181,7 @@ def _file(folder: Path, text: str, name: str = "mine.py") -> Path:
         (returning("drives", "[z, z, z]"), "drive 1 has the shape (3, 1); it must be"),
         (returning("drives", "[1.0, 2.0, 3.0]"), "drive 1 does not depend on z"),
         (returning("drives", "drives[:1] * 3"), "the drives do not hold z in the middle"),
-        (returning("drives", "[d + ca.sqrt(z[2]) for d in drives]"), "drive 1 is nan in the middle"),
+        (returning("drives", "[d + ca.sqrt(z[2]) for d in drives]"), "drive 1 is nan in the mid"),
         (returning("joints", "None"), "returns joints as NoneType"),
         (returning("reach", "['x']"), "entry 1 of reach is of type str"),
         (returning("reach", "[-1]"), "entry 1 of reach is -1 m in the"),
@@ -241,5 +241,5 @@ def test_drives_may_be_the_task_coordinates_themselves(heli4, tmp_path):
         data.pop(key, None)
     robot = RobotDescription.model_validate(data)
     p = np.array([2.0, 0, 0, 0, 0.1, 0.1, 0.3, 0, 0, 0])
-    M = Dynamics(robot).mass_matrix(np.zeros((1, 4)) + [0, 0, -0.6, 0.1], p)[0]
+    M = Dynamics(robot).mass_matrix(np.array([[0, 0, -0.6, 0.1]]), p)[0]
     np.testing.assert_allclose(M, np.diag([2.0, 2.0, 2.0, 0.0]), atol=1e-12)

@@ -18,7 +18,7 @@ from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.platform import Platform, RigidPlatform
-from deltaid.robot.quantities import Coordinate, Positive, Vector
+from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
 from deltaid.robot.telescope import Telescope
 from deltaid.robot.workspace import Workspace
 
@@ -36,7 +36,7 @@ class Spring(_Part):
     rest_deg: Coordinate | None = Field(
         default=None, description="joint angle without force, degrees; for turning joints"
     )
-    rest: Coordinate | None = Field(
+    rest: Position | None = Field(
         default=None, description="joint position without force, m; for sliding joints"
     )
 
@@ -60,7 +60,7 @@ class RobotDescription(_Part):
 
     name: str = Field(min_length=1)
     title: str = ""
-    gravity: Vector = Field(
+    gravity: Gravity = Field(
         default=(0.0, 0.0, -9.81), description="gravity in the world frame, m/s²"
     )
     limbs: Limbs | None = None
@@ -87,7 +87,7 @@ class RobotDescription(_Part):
     )
     workspace: Workspace
     drive_limits: dict[str, DriveLimits] = Field(default_factory=dict)
-    platform_speed: Positive = Field(default=5.0, description="largest speed along an axis, m/s")
+    platform_speed: Speed = Field(default=5.0, description="largest speed along an axis, m/s")
     platform_acceleration: Positive = Field(
         default=50.0, description="largest acceleration along an axis, m/s²"
     )
@@ -244,14 +244,12 @@ class RobotDescription(_Part):
                 raise ValueError(f"friction.{joint} has a load term, which only drives can have")
         _among("rotor_inertia", self.rotor_inertia, self.drives)
         _among("drive_limits", self.drive_limits, self.drives)
-        if not np.any(self.gravity):
-            raise ValueError("gravity is zero; give the vector in the world frame, in m/s²")
         return self
 
     def _check_drives(self) -> None:
         if (self.limbs is None) == (self.mechanism is None):
-            given = "neither" if self.limbs is None else "both"
-            raise ValueError(f"give either limbs or mechanism; {given} is given")
+            given = "neither is" if self.limbs is None else "both are"
+            raise ValueError(f"give either limbs or mechanism; {given} given")
         if self.limbs is not None:
             self._check_composition(self.limbs)
         elif self.telescope is not None or self.platform != RigidPlatform():

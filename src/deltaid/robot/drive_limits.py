@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from deltaid.robot.quantities import Coordinate, Positive
+from deltaid.robot.quantities import Coordinate, Position, Positive, Speed
 
 
 class _Part(BaseModel):
@@ -19,10 +19,10 @@ class DriveLimits(_Part):
     speed_deg_s: Positive | None = None
     acceleration_deg_s2: Positive | None = None
     torque: Positive | None = Field(default=None, description="N m")
-    position: tuple[Coordinate, Coordinate] | None = Field(
+    position: tuple[Position, Position] | None = Field(
         default=None, description="lowest and highest position of a linear drive, m"
     )
-    speed: Positive | None = Field(default=None, description="of a linear drive, m/s")
+    speed: Speed | None = Field(default=None, description="of a linear drive, m/s")
     acceleration: Positive | None = Field(default=None, description="of a linear drive, m/s²")
     force: Positive | None = Field(default=None, description="of a linear drive, N")
 

@@ -23,6 +23,9 @@ Lengths = Length | tuple[Length, ...]
 Radii = Radius | tuple[Radius, ...]
 Angles = Angle | tuple[Angle, ...]
 
+# Degrees. Directions that lie closer together than this were meant as radians: 2π rad is 6.3°.
+_NARROW = 10.0
+
 
 @dataclass(frozen=True)
 class LimbGeometry:
@@ -142,7 +145,7 @@ class Limbs(BaseModel):
         return self
 
     def _check_places(self) -> None:
-        """Refuse limbs in the same place, and rotary arrangements that cannot hold a platform."""
+        """Refuse limbs in the same place, and such as point one way, as radians for degrees do."""
         if self.base_points is None and self.platform_points is None:
             angles = np.sort(np.mod(self.azimuth_deg, 360.0))
             gaps = np.diff(np.append(angles, angles[0] + 360.0))
@@ -150,13 +153,15 @@ class Limbs(BaseModel):
                 raise ValueError(
                     "two limbs point the same way; azimuth_deg needs distinct directions"
                 )
-            if gaps.max() > 179.0 and self.drive == "rotary":
-                raise ValueError("all limbs lie on one side of the base; the platform is not held")
+            if gaps.max() > 360.0 - _NARROW:
+                raise ValueError(
+                    f"all limbs point the same way within {360.0 - gaps.max():.3g}°; azimuth_deg "
+                    "is in degrees"
+                )
         limbs = self.geometry()
         for i, a in enumerate(limbs):
             for j, b in enumerate(limbs[:i]):
-                same = np.allclose(a.base, b.base, atol=1e-6)
-                if same and np.allclose(a.R_WL, b.R_WL, atol=1e-6):
+                if np.allclose(a.base, b.base, atol=1e-6) and _parallel(a, b):
                     what = "rails coincide" if self.drive == "linear" else "drives coincide"
                     raise ValueError(f"the {what}, those of limbs {j + 1} and {i + 1}")
         for i, limb in enumerate(limbs):
@@ -199,6 +204,13 @@ class Limbs(BaseModel):
             outwards=_of(self.working_mode, i) == "outwards",
             spacing=None if self.strut_spacing is None else float(_of(self.strut_spacing, i)),
         )
+
+
+def _parallel(a: LimbGeometry, b: LimbGeometry) -> bool:
+    """Whether two limbs turn about parallel axes, or slide along parallel rails."""
+    along = [limb.rail if limb.drive == "linear" else np.array([0.0, 1.0, 0.0]) for limb in (a, b)]
+    sine = np.cross(a.R_WL @ along[0], b.R_WL @ along[1])
+    return float(np.linalg.norm(sine)) < 1e-6
 
 
 def rotation(axis: Literal["x", "y", "z"], angle_deg: float) -> Float[np.ndarray, "3 3"]:

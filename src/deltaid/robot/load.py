@@ -15,6 +15,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
+from deltaid.robot.closing import open_limb
 from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import with_named_file
@@ -56,7 +57,22 @@ def load_robot(robot: str | Path) -> RobotDescription:
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
     if not os.path.exists(robot):  # unlike Path.exists it never raises
         raise _unknown(str(robot))
-    return bound(load_yaml(Path(robot), RobotDescription), str(robot))
+    text = _text(Path(robot))
+    described = parse(text, RobotDescription, where=str(robot))
+    _require_closing(described, text, str(robot))
+    return bound(described, str(robot))
+
+
+def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
+    reason = open_limb(robot)
+    if reason:
+        line = _tree(text, where)["limbs"].lc.key("strut")[0] + 1
+        raise DescriptionError(
+            f"line {line}, limbs.strut: {reason}",
+            where=where,
+            cure="check strut, upper_arm and radii or points of limbs, and workspace (z < 0 where "
+            "the platform is below the base)",
+        )
 
 
 def bound(robot: RobotDescription, where: str) -> RobotDescription:
@@ -107,7 +123,7 @@ def parse(text: str, model: type[_Model], *, where: str) -> _Model:
     except ValidationError as error:
         kind = _KINDS.get(model.__name__, "robot")
         raise DescriptionError(
-            complaints(tree, error),
+            complaints(tree, error, model),
             where=where,
             cure=f"`deltaid schema {kind}` prints the JSON Schema that editors complete and check "
             "with",
@@ -158,6 +174,8 @@ def _tree(text: str, where: str) -> CommentedMap:
     except RecursionError:
         raise DescriptionError("is nested too deeply", where=where) from None
     if not isinstance(tree, CommentedMap):
+        if tree is None:
+            raise DescriptionError("is empty", where=where)
         raise DescriptionError(
             "does not hold keys with values, such as `name: my-robot`",
             where=where,

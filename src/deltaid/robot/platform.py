@@ -12,11 +12,18 @@ with + for the limbs of the `first` part and − for the others. The tool turns 
 
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.robot.quantities import Coordinate, Length, Point, Positive
 
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+def _direction(angle: float) -> Float[np.ndarray, " 3"]:
+    """u = (cos, sin, 0)."""
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
 class _Platform(BaseModel):
@@ -67,6 +74,10 @@ class _Articulated(_Platform):
             raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 
+    def half(self, psi: float) -> Float[np.ndarray, " 3"]:
+        """From the platform point to the point of the first part [m] for a tool angle [rad]."""
+        raise NotImplementedError
+
     def on_first(self, limb: int) -> bool:
         """Whether limb 0, 1, … holds the first part."""
         return limb + 1 in self.first
@@ -79,6 +90,10 @@ class H4Platform(_Articulated):
     bodies: ClassVar[tuple[str, ...]] = ("SB", "MB", "EE")
     slides: ClassVar[bool] = False
     half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
+
+    def half(self, psi: float) -> Float[np.ndarray, " 3"]:
+        """h u(θ)."""
+        return self.half_length * _direction(psi / self.ratio)
 
     @model_validator(mode="after")
     def _check_tool(self) -> "H4Platform":
@@ -98,6 +113,10 @@ class Par4Platform(_Articulated):
     slides: ClassVar[bool] = False
     length: Length = Field(description="L of the rods, m")
 
+    def half(self, psi: float) -> Float[np.ndarray, " 3"]:
+        """½ L u(θ)."""
+        return 0.5 * self.length * _direction(psi / self.ratio)
+
 
 class I4Platform(_Articulated):
     """Two half platforms on a slide; their distance s turns the tool by a rack and a pinion."""
@@ -111,6 +130,10 @@ class I4Platform(_Articulated):
     ratio: Ratio = Field(
         description="k of ψ = k s, rad/m: one over the diameter of a pinion between two racks"
     )
+
+    def half(self, psi: float) -> Float[np.ndarray, " 3"]:
+        """½ s e."""
+        return 0.5 * psi / self.ratio * _direction(np.deg2rad(self.direction_deg))
 
 
 Platform = Annotated[

@@ -4,6 +4,7 @@ The bounds keep every product of such numbers far from overflow, and lengths in 
 would pass for a giant's, get a message of their own.
 """
 
+import math
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -11,6 +12,8 @@ from pydantic import AfterValidator, Field
 _LARGEST, _SMALLEST = 1e12, 1e-12
 _LONGEST, _SHORTEST = 100.0, 1e-6  # m
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
+_FASTEST = 300.0  # m/s
+_STRONGEST = 100.0  # m/s², of gravity
 
 
 def _not_tiny(value: float) -> float:
@@ -37,6 +40,20 @@ def _position(value: float) -> float:
     return value
 
 
+def _speed(value: float) -> float:
+    if value > _FASTEST:
+        raise ValueError(f"{value:g} m/s cannot be; speeds are in metres per second")
+    return value
+
+
+def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        raise ValueError("is zero; give the vector in the world frame, in m/s²")
+    if math.hypot(*value) > _STRONGEST:
+        raise ValueError(f"{math.hypot(*value):g} m/s² cannot be; gravity is in m/s²")
+    return value
+
+
 Positive = Annotated[float, Field(gt=0, le=_LARGEST), AfterValidator(_not_tiny)]
 NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
 Coordinate = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
@@ -44,5 +61,7 @@ Length = Annotated[float, Field(gt=0), AfterValidator(_length)]
 Radius = Annotated[float, Field(ge=0), AfterValidator(_length)]  # may be zero
 Mass = Annotated[float, Field(gt=0), AfterValidator(_mass)]
 Position = Annotated[float, AfterValidator(_position)]
+Speed = Annotated[Positive, AfterValidator(_speed)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
+Gravity = Annotated[Vector, AfterValidator(_gravity)]
