@@ -1,9 +1,13 @@
 """Recordings that come near a singular pose, pass through one, or jump to another branch."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics, Regularity
 from deltaid.motion.surrogate import write_recording
 from deltaid.recording.branch import BranchCheck
@@ -22,20 +26,63 @@ def par4() -> Kinematics:
     return Kinematics(RobotDescription.model_validate(data))
 
 
+def written(time: np.ndarray, q: np.ndarray, folder: Path) -> Path:
+    """A log with these drive positions."""
+    tau = np.ones_like(q) * np.sin(time)[:, None]
+    columns = {"t": time} | {f"q{i + 1}": q[:, i] for i in range(4)}
+    columns |= {f"tau{i + 1}": tau[:, i] for i in range(4)}
+    write_recording(pl.DataFrame(columns), folder / "log.csv")
+    return folder / "log.csv"
+
+
 def test_the_first_sample_near_a_singular_pose_is_told_with_its_time(par4, tmp_path):
     time = np.arange(2000) / 1000
     z = np.repeat(par4.home[None], len(time), axis=0)
     z[:, 3] = np.deg2rad(85) * par4.robot.platform.ratio * time / time[-1]
     q = par4.inverse(z)
-    tau = np.ones_like(q) * np.sin(time)[:, None]
-    columns = {"t": time} | {f"q{i + 1}": q[:, i] for i in range(4)}
-    columns |= {f"tau{i + 1}": tau[:, i] for i in range(4)}
-    write_recording(pl.DataFrame(columns), tmp_path / "log.csv")
-    log = open_log(tmp_path / "log.csv", par4)
+    log = open_log(written(time, q, tmp_path), par4)
     first = int(np.flatnonzero(par4.regularity(z).worst > par4.robot.largest_condition)[0])
     (warning,) = (text for text in log.warnings if "singular" in text)
     assert f"{len(time) - first} of 2000 samples" in warning
     assert f"row {first + 2} at {time[first]:.6g} s" in warning
+
+
+def way_through(kinematics: Kinematics, angle_deg: float, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and poses of two seconds in which the rods turn evenly from 0 to an angle."""
+    time = np.arange(n) / (n / 2)
+    z = np.repeat(kinematics.home[None], n, axis=0)
+    z[:, 3] = np.deg2rad(angle_deg) * kinematics.robot.platform.ratio * time / time[-1]
+    return time, z
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("samples", [1998, 2000, 2001])
+def test_a_recording_through_a_singularity_is_refused_with_its_time(par4, tmp_path, samples, step):
+    """z(q) turns back there, so no determinant shows it; encoder steps may leave no solution."""
+    time, z = way_through(par4, 120.0, samples)
+    q = par4.inverse(z)
+    q = np.round(q / step) * step if step else q
+    at = int(np.argmax(par4.condition(z)))
+    with pytest.raises(RecordingError, match=r"singular pose (between|at) ") as caught:
+        open_log(written(time, q, tmp_path), par4)
+    told = float(re.search(r"([\d.]+) s[:, ]", str(caught.value)).group(1))
+    assert abs(told - time[at]) < (0.01 if step < 1e-4 else 0.03)
+
+
+def test_a_passage_is_seen_wherever_the_samples_are_cut(par4):
+    time, z = way_through(par4, 120.0, 200)
+    solved, good = par4.forward_unchecked(par4.inverse(z))
+    assert good.all()
+    at = int(np.argmax(par4.condition(z)))
+    for cut in range(at - 4, at + 6):
+        check, seen, done = BranchCheck(par4), [], 0
+        for part in (slice(0, cut), slice(cut, None)):
+            regular = par4.regularity(solved[part])
+            left = check.add(time[part], z[part], solved[part], regular)
+            seen += [] if left is None else [left[0] + done]
+            done = cut
+        assert len(seen) == 1
+        assert abs(seen[0] - at) <= 1
 
 
 def state(kinematics: Kinematics, n: int = 40) -> tuple[np.ndarray, ...]:

@@ -1,10 +1,13 @@
 """`deltaid show`: readings equal kinematics, reach ends at limits, page, errors, live view."""
 
 import builtins
+import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
+import time
 from functools import cache
 from pathlib import Path
 
@@ -191,6 +194,22 @@ def test_a_port_in_use_is_refused(tmp_path: Path) -> None:
 def test_help_does_not_load_viser() -> None:
     code = "import sys, deltaid.cli.app; sys.exit('viser' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_ctrl_c_closes_the_live_view() -> None:
+    pytest.importorskip("viser", reason="viser is not installed")
+    code = "from deltaid.cli import main; main()"
+    command = [sys.executable, "-u", "-c", code, "show", "clavel-delta3", "--live", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as shown:
+        try:
+            assert "clavel-delta3 is shown at http://127.0.0.1:" in shown.stdout.readline()
+            time.sleep(1.0)  # its server runs by now
+            shown.send_signal(signal.SIGINT)
+            assert shown.wait(20) == 0
+            assert "closed" in shown.stdout.read()
+        finally:
+            shown.kill()
 
 
 def test_live_view_in_a_browser() -> None:

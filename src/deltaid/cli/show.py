@@ -9,6 +9,9 @@ import typer
 if TYPE_CHECKING:
     from deltaid.show.rest import AtRest
 
+# Seconds. A wait without end may not wake up for Ctrl-C while a server's thread runs.
+_LOOK = 0.5
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -94,7 +97,9 @@ def _open(robot: "AtRest", port: int | None) -> None:
     live = LiveView(robot, DEFAULT_PORT if port is None else port)
     try:
         console.print(f"{robot.robot.name} is shown at {live.url} until Ctrl-C")
-        threading.Event().wait()
+        closed = threading.Event()
+        while not closed.wait(_LOOK):
+            pass
     except KeyboardInterrupt:
         console.print("closed")
     finally:

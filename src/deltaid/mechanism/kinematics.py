@@ -170,14 +170,9 @@ class Kinematics:
         """Samples i of a motion z(t) between which and i + 1 it passes through a singularity.
 
         Beyond a singularity a robot is on another branch than its home pose, where the same drive
-        coordinates often have a solution too; z(q) then turns back where the robot went on. The
-        distance d = 1/cond J falls towards zero there and rises again without rounding off: from
-        either side, the last two samples' line reaches zero before the next sample.
+        coordinates often have a solution too; z(q) then turns back where the robot went on.
         """
-        d = 1 / self.condition(z)
-        falls = 2 * d[1:-2] < d[:-3]
-        rises = 2 * d[2:-1] < d[3:]
-        return np.flatnonzero(falls & rises) + 1
+        return passages(self.regularity(z))
 
     def drive_motion(self, z: Samples, zd: Samples, zdd: Samples) -> tuple[Samples, ...]:
         """(q, q̇, q̈) of a motion given in task coordinates.
@@ -292,6 +287,18 @@ class Kinematics:
         m = self.mechanism
         columns = [ca.vertcat(ca.vec(ca.densify(b.R_LB)), ca.densify(b.r_LB)) for b in m.bodies]
         return BatchKernel(m.z, ca.vertcat(*columns))
+
+
+def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
+    """Samples i between which and i + 1 consecutive poses pass through a singularity.
+
+    The distance d = 1/cond J falls towards zero there and rises again without rounding off: from
+    either side, the last two samples' line reaches zero before the next sample.
+    """
+    d = 1 / regular.condition
+    falls = 2 * d[1:-2] < d[:-3]
+    rises = 2 * d[2:-1] < d[3:]
+    return np.flatnonzero(falls & rises) + 1
 
 
 def _as_samples(x: Float[np.ndarray, "..."], dof: int) -> Samples:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics
+from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics, Regularity
 from deltaid.recording.branch import BranchCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
@@ -20,6 +20,10 @@ _GAP, _JITTER = 1.5, 0.05
 _LARGEST_ARM_ANGLE = np.pi
 # A step of this much of a turn between two samples is a jump of the reading, not a motion.
 _JUMP = 0.75 * 2 * np.pi
+_KEEP_AWAY = (
+    "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
+    "held by its drives there, so keep the motion away from it"
+)
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 _HIGHEST_RATE = 1e6
 
@@ -189,7 +193,7 @@ class Survey:
         z, good = self.kinematics.forward_unchecked(q)
         bad = np.flatnonzero(~good)
         if bad.size:
-            raise self._out_of_reach(float(time[bad[0]]), q[bad[0]], row + int(bad[0]))
+            self._require_way(time, q, z, int(bad[0]), row)
         self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
         self.farthest = np.maximum(self.farthest, z[:, :3].max(axis=0))
         regular = self.kinematics.regularity(z)
@@ -205,24 +209,51 @@ class Survey:
         if strained.size and not self.strained:
             self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
         self.strained += strained.size
-        left = self.branch.add(time, q, z, regular)
-        if left is not None:
-            raise RecordingError(
-                f"{left[1]}, at {self._angles(q[left[0]])}",
-                where=self._row(row + left[0]),
-                cure="check zero and sign of the drives and the robot's lengths; a robot that does "
-                "this cannot be held by its drives there, so keep the motion away from it",
-            )
+        self._check_branch(time, q, z, regular, row)
         outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(z[:, :3]))
         if outside.size and not self.outside:
             i = int(outside[0])
             self.first_outside = f"row {row + i} at [{z[i, 0]:.3f}, {z[i, 1]:.3f}, {z[i, 2]:.3f}] m"
         self.outside += outside.size
 
-    def _out_of_reach(self, time: float, q: Float[np.ndarray, " dof"], row: int) -> RecordingError:
-        return RecordingError(
-            f"{self.kinematics.why_not(q[None])} at {self._angles(q)}, {time:.6g} s",
-            where=self._row(row),
+    def _check_branch(
+        self,
+        time: Float[np.ndarray, " rows"],
+        q: Float[np.ndarray, "rows dof"],
+        z: Float[np.ndarray, "rows dof"],
+        regular: Regularity,
+        row: int,
+    ) -> None:
+        left = self.branch.add(time, q, z, regular)
+        if left is not None:
+            at, what = left
+            place = f", at {self._angles(q[at])}" if at >= 0 else ""
+            raise RecordingError(f"{what}{place}", where=self._row(row + at), cure=_KEEP_AWAY)
+
+    def _require_way(
+        self,
+        time: Float[np.ndarray, " rows"],
+        q: Float[np.ndarray, "rows dof"],
+        z: Float[np.ndarray, "rows dof"],
+        bad: int,
+        row: int,
+    ) -> None:
+        """Refuse the first sample without a pose, or a passage before it that explains it."""
+        if bad:
+            way = time[:bad], q[:bad], z[:bad]
+            self._check_branch(*way, self.kinematics.regularity(way[2]), row)
+        before = self.branch.last_condition
+        reason = f"{self.kinematics.why_not(q[bad : bad + 1])} at {self._angles(q[bad])}"
+        if before > self.kinematics.robot.largest_condition:
+            raise RecordingError(
+                f"the robot comes to a singular pose at {time[bad]:.6g} s: the condition number "
+                f"is {before:.4g} in the row before, and here {reason}",
+                where=self._row(row + bad),
+                cure=_KEEP_AWAY,
+            )
+        raise RecordingError(
+            f"{reason}, {time[bad]:.6g} s",
+            where=self._row(row + bad),
             cure="check sign, zero, unit and order of the drives (angle 0 = arm horizontal and "
             "outwards, positive = down) and the robot's lengths",
         )
