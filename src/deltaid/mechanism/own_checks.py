@@ -1,6 +1,7 @@
 """What a function of the user's own returns, checked: kinds, shapes, symbols, and that it moves."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -41,7 +42,7 @@ class Checker:
             if name not in wanted:
                 raise self.wrong(f"returns a {kind} '{name}', which the description does not have")
 
-    def expression(self, value: object, what: str) -> ca.SX:
+    def expression(self, value: Any, what: str) -> ca.SX:
         """A value as an expression of z."""
         try:
             expression = ca.SX(value)
@@ -58,14 +59,14 @@ class Checker:
                 )
         return expression
 
-    def scalar(self, value: object, what: str) -> ca.SX:
+    def scalar(self, value: Any, what: str) -> ca.SX:
         """A value as one expression of z."""
         expression = self.expression(value, what)
         if expression.shape != (1, 1):
             raise self.wrong(f"{what} has the shape {expression.shape}; it must be one value")
         return expression
 
-    def positive(self, value: object, what: str) -> float:
+    def positive(self, value: Any, what: str) -> float:
         """A positive finite number."""
         if not isinstance(value, int | float | np.number) or not 0 < value < np.inf:
             raise self.wrong(f"{what} is {value!r}; it must be a positive number")
