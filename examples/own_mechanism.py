@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 import deltaid
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.excitation.motion_file import write_run
 from deltaid.motion.surrogate import (
     SensorNoise,
@@ -32,7 +31,7 @@ def main(folder: Path) -> None:
     robot = deltaid.load_robot(HERE / "robot.yaml")
     dynamics, rng = deltaid.Dynamics(robot), np.random.default_rng(0)
 
-    exciter = Exciter(dynamics, ExcitationSettings(duration=10.0, starts=2))
+    exciter = deltaid.Exciter(dynamics, deltaid.ExcitationSettings(duration=10.0, starts=2))
     runs = {"identify": exciter.optimise().run, "verify": exciter.optimise(offset=100).run}
 
     truth = surrogate_parameters(robot, rng)  # in place of the machine

@@ -22,10 +22,8 @@ from sessions import ROOT, SKIPPED, blocks
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.glob("*.md"))
-RUNNABLE = [
-    DOCS / f"{name}.md"
-    for name in ("tutorial", "mechanisms", "conventions", "theory", "cli", "api", "forces")
-]
+_RUN = ("tutorial", "mechanisms", "conventions", "theory", "cli", "api", "forces", "simulation")
+RUNNABLE = [DOCS / f"{name}.md" for name in _RUN]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
 _SHELL = ("", "console", "bash", "sh", "shell")
