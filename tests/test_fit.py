@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError
 from deltaid.identification import conic
 from deltaid.identification.information import Information, active_columns, gather_samples
-from deltaid.identification.log_cholesky import LogCholesky, solve_log_cholesky
+from deltaid.identification.log_cholesky import LogCholesky, Unconstrained, solve_log_cholesky
 from deltaid.identification.objective import (
     Objective,
     data_term,
@@ -144,6 +144,18 @@ def test_log_cholesky_derivatives_are_exact() -> None:
         assert np.allclose(
             H[:, k], (gradients[0] - gradients[1]) / (2 * step), rtol=1e-5, atol=1e-7
         )
+
+
+@pytest.mark.filterwarnings("error")
+def test_where_an_exponential_overflows_the_objective_is_infinite() -> None:
+    # A line search may try steps of any length; NaN would pass every "not larger than" it asks.
+    objective, reduction = problem()
+    chart = LogCholesky(reduction)
+    start, rng = chart.pi(reduction.prior), np.random.default_rng(0)
+    function = Unconstrained(objective, chart)
+    for length in (1e3, 1e6, 1e300):
+        assert function.value(start + length * rng.standard_normal(len(start))) == np.inf
+    assert np.isclose(function.value(start), objective.value(reduction.prior) / objective.gamma)
 
 
 @pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])

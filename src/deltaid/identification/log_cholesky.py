@@ -214,7 +214,11 @@ def _relaxation(gamma: float) -> list[float]:
 
 
 class Unconstrained:
-    """J(π)/γ with gradient and Hessian; keeps the last point, which all three share."""
+    """J(π)/γ with gradient and Hessian; keeps the last point, which all three share.
+
+    Where an exponential overflows, J is infinite, so that every method shortens its step; a NaN
+    compares as false and would be taken for a step down.
+    """
 
     def __init__(self, objective: Objective, chart: LogCholesky) -> None:
         self._objective, self._chart = objective, chart
@@ -232,9 +236,11 @@ class Unconstrained:
 
     def _evaluate(self, pi: Vector) -> tuple[float, Vector, np.ndarray]:
         if pi.tobytes() != self._at:
-            value, g, H = self._objective.evaluate(self._chart.x(pi))
-            _, J, second = self._chart.derivatives(pi, g)
             scale = self._objective.gamma  # brings the regulariser to the order of one
-            self._last = (value / scale, J.T @ g / scale, (J.T @ H @ J + second) / scale)
+            with np.errstate(over="ignore", invalid="ignore"):
+                value, g, H = self._objective.evaluate(self._chart.x(pi))
+                _, J, second = self._chart.derivatives(pi, g)
+                value = value if np.isfinite(value) else np.inf
+                self._last = (value / scale, J.T @ g / scale, (J.T @ H @ J + second) / scale)
             self._at = pi.tobytes()
         return self._last
