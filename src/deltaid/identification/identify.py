@@ -131,7 +131,7 @@ def identify(
         ),
         warnings=(
             *(f"{log.path}: {text}" for log, _ in filtered for text in log.warnings),
-            *doubts(reduction, solution, objective, information),
+            *doubts(reduction, solution, objective, information, base, estimate, spread),
         ),
     )
     return Identification(

@@ -22,6 +22,9 @@ from deltaid.identification.scatter import Noise, quantile
 # without constraints and more than this share of the largest torque, or when a mass that torques
 # cannot see had to grow to so many times its prior.
 _WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
+# A base parameter of the fit contradicts the recording when it lies so many half widths of its 95 %
+# interval away from what the recording alone gives.
+_APART = 3.0
 # The data decided a parameter whose standard deviation it shrank below this share of the prior's.
 _SHRUNK = 0.5
 # Noise that is so many times smaller than the standard deviation does not matter; degrees of
@@ -162,20 +165,35 @@ def _positive(layout: ParameterLayout) -> Bool[np.ndarray, " parameters"]:
 
 
 def doubts(
-    reduction: Reduction, solution: Solution, objective: Objective, information: Information
+    reduction: Reduction,
+    solution: Solution,
+    objective: Objective,
+    information: Information,
+    base: BaseParameters,
+    estimate: BaseEstimate,
+    prior_spread: float,
 ) -> tuple[str, ...]:
-    """What in a result contradicts the data or the prior: wrong signs, units, geometry."""
+    """What in a result contradicts the data or the prior: wrong signs, units, geometry, priors.
+
+    Args:
+        estimate: what the recording alone gives of the base parameters.
+    """
     texts = []
     noise = max(noise_level(information), NOISE_FLOOR)
     rows = len(information.torque_max)
     left = np.sqrt(objective.data.evaluate(solution.x)[0] / rows)
+    p, p_reg = reduction.parameters(solution.x), reduction.p_reg
     if left > max(_WORSE * noise, _SHARE):
         texts.append(
             f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
             "without physical consistency: check sign, unit, torque constant and gear of torques "
             "and positions, and the robot's lengths"
         )
-    p, p_reg = reduction.parameters(solution.x), reduction.p_reg
+    else:
+        # γ is what a noise of this level would have got (`objective.default_gamma`).
+        assumed = prior_spread * np.sqrt(objective.gamma * information.samples)
+        excess = max(1.0, assumed / max(noise_level(information), np.finfo(float).tiny))
+        texts += _contradictions(p, base, estimate, excess)
     for i, name in enumerate(reduction.layout.names):
         held = not np.any(reduction.A[i])
         if held and p_reg[i] > 0 and p[i] > _GREW * p_reg[i]:
@@ -185,3 +203,34 @@ def doubts(
                 "torques and the prior"
             )
     return tuple(texts)
+
+
+def _contradictions(
+    p: Float[np.ndarray, " parameters"],
+    base: BaseParameters,
+    estimate: BaseEstimate,
+    excess: float,
+) -> list[str]:
+    """The base parameter that a fit p holds farthest from what the recording alone gives.
+
+    With the truth within the prior, the two differ by less than the noise of the estimate. Where
+    they do not, parameters that hang together with this one are pulled along, out of intervals
+    that take the prior at its word.
+
+    Args:
+        excess: how many times larger than the data's own the noise is that γ stands for.
+    """
+    fitted = base.combination() @ p
+    half = excess * estimate.interval
+    apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
+    k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))
+    if not count:
+        return []
+    unit = base.layout.units[base.groups[k].representative]
+    others = f"; {count - 1} more are as far apart" if count > 1 else ""
+    return [
+        f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
+        f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: prior, entries that 'free' "
+        "leaves out or consistency contradict the recording, and other parameters of these bodies "
+        "may lie outside of their intervals; check the prior and what is free"
+    ]
