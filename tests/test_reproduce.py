@@ -1,7 +1,7 @@
 """The paper's surrogate: what `deltaid reproduce` promises, read from what it writes."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,6 +14,7 @@ from deltaid import load_robot
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.identify import identify
 from deltaid.identification.model import IdentifiedModel
+from deltaid.reproduce import irb360_files
 from deltaid.reproduce.nominal import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.reproduce.surrogate_files import FILES
 from deltaid.reproduce.surrogate_result import SurrogateSettings
@@ -156,7 +157,18 @@ def test_table_and_report_hold_the_papers_numbers_beside_ours(
         assert f"{figure} of the paper" in text
 
 
-def test_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("example", ["surrogate", "irb360"])
+def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, example: str) -> None:
     (tmp_path / "taken").write_text("")
-    message = refused("reproduce", "surrogate", "-o", tmp_path / "taken", folder=tmp_path)
+    message = refused("reproduce", example, "-o", tmp_path / "taken", folder=tmp_path)
     assert "taken" in message
+
+
+@pytest.mark.parametrize(("example", "names"), [("surrogate", FILES), ("irb360", irb360_files.FILES)])
+def test_a_file_that_cannot_be_written_is_told_before_any_work(
+    tmp_path: Path, example: str, names: Sequence[str]
+) -> None:
+    for name in names:
+        place = tmp_path / name.replace(".", "-")
+        (place / name).mkdir(parents=True)
+        assert f"{name}: is a folder" in refused("reproduce", example, "-o", place, folder=tmp_path)

@@ -74,12 +74,11 @@ def excite(
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.cli.output import positive, print_json, progress, require_report
+    from deltaid.cli.output import positive, print_json, progress, require_outputs
     from deltaid.dynamics.dynamics import compiled
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.excitation.motion_file import write_run
-    from deltaid.files import require_writable
     from deltaid.robot.load import load_robot
 
     positive("--duration", duration, (0.1, 3600.0))
@@ -100,11 +99,8 @@ def excite(
         starts=starts,
         seed=seed,
     )
-    for path in (output, verify_out, plot):
-        if path is not None:
-            require_writable(path, [Path(robot)])
-    if report is not None:
-        require_report(report, [Path(robot)])
+    asked = {"--output": output, "--verify-out": verify_out, "--plot": plot}
+    require_outputs([Path(robot)], asked, report)
     description = load_robot(robot)
     with progress(as_json) as say, _stop_on_interrupt() as stop:
         say("preparing the robot")

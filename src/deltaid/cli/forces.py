@@ -69,7 +69,7 @@ def forces(
     positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
     positive("--socket-force", socket_force)
     inputs = [path for path in (model, motion, *(logs or ()), columns, log_columns) if path]
-    require_outputs(output, report, inputs)
+    require_outputs(inputs, {"--output": output}, report)
     mapping, log_mapping = (load_mapping(path) if path else None for path in (columns, log_columns))
     identified = with_struts(IdentifiedModel.load(model), strut_spacing, socket_force)
     computed = ConstraintForces(identified.robot)

@@ -103,7 +103,7 @@ def identify(
         friction=friction.value,
     )
     inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
-    require_outputs(output, report, inputs)
+    require_outputs(inputs, {"--output": output}, report)
     if verify is not None:
         with opened(verify):
             pass  # to miss it now, not after the fit

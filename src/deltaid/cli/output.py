@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,14 +105,28 @@ def require_report(path: Path, inputs: Sequence[Path]) -> None:
     require_writable(path, inputs)
 
 
-def require_outputs(output: Path | None, report: Path | None, inputs: Sequence[Path]) -> None:
-    """The same for a file of --output and a report, which must not be one file."""
-    if output is not None:
-        require_writable(output, inputs)
+def require_outputs(
+    inputs: Sequence[Path], files: Mapping[str, Path | None], report: Path | None = None
+) -> None:
+    """Refuse before any work files that could not be written, would replace an input or each other.
+
+    Args:
+        files: by option, such as '--output'.
+    """
+    for path in files.values():
+        if path is not None:
+            require_writable(path, inputs)
     if report is not None:
         require_report(report, inputs)
-        if output is not None and output.resolve() == report.resolve():
-            raise DeltaidError("is the file of --output as well", where=f"--report {report}")
+    taken: dict[Path, str] = {}
+    for option, path in [*files.items(), ("--report", report)]:
+        if path is None:
+            continue
+        other = taken.setdefault(path.resolve(), option)
+        if other != option:
+            raise DeltaidError(
+                f"is the file of {other} as well; give another name", where=f"{option} {path}"
+            )
 
 
 # What ± stands for in tables.

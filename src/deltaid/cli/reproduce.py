@@ -52,6 +52,7 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
     from deltaid.report.page import write_page
     from deltaid.reproduce.surrogate import reproduce_surrogate
     from deltaid.reproduce.surrogate_files import (
+        FILES,
         REPORT,
         as_dictionary,
         prepare_folder,
@@ -65,7 +66,7 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
     from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
 
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
-    prepare_folder(folder)
+    prepare_folder(folder, FILES)
     with progress(as_json) as say:
         result = reproduce_surrogate(settings, progress=say)
         say("writing")
@@ -92,13 +93,13 @@ def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool)
     from deltaid.cli.output import print_json, progress
     from deltaid.report.page import write_page
     from deltaid.reproduce.irb360 import reproduce_irb360
-    from deltaid.reproduce.irb360_files import as_dictionary, write_files
+    from deltaid.reproduce.irb360_files import FILES, as_dictionary, write_files
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
     from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
     from deltaid.reproduce.surrogate_files import REPORT, prepare_folder
 
     settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
-    prepare_folder(folder)
+    prepare_folder(folder, FILES)
     with progress(as_json) as say:
         result = reproduce_irb360(settings, progress=say)
         say("writing")

@@ -82,8 +82,7 @@ def simulate(
     from deltaid.show.subject import load_subject
 
     drives = drives_of(rate, bandwidth, encoder, delay)
-    inputs = given(model, trajectory, plant, columns)
-    require_outputs(output, report, inputs)
+    require_outputs(given(model, trajectory, plant, columns), {"--output": output}, report)
     subject = load_subject(model)
     runs_on = load_plant(plant or model, subject.robot)
     known = ControlModel(subject.robot, subject.p)

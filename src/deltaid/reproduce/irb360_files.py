@@ -8,7 +8,7 @@ import numpy as np
 from deltaid.files import written_whole
 from deltaid.motion.surrogate import write_recording
 from deltaid.reproduce.irb360_result import Irb360
-from deltaid.reproduce.surrogate_files import RESULTS
+from deltaid.reproduce.surrogate_files import REPORT, RESULTS
 from deltaid.reproduce.table_one import (
     COLUMNS,
     DETERMINED,
@@ -18,6 +18,12 @@ from deltaid.reproduce.table_one import (
     TABLE,
 )
 from deltaid.robot.load import save_yaml
+
+# Everything in the folder.
+FILES = (
+    REPORT, RESULTS, "rg-simple.yaml", "rg-geom.yaml", "identify.csv", "slow.csv", "fast.csv",
+    "id-simple.yaml", "id-geom.yaml", "id-geom-law-chosen.yaml",
+)  # fmt: skip
 
 
 def write_files(result: Irb360, folder: Path) -> tuple[Path, ...]:

@@ -1,6 +1,7 @@
 """Results of `reproduce surrogate` as numbers and files that others can go on with."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
@@ -32,11 +33,11 @@ FILES = {
 }
 
 
-def prepare_folder(folder: Path) -> None:
-    """Make a folder and find out whether it can be written to, before a long computation.
+def prepare_folder(folder: Path, files: Iterable[str]) -> None:
+    """Make a folder and find out whether its files can be written, before a long computation.
 
     Raises:
-        DeltaidError: it cannot.
+        DeltaidError: one cannot.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +47,7 @@ def prepare_folder(folder: Path) -> None:
             where=str(folder),
             cure="give the name of a folder that exists or can be made",
         ) from None
-    for name in FILES:
+    for name in files:
         require_writable(folder / name)
 
 
