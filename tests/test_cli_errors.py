@@ -99,7 +99,7 @@ BAD = [
     ("excite clavel-delta3 -o missing/new.csv", "its folder does not exist"),
     ("excite clavel-delta3 --plot sub/new.gif", "must end in .png or .svg"),
     ("excite robot.yaml -o robot.yaml", "robot.yaml: would overwrite an input"),
-    ("excite clavel-delta3 -o a.csv --verify-out ./a.csv", "--verify-out a.csv: is the file of --o"),
+    ("excite clavel-delta3 -o a.csv --verify-out ./a.csv", "a.csv: is the file of --output"),
     ("excite clavel-delta3 -o a.html --report a.html", "--report a.html: is the file of --output"),
     ("identify clavel-delta3 log.csv -o a.html --report sub/../a.html", "is the file of --output"),
     ("excite clavel-delta3 --duration 1e-12", "--duration: must lie between 0.1 and 3600"),

@@ -11,9 +11,10 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.identification.model import IdentifiedModel
 from deltaid.report.page import render
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
-from deltaid.reproduce.irb360_files import write_files
+from deltaid.reproduce.irb360_files import FILES, write_files
 from deltaid.reproduce.irb360_page import irb360_page
 from deltaid.reproduce.irb360_result import QUICK, Irb360
+from deltaid.reproduce.surrogate_files import REPORT
 from deltaid.reproduce.table_one import (
     DETERMINED,
     RETUNED,
@@ -95,7 +96,8 @@ def test_both_priors_give_the_torques_of_the_stand_in(result):
 
 
 def test_files_can_be_gone_on_with(result, tmp_path: Path):
-    write_files(result, tmp_path)
+    written = {path.name for path in write_files(result, tmp_path)}
+    assert written | {REPORT} == set(FILES)
     model = IdentifiedModel.load(tmp_path / "id-geom-law-chosen.yaml")
     np.testing.assert_array_equal(model.p, result.candidate(CHOSEN).p)
     assert load_robot(str(tmp_path / "rg-geom.yaml")) == result.priors["RG geom"]

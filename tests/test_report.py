@@ -22,6 +22,7 @@ from deltaid.report.bodies import ellipsoid
 from deltaid.report.comparison import Comparison, compare
 from deltaid.report.friction import law
 from deltaid.report.identification import Verification, identification_page
+from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.parameters import parameter_section
 from deltaid.report.torques import torque_blocks
@@ -281,6 +282,12 @@ def test_friction_curves_are_the_models_laws(result: Identification) -> None:
     viscous, coulomb = (result.model.value(f"{kind}.drive2") for kind in ("viscous", "coulomb"))
     curve = law(result.model, "drive2", v, result.model.p)
     np.testing.assert_allclose(curve, viscous * v + coulomb * np.sign(v), rtol=1e-12)
+
+
+def test_shares_have_no_powers_of_ten_where_people_would_not_write_any() -> None:
+    shares = (0.00123, 0.0712, 0.99, 0.996, 1.94, 35.0, 1e6, -1.5)
+    shown = ("0.12 %", "7.1 %", "99 %", "100 %", "194 %", "3500 %", "1e+08 %", "-150 %")
+    assert tuple(percent(share) for share in shares) == shown
 
 
 def test_numbers_are_typeset_and_names_are_not() -> None:

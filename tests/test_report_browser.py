@@ -188,6 +188,14 @@ def test_a_phone_scrolls_only_downwards(browser, reports: dict[str, Path]) -> No
         assert visit.said == []
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_tables_fit_on_paper(browser, reports: dict[str, Path], name: str) -> None:
+    with Visit(browser, reports[name], width=680) as visit:  # A4 with its margins
+        visit.page.emulate_media(media="print")
+        widths = "[...document.querySelectorAll('table')].map((t) => t.offsetWidth)"
+        assert visit.eventually(lambda: max(visit.page.evaluate(widths)) <= 680)
+
+
 def test_dark_light_and_paper(browser, reports: dict[str, Path]) -> None:
     with Visit(browser, reports["excite"], scheme="dark") as visit:
         tick = ".drawing .xtick text"

@@ -164,7 +164,9 @@ def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, example: str) -> 
     assert "taken" in message
 
 
-@pytest.mark.parametrize(("example", "names"), [("surrogate", FILES), ("irb360", irb360_files.FILES)])
+@pytest.mark.parametrize(
+    ("example", "names"), [("surrogate", FILES), ("irb360", irb360_files.FILES)]
+)
 def test_a_file_that_cannot_be_written_is_told_before_any_work(
     tmp_path: Path, example: str, names: Sequence[str]
 ) -> None:

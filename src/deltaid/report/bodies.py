@@ -14,6 +14,7 @@ from deltaid.report import style
 from deltaid.report.animation import CAMERA
 from deltaid.report.numbers import number
 from deltaid.report.page import Figure, Section, Table, Text
+from deltaid.report.parameters import DECIDED
 from deltaid.robot.inertia import pseudo_inertia
 
 _POINTS = 240  # of a sphere's surface
@@ -181,7 +182,7 @@ def _masses(model: IdentifiedModel) -> Table:
                 body,
                 number(mass.prior),
                 number(mass.value),
-                "the data" if mass.determined_by == "data" else "from the prior",
+                DECIDED.get(mass.determined_by, mass.determined_by),
                 ", ".join(f"{1000 * value:.1f}" for value in centre),
                 " × ".join(number(1000 * value, 3) for value in axes),
             )

@@ -23,8 +23,9 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
 
 
 def percent(value: float) -> str:
-    """A share in per cent with two significant digits."""
-    return f"{100 * value:.2g} %"
+    """A share in per cent with two significant digits, or all before the decimal point."""
+    digits = ".0f" if 99.5 <= 100 * abs(value) < 1e5 else ".2g"
+    return f"{100 * value:{digits}} %"
 
 
 def interval(value: float, half: float) -> str:

@@ -20,6 +20,7 @@ from deltaid.report import style
 
 # Cells longer than this may break into lines.
 _LONG = 40
+_UNIT = re.compile(r"\[.*?\]|\d %")
 _STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d")
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
 # What a cell of numbers holds besides them.
@@ -108,6 +109,7 @@ def render(page: Page) -> str:
         "paragraphs": _paragraphs,
         "numeric": _numeric,
         "cell": _cell,
+        "heading": _heading,
         "typeset": _typeset,
         "long": lambda cell: len(cell) > _LONG,
     }
@@ -156,6 +158,11 @@ def _paragraphs(text: str) -> list[str]:
     """Paragraphs of a text; a per cent sign stays on the line of its number."""
     parts = text.replace(" %", "\N{NO-BREAK SPACE}%").split("\n\n")
     return [part for part in parts if part.strip()]
+
+
+def _heading(text: str) -> str:
+    """Head of a column, which may take several lines; a unit or a per cent sign stays whole."""
+    return _UNIT.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
 
 
 def _cell(text: str) -> str:

@@ -9,7 +9,7 @@ from deltaid.report.page import Figure, Section, Table, Text
 
 _NONE = "—"
 _FAR = 300.0  # % of the prior, beyond which a parameter would flatten all others
-_DECIDED = {
+DECIDED = {
     "data": "the data",
     "prior": "from the prior",
     "fixed": "held by the description",
@@ -44,7 +44,7 @@ def _table(parameters: tuple[Parameter, ...]) -> Table:
             number(parameter.prior),
             *_value(parameter),
             parameter.unit,
-            _DECIDED.get(parameter.determined_by, parameter.determined_by),
+            DECIDED.get(parameter.determined_by, parameter.determined_by),
         )
         for parameter in parameters
     )

@@ -57,8 +57,12 @@ def comparison_rows(result: Reproduction) -> Rows:
 
 def _definite_row(result: Reproduction) -> tuple[str, ...]:
     fits = (f for f in result.fits if f.method == "conic")
-    cells = (f"{f.accuracy.definite} of {f.accuracy.samples}" for f in fits)
+    cells = (_count(f.accuracy.definite, f.accuracy.samples) for f in fits)
     return ("Cholesky factor of M", "at all samples", *cells)
+
+
+def _count(some: int, of: int) -> str:
+    return f"{of} (all)" if some == of else f"{some} of {of}"
 
 
 def _name(fit: Fit) -> str:
@@ -113,13 +117,13 @@ def _setting(result: Reproduction) -> Section:
 
 def _comparison(result: Reproduction) -> Section:
     largest = np.abs(result.terms.coriolis).max(axis=0)
-    places = [*(claim.place for claim in CLAIMS), "Sec. VII, at Fig. 6"]
+    places = [*(claim.place.removeprefix("Sec. VII, ") for claim in CLAIMS), "at Fig. 6"]
     rows = (*comparison_rows(result), _definite_row(result))
     return Section(
         "The paper's numbers beside ours",
         (
             Table(
-                (*comparison_columns(result), "where in the paper"),
+                (*comparison_columns(result), "in Sec. VII"),
                 tuple((*row, place) for row, place in zip(rows, places, strict=True)),
                 "Largest errors at any time along the motion of the data, largest of all drives; "
                 "certified optimum (conic), from recordings without noise (clean) and with it. "
