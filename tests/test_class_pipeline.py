@@ -12,6 +12,7 @@ from scipy.stats import qmc
 
 from command import run
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.identify import identify
@@ -228,3 +229,13 @@ def test_pages_of_an_excitation_with_linear_drives(tmp_path: Path) -> None:
     assert all(word in text for word in ("position [m]", "speed [m", "force [N]"))
     assert not any(word in text for word in ("angle [deg]", "speed [deg", "torque [N m]"))
     assert re.search(r"largest forces at the prior: [\d., ]+ N\n", outcome.out)
+
+
+def test_equal_rotors_differ_by_nothing_at_the_prior() -> None:
+    # Par4's torques show differences of its rotors' inertias, which the catalogue has equal.
+    dynamics = compiled(load_robot("par4"))
+    base, p = random_motion_base(dynamics), prior_parameters(dynamics.robot)
+    values = dict(zip(base.formulas, base.values(p), strict=True))
+    assert p[dynamics.layout.names.index("rotor.drive1")] > 0
+    assert [values[f"rotor.drive{i} − rotor.drive4"] for i in (1, 2, 3)] == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(base.values(p), base.combination() @ p, rtol=1e-12, atol=1e-15)

@@ -116,7 +116,7 @@ class Exciter:
         heads = np.array([group.representative for group in self.base.groups])
         self._graph = ExcitationGraph(dynamics, heads)
         self._p = prior_parameters(dynamics.robot)
-        self._values = self.base.combination() @ self._p
+        self._values = self.base.values(self._p)
         self._series = _series(dynamics, settings)
         self._torques = Torques(self._values, _torques_without_friction(dynamics))
         dof, n = dynamics.dof, len(heads)

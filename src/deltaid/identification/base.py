@@ -21,6 +21,8 @@ from deltaid.robot.friction import TERM_KINDS
 # come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
 _DEPENDENT = 1e-9
 _NEGLIGIBLE = 1e-8
+# A sum that is smaller than this share of its terms is zero but for rounding.
+_CANCELLED = 1e-12
 _PREFERENCE = ("P", "SB", "MP", "HP", "EE", "MB", "R", "U", "C", "TL", "TU", "S")
 
 
@@ -82,6 +84,12 @@ class BaseParameters:
             for member, coefficient in group.members.items():
                 K[row, member] = coefficient
         return K
+
+    def values(self, p: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " base"]:
+        """The base parameters of p; zero where terms cancel to what rounding leaves of them."""
+        terms = self.combination() * p
+        values, sizes = terms.sum(axis=1), np.abs(terms).sum(axis=1)
+        return np.where(np.abs(values) > _CANCELLED * sizes, values, 0.0)
 
 
 def base_parameters(information: Information, layout: ParameterLayout) -> BaseParameters:

@@ -220,7 +220,7 @@ def _contradictions(
     Args:
         excess: how many times larger than the data's own the noise is that γ stands for.
     """
-    fitted = base.combination() @ p
+    fitted = base.values(p)
     half = excess * estimate.interval
     apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
     k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))

@@ -106,7 +106,7 @@ def torque_figure(
         rows=len(drives),
         cols=2,
         shared_xaxes=True,
-        horizontal_spacing=0.12,
+        horizontal_spacing=0.19,
         vertical_spacing=0.2 / len(drives),
         subplot_titles=["torque [N m]", "difference [N m]"],
     )

@@ -147,7 +147,7 @@ def descent_figure(result: Reproduction) -> Figure:
                 row=row,
                 col=col,
             )
-    figure.update_xaxes(type="log", exponentformat="power")
+    figure.update_xaxes(type="log", exponentformat="power", dtick=1)
     figure.update_xaxes(title_text="step", row=1)
     figure.update_xaxes(title_text="time [ms]", row=2)
     figure.update_yaxes(type="log", exponentformat="power")
