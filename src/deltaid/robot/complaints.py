@@ -82,7 +82,7 @@ def _locate(tree: CommentedMap, item: dict[str, Any], model: type[BaseModel]) ->
         if isinstance(node, CommentedMap):
             key = next((k for k in node if str(k) == str(key)), key)  # 3 is a key as "3" is
         if isinstance(node, CommentedMap) and key in node:
-            line = _line(node.lc.key, key, line)
+            line = key_line(node, key, line)
         elif isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node):
             line = _line(node.lc.item, key, line)
         else:
@@ -105,13 +105,17 @@ def _deeper(node: Any, complaint: _Complaint) -> _Complaint:
     for key in first.split("."):
         if not isinstance(node, CommentedMap) or key not in node:
             return complaint
-        line, node = _line(node.lc.key, key, line), node[key]
+        line, node = key_line(node, key, line), node[key]
         path.append(key)
     return _Complaint(line, tuple(path), rest)
 
 
+def key_line(node: CommentedMap, key: Any, default: int) -> int:
+    """The line of a key, from 1; merged keys (<<) have none of their own."""
+    return _line(node.lc.key, key, default)
+
+
 def _line(position: Any, key: Any, default: int) -> int:
-    """The line of a key or item; merged keys (<<) have none of their own."""
     try:
         return position(key)[0] + 1
     except (KeyError, TypeError):
@@ -137,14 +141,7 @@ def _reason(item: dict[str, Any]) -> str:
 
 def _value(item: dict[str, Any]) -> str:
     """What stands there instead, as ', not 0'; nothing where the reason says it or it is long."""
-    if item["type"] in (
-        "missing",
-        "extra_forbidden",
-        "value_error",
-        "string_too_short",
-        "too_short",
-        "too_long",
-    ):
+    if item["type"] in _SAY_ALL:
         return ""
     value = item.get("input")
     if isinstance(value, bool | int | float | str) or value is None:

@@ -16,7 +16,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
 from deltaid.robot.closing import open_limb
-from deltaid.robot.complaints import complaints
+from deltaid.robot.complaints import complaints, key_line
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import with_named_file
 from deltaid.robot.plain import plain
@@ -66,7 +66,8 @@ def load_robot(robot: str | Path) -> RobotDescription:
 def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
     reason = open_limb(robot)
     if reason:
-        line = _tree(text, where)["limbs"].lc.key("strut")[0] + 1
+        tree = _tree(text, where)
+        line = key_line(tree["limbs"], "strut", key_line(tree, "limbs", 1))
         raise DescriptionError(
             f"line {line}, limbs.strut: {reason}",
             where=where,
