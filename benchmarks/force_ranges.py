@@ -1,0 +1,94 @@
+"""How often ranges of constraint forces hold the truth, over many recordings.
+
+    pip install deltaid
+    python benchmarks/force_ranges.py
+
+Each recording is of another surrogate of the 4-DOF Delta (parameters up to 30 % from the prior, as
+in `deltaid demo`), 10 s of a random motion with 2 % torque noise. All forces at a few samples of
+another motion are counted: those that torques determine, whose ranges the recording decides, and
+all others, whose ranges the prior decides and which hold the truth as often as the prior is right.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from deltaid.application.constraint_forces import ConstraintForces
+from deltaid.application.force_range import Ranges, evidence
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.identify import identify
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+ROBOT, RECORDINGS, SAMPLES, STRUT_SPACING = "irb360-6-1600", 40, 3, 0.12
+
+
+@dataclass
+class Count:
+    """Ranges that were looked at, and how many held the truth."""
+
+    all: int = 0
+    held: int = 0
+
+    def add(self, held: bool) -> None:
+        """One more."""
+        self.all += 1
+        self.held += held
+
+    def __str__(self) -> str:
+        return f"{self.held} of {self.all} ranges hold the truth, {self.held / self.all:.1%}"
+
+
+def main() -> int:
+    """Count and print."""
+    robot = load_robot(ROBOT)
+    assert robot.limbs is not None
+    limbs = robot.limbs.model_copy(update={"strut_spacing": STRUT_SPACING})
+    robot = robot.model_copy(update={"limbs": limbs})
+    determined, others = Count(), Count()
+    for seed in range(RECORDINGS):
+        _one(robot, np.random.default_rng(seed), determined, others)
+    print(f"{ROBOT}, {RECORDINGS} recordings")
+    print(f"forces that torques determine: {determined}")
+    print(f"all others: {others}")
+    return 0
+
+
+def _one(
+    robot: RobotDescription, rng: np.random.Generator, determined: Count, others: Count
+) -> None:
+    """One recording."""
+    dynamics = compiled(robot)
+    kinematics, truth = dynamics.kinematics, surrogate_parameters(robot, rng)
+    recording = simulate_recording(
+        dynamics, truth, random_motion(kinematics, rng), rng, duration=10.0, noise=SensorNoise()
+    )
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / "log.csv"
+        write_recording(recording, log)
+        model = identify(robot, [log]).model
+        found, known = evidence(model, [log])
+    motion = random_motion(kinematics, rng)
+    z, zd, zdd = motion.evaluate(rng.uniform(0, motion.period, SAMPLES))
+    _, qd, qdd = kinematics.drive_motion(z, zd, zdd)
+    ranges = Ranges(found, known, model.p)
+    for c in ConstraintForces(robot).coefficients(z, qd, qdd).reshape(-1, len(truth)):
+        if not np.any(c):
+            continue
+        interval = ranges.of(c)
+        held = interval.low <= c @ truth <= interval.high
+        (others if known.openness(c).half_width else determined).add(bool(held))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
