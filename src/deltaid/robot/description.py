@@ -116,7 +116,8 @@ class RobotDescription(_Part):
         """Names of the bodies, in the order of p."""
         if self.mechanism is not None:
             return self.mechanism.bodies
-        limbs = [name for i in range(len(self.limb_geometry)) for name in self.limb_bodies(i)]
+        count = self.limbs.count if self.limbs is not None else 0
+        limbs = [name for i in range(count) for name in self.limb_bodies(i)]
         return (
             *dict.fromkeys(limbs),
             *self.platform.bodies,
@@ -126,7 +127,7 @@ class RobotDescription(_Part):
     def limb_bodies(self, limb: int) -> tuple[str, str]:
         """Names of the driven body and the strut of limb 0, 1, …"""
         own = "" if self.limbs is None or self.limbs.identical else str(limb + 1)
-        driven = "U" if self.limb_geometry[limb].drive == "rotary" else "C"
+        driven = "U" if self._drive_kinds[limb] == "rotary" else "C"
         return f"{driven}{own}", f"S{own}"
 
     @property
@@ -139,7 +140,7 @@ class RobotDescription(_Part):
         """Of the drives but a telescope's."""
         if self.mechanism is not None:
             return self.mechanism.drives
-        return tuple(limb.drive for limb in self.limb_geometry)
+        return (self.limbs.drive,) * self.limbs.count if self.limbs is not None else ()
 
     @property
     def platform_turns(self) -> bool:
