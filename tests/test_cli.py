@@ -115,6 +115,26 @@ def test_validate(folder: Path) -> None:
     assert value["sha256"] == model.sources[0].sha256
 
 
+@pytest.mark.parametrize("mistake", ["order", "sign", None])
+def test_torques_that_are_not_the_models_are_told(
+    mistake: str | None, folder: Path, tmp_path: Path
+) -> None:
+    table = pl.read_csv(folder / "log.csv")
+    wrong = {
+        "order": [pl.col("tau1").alias("tau2"), pl.col("tau2").alias("tau1")],
+        "sign": [-pl.col("tau2")],
+        None: [],
+    }[mistake]
+    table.with_columns(wrong).write_csv(tmp_path / "other.csv")
+    good = run("validate", folder / "model.yaml", tmp_path / "other.csv")
+    verified = run("identify", ROBOT, folder / "log.csv", "--verify", tmp_path / "other.csv")
+    for outcome in (good, verified):
+        told = " ".join(outcome.err.split())
+        drives = {"order": "drive1, drive2", "sign": "drive2"}.get(mistake or "")
+        assert (f"does not predict {drives}: the error of drive" in told) == (drives is not None)
+        assert ("does not predict" in told) == (drives is not None)
+
+
 def test_torque_of_a_planned_motion(folder: Path, tmp_path: Path, clavel: Dynamics) -> None:
     out = tmp_path / "torque.csv"
     outcome = run("torque", folder / "model.yaml", folder / "motion.csv", "-o", out)

@@ -86,7 +86,7 @@ def identify(
     )
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import GAMMA_LIMITS, SPREAD_LIMITS, Settings
-    from deltaid.identification.validation import validate
+    from deltaid.identification.validation import misfit, validate
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.source import opened
     from deltaid.robot.load import load_robot
@@ -115,7 +115,8 @@ def identify(
         if verify is not None:
             say(f"verifying on {verify}")
             verification, log = validate(result.model, verify, columns=mapping)
-            doubts += [f"{log.path}: {text}" for text in log.warnings]
+            texts = (*log.warnings, *misfit(result.model, verification))
+            doubts += [f"{log.path}: {text}" for text in texts]
     print_warnings(doubts)
     if output is not None:
         result.model.save(output)

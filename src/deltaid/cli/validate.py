@@ -30,6 +30,7 @@ def validate(
     """Compare a model's torques with a recording, drive by drive."""
     from deltaid.cli.output import console, print_json, print_warnings, progress, require_report
     from deltaid.identification.model import IdentifiedModel
+    from deltaid.identification.validation import misfit
     from deltaid.identification.validation import validate as run
     from deltaid.recording.columns import load_mapping
 
@@ -43,7 +44,8 @@ def validate(
         if report is not None:
             say(f"writing {report}")
             write_report(identified, surveyed, error, report)
-    print_warnings([f"{log}: {text}" for text in surveyed.warnings])
+    texts = (*surveyed.warnings, *misfit(identified, error))
+    print_warnings([f"{log}: {text}" for text in texts])
     if as_json:
         print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
     else:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError, torque_error
@@ -9,6 +11,10 @@ from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.windows import choose_filter
+
+# A drive is badly predicted when its error is so many times that of the identification, and more
+# than this share of its torque: friction that changes with temperature and speed stays below.
+_WORSE, _SHARE = 3.0, 0.1
 
 
 def validate(
@@ -25,6 +31,23 @@ def validate(
     surveyed = open_log(Path(log), dynamics.kinematics, columns)
     low_pass = model_filter(model, surveyed)
     return torque_error(dynamics, model.p, surveyed, low_pass), surveyed
+
+
+def misfit(model: IdentifiedModel, error: TorqueError) -> tuple[str, ...]:
+    """A warning when a recording does not look like one of the model's robot; else nothing."""
+    times = error.rms / np.maximum(model.fit.rms, np.finfo(float).tiny)
+    bad = np.flatnonzero((times > _WORSE) & (error.nrmse > _SHARE))
+    if not bad.size:
+        return ()
+    drives = ", ".join(model.robot.drives[i] for i in bad)
+    worst = int(bad[np.argmax(error.nrmse[bad])])
+    drive, now, then = model.robot.drives[worst], error.nrmse[worst], model.fit.nrmse[worst]
+    return (
+        f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
+        f"{model.robot.units(drive).effort}, and was {100 * then:.2g} % in the identification; "
+        "check sign, unit and order of these columns, and whether robot, load and speeds are "
+        "those of the identification",
+    )
 
 
 def model_filter(model: IdentifiedModel, log: Log) -> LowPass | None:

@@ -6,6 +6,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
 from deltaid.identification.model import Fit, IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
+from deltaid.identification.validation import misfit
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.report.animation import animation, recorded_motion
@@ -47,7 +48,8 @@ def identification_page(result: Identification, verification: Verification | Non
         log = verification.log
         unseen = compare(dynamics, model.p, log, verification.low_pass)
         sections.append(torque_section(model, unseen, "Verification"))
-        warnings += [f"{log.path.name}: {text}" for text in log.warnings]
+        texts = (*log.warnings, *misfit(model, verification.error))
+        warnings += [f"{log.path.name}: {text}" for text in texts]
     errors = error_table(model, verification.error if verification else None)
     sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))
     verified = f", verified on {verification.log.path.name}" if verification else ""

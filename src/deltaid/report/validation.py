@@ -3,6 +3,7 @@
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
+from deltaid.identification.validation import misfit
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.report.comparison import compare
@@ -43,7 +44,10 @@ def validation_page(
             *_base(model),
             provenance_section(model, "The model"),
         ),
-        warnings=(*(f"{log.path.name}: {text}" for text in log.warnings), *model.warnings),
+        warnings=(
+            *(f"{log.path.name}: {text}" for text in (*log.warnings, *misfit(model, error))),
+            *model.warnings,
+        ),
     )
 
 
