@@ -398,7 +398,7 @@ def test_json_of_simulate(folder: Path) -> None:
 
 
 BAD = [
-    ("simulate {m} far.csv", "far.csv, row 2: "),
+    ("simulate {m} far.csv", "far.csv, row "),
     ("simulate {m} missing.csv", "missing.csv: no such file"),
     ("simulate irb360-6-1600 motion.csv", "has no column q4"),
     ("simulate {m} motion.csv --plant irb360-6-1600", "has 4 rotary and 0 linear drives"),
