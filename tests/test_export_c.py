@@ -8,6 +8,7 @@ import re
 import subprocess
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -15,8 +16,10 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.export.c_code import c_code
 from deltaid.export.mjcf import mjcf
+from deltaid.export.straight_line import Array, straight_line
 from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import urdf
+from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
 from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot
@@ -199,3 +202,34 @@ def test_a_mechanism_of_ones_own(tmp_path: Path) -> None:
     for target in (mjcf, urdf):
         with pytest.raises(DeltaidError, match="has a mechanism of its own"):
             target(chosen)
+
+
+@needs_compiler
+def test_every_operation_of_a_kernel_is_c99_too(tmp_path: Path) -> None:
+    """A mechanism of the user's own may use any that the kernel knows."""
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    one = [
+        ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh,
+        ca.atanh, ca.exp, ca.expm1, ca.log, ca.log1p, ca.erf, ca.sqrt, ca.fabs, ca.floor, ca.ceil,
+        ca.sign, ca.logic_not,
+    ]  # fmt: skip
+    two = [
+        ca.atan2, ca.power, ca.hypot, ca.fmod, ca.remainder, ca.fmin, ca.fmax, ca.copysign,
+        ca.logic_and, ca.logic_or, ca.lt, ca.le, ca.eq, ca.ne,
+    ]  # fmt: skip
+    values = [f(a) for f in one] + [f(a, b) for f in two]
+    values += [ca.acosh(2 + a), ca.if_else(a > b, a, b), 1 / a, -a, a * a, a + a, a**2.5]
+    output = ca.vertcat(*values)
+    function = ca.Function("f", [a, b], [output])
+    present = {function.instruction_id(k) for k in range(function.n_instructions())}
+    assert {*LIBM_UNARY, *LIBM_BINARY, *_WRITTEN_OUT} - present <= {ca.OP_ASSIGN}
+    text = straight_line("f", [Array("a", a), Array("b", b)], ("out", output))
+    source, library = tmp_path / "f.c", tmp_path / "f.so"
+    source.write_text(f"#include <math.h>\n{text}\n")
+    subprocess.run([CC, *STRICT, "-shared", "-fPIC", source, "-o", library, "-lm"], check=True)
+    call, pointer = ctypes.CDLL(str(library)).f, ctypes.c_void_p
+    for x, y in ([0.3, 0.7], [0.7, 0.3], [0.25, 0.25], [0.5, 0.0]):
+        found = np.empty(output.numel())
+        arrays = np.array([x]), np.array([y]), found
+        call(*(array.ctypes.data_as(pointer) for array in arrays))
+        np.testing.assert_allclose(found, np.array(function(x, y)).ravel(), rtol=1e-15)

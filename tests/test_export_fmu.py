@@ -10,8 +10,11 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 from command import run
@@ -21,10 +24,6 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from exports import compiled, disturbed, model, needs_compiler, states, subject
 from support import assert_close
-
-fmpy = pytest.importorskip("fmpy")
-from fmpy.fmi2 import FMU2Model, FMU2Slave  # noqa: E402
-from fmpy.validation import validate_fmu  # noqa: E402
 
 NAMES = ["irb360-6-1600", "par4-linear", "linear-delta"]
 pytestmark = needs_compiler

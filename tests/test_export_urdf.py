@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from command import refused, run
@@ -30,8 +31,6 @@ from exports import (
 )
 from sessions import ROOT, blocks
 from support import assert_close
-
-pin = pytest.importorskip("pinocchio")
 
 CASES = [*catalogue(), *TOOLS, *COMPOSED]
 

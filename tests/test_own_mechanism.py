@@ -182,6 +182,7 @@ def _file(folder: Path, text: str, name: str = "mine.py") -> Path:
         (returning("drives", "[1.0, 2.0, 3.0]"), "drive 1 does not depend on z"),
         (returning("drives", "drives[:1] * 3"), "the drives do not hold z in the middle"),
         (returning("drives", "[d + ca.sqrt(z[2]) for d in drives]"), "drive 1 is nan in the mid"),
+        (returning("drives", "[ca.erfinv(z[0])] + drives[1:]"), "drive 1 uses CasADi's erfinv"),
         (returning("joints", "None"), "returns joints as NoneType"),
         (returning("reach", "['x']"), "entry 1 of reach is of type str"),
         (returning("reach", "[-1]"), "entry 1 of reach is -1 m in the"),

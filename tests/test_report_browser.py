@@ -9,10 +9,10 @@ import numpy as np
 import polars as pl
 import pytest
 from matplotlib.image import imread
+from playwright import sync_api
 
 from command import run
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright import sync_api
 
 from command import refused, run
 from deltaid.dynamics.dynamics import compiled
@@ -181,7 +182,6 @@ def test_errors_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_port_in_use_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("viser", reason="viser is not installed")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -198,7 +198,6 @@ def test_help_does_not_load_viser() -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_ctrl_c_closes_the_live_view() -> None:
-    pytest.importorskip("viser", reason="viser is not installed")
     code = "from deltaid.cli import main; main()"
     command = [sys.executable, "-u", "-c", code, "show", "clavel-delta3", "--live", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as shown:
@@ -213,8 +212,6 @@ def test_ctrl_c_closes_the_live_view() -> None:
 
 
 def test_live_view_in_a_browser() -> None:
-    pytest.importorskip("viser", reason="viser is not installed")
-    sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     chromium = shutil.which("chromium")
     if chromium is None:
         pytest.skip("there is no chromium on the path")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY
+from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 
 _INFIX = {
     ca.OP_ADD: "+",
@@ -60,7 +60,8 @@ def straight_line(
         sign: C expression for the sign of {a}.
 
     Raises:
-        NotImplementedError: the graph has an operation that no robot has needed so far.
+        NotImplementedError: the graph has an operation that no kernel has either, which no
+            mechanism can be built with (`kernel.llvm_ir.operations_unknown`).
     """
     out_name, expression = output
     dense = ca.vec(ca.densify(expression).T)
@@ -123,10 +124,12 @@ def _operation(op: int, args: list[str], sign: str) -> str:
         ca.OP_INV: f"1.0 / {a}",
         ca.OP_SIGN: sign.format(a=a),
         ca.OP_NOT: f"(double)({a} == 0.0)",
+        ca.OP_AND: f"(double)({a} != 0.0 && {b} != 0.0)",
+        ca.OP_OR: f"(double)({a} != 0.0 || {b} != 0.0)",
         ca.OP_IF_ELSE_ZERO: f"({a} != 0.0) ? {b} : 0.0",
     }
     if op not in simple:
-        raise NotImplementedError(f"CasADi operation {op} has no C form here")
+        raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
     return simple[op]
 
 

@@ -117,7 +117,7 @@ def _initialise() -> None:
     """Start LLVM for this machine and make libm's functions known to it."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    libm = ctypes.CDLL(ctypes.util.find_library("m") or ctypes.util.find_library("msvcrt"))
+    libm = ctypes.CDLL(ctypes.util.find_library("m") or "ucrtbase")
     for name in LIBM_NAMES:
         address = ctypes.cast(getattr(libm, name), ctypes.c_void_p).value
         assert address is not None

@@ -22,11 +22,26 @@ LIBM_UNARY = {
     ca.OP_ASIN: "asin",
     ca.OP_ACOS: "acos",
     ca.OP_ATAN: "atan",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
     ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_EXP: "exp",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG: "log",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_ERF: "erf",
 }
-LIBM_BINARY = {ca.OP_ATAN2: "atan2", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
+LIBM_BINARY = {
+    ca.OP_ATAN2: "atan2",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder",
+}
 LIBM_NAMES = tuple(sorted({*LIBM_UNARY.values(), *LIBM_BINARY.values()}))
 
 _ARITHMETIC = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
@@ -63,7 +78,7 @@ def vector_ir(function: ca.Function, width: int) -> str:
         width: samples per vector instruction; `n` must be a multiple of it.
 
     Raises:
-        NotImplementedError: the function has an operation that no robot has needed so far.
+        NotImplementedError: the function has one of `operations_unknown`.
     """
     return _Emitter(function, width).text()
 
@@ -124,19 +139,16 @@ class _Emitter:
             return self._per_lane(LIBM_BINARY[op], args)
         if op in _COMPARISON:
             return self._truth(f"fcmp {_COMPARISON[op]} {V} {a}, {args[1]}")
-        simple: dict[int, Callable[[], str]] = {
-            ca.OP_ASSIGN: lambda: a,
-            ca.OP_NEG: lambda: self._value(f"fneg {V} {a}"),
-            ca.OP_SQ: lambda: self._value(f"fmul contract {V} {a}, {a}"),
-            ca.OP_TWICE: lambda: self._value(f"fadd contract {V} {a}, {a}"),
-            ca.OP_INV: lambda: self._value(f"fdiv {V} {self._constant(1.0)}, {a}"),
-            ca.OP_SIGN: lambda: self._sign(a),
-            ca.OP_NOT: lambda: self._truth(f"fcmp oeq {V} {a}, {self._constant(0.0)}"),
-            ca.OP_IF_ELSE_ZERO: lambda: self._if_else_zero(a, args[1]),
-        }
-        if op not in simple:
-            raise NotImplementedError(f"CasADi operation {op} has no vector form here")
-        return simple[op]()
+        if op not in _WRITTEN_OUT:
+            raise NotImplementedError(f"CasADi's {operation_name(op)} has no vector form here")
+        return _WRITTEN_OUT[op](self, V, *args)
+
+    def _logic(self, word: str, a: str, b: str) -> str:
+        """Both or either of two values that are not zero."""
+        V, zero, bits = self._vector, self._constant(0.0), f"<{self._width} x i1>"
+        masks = [self._value(f"fcmp une {V} {x}, {zero}") for x in (a, b)]
+        mask = self._value(f"{word} {bits} {masks[0]}, {masks[1]}")
+        return self._value(f"uitofp {bits} {mask} to {V}")
 
     def _sign(self, a: str) -> str:
         """(a > 0) − (a < 0), and NaN for NaN."""
@@ -222,3 +234,34 @@ class _Emitter:
 
 def _bits(value: float) -> int:
     return struct.unpack("<Q", struct.pack("<d", value))[0]
+
+
+# Each gets the emitter, the vector's type and its arguments.
+_WRITTEN_OUT: dict[int, Callable[..., str]] = {
+    ca.OP_ASSIGN: lambda e, V, a: a,
+    ca.OP_NEG: lambda e, V, a: e._value(f"fneg {V} {a}"),
+    ca.OP_SQ: lambda e, V, a: e._value(f"fmul contract {V} {a}, {a}"),
+    ca.OP_TWICE: lambda e, V, a: e._value(f"fadd contract {V} {a}, {a}"),
+    ca.OP_INV: lambda e, V, a: e._value(f"fdiv {V} {e._constant(1.0)}, {a}"),
+    ca.OP_SIGN: lambda e, V, a: e._sign(a),
+    ca.OP_NOT: lambda e, V, a: e._truth(f"fcmp oeq {V} {a}, {e._constant(0.0)}"),
+    ca.OP_AND: lambda e, V, a, b: e._logic("and", a, b),
+    ca.OP_OR: lambda e, V, a, b: e._logic("or", a, b),
+    ca.OP_IF_ELSE_ZERO: lambda e, V, a, b: e._if_else_zero(a, b),
+}
+_KNOWN = {
+    ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, *_ARITHMETIC, *_INTRINSIC, *_INTRINSIC_BINARY,
+    *_COMPARISON, *LIBM_UNARY, *LIBM_BINARY, *_WRITTEN_OUT,
+}  # fmt: skip
+
+
+def operation_name(op: int) -> str:
+    """CasADi's own name of an operation, such as 'erfinv'."""
+    names = (name for name, value in vars(ca).items() if name.startswith("OP_") and value == op)
+    return next(names, f"OP_{op}").removeprefix("OP_").lower()
+
+
+def operations_unknown(function: ca.Function) -> tuple[str, ...]:
+    """Names of the operations of an SX function that have no vector form here."""
+    present = {function.instruction_id(k) for k in range(function.n_instructions())}
+    return tuple(sorted(operation_name(op) for op in present - _KNOWN))

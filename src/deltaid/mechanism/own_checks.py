@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DescriptionError
+from deltaid.kernel.llvm_ir import operations_unknown
 from deltaid.mechanism.mechanism_type import Mechanism
 from deltaid.robot.description import RobotDescription
 
@@ -57,6 +58,12 @@ class Checker:
                 raise self.wrong(
                     f"{what} uses a symbol '{symbol.name()}' that is not an entry of z"
                 )
+        unknown = operations_unknown(ca.Function("f", [self._z], [expression]))
+        if unknown:
+            raise self.wrong(
+                f"{what} uses CasADi's {', '.join(unknown)}, which cannot be compiled; write it "
+                "with elementary functions"
+            )
         return expression
 
     def scalar(self, value: Any, what: str) -> ca.SX:

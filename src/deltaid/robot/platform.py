@@ -10,6 +10,7 @@ With r the platform point, u(θ) = (cos θ, sin θ, 0) and d_i fixed, limb i hol
 with + for the limbs of the `first` part and − for the others. The tool turns by ψ = k θ or ψ = k s.
 """
 
+from abc import ABC, abstractmethod
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -38,7 +39,7 @@ class RigidPlatform(_Platform):
     slides: ClassVar[bool] = False
 
 
-class _Articulated(_Platform):
+class _Articulated(_Platform, ABC):
     first: tuple[int, ...] = Field(
         default=(1, 2), description="numbers of the limbs that hold the first part"
     )
@@ -74,9 +75,9 @@ class _Articulated(_Platform):
             raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 
+    @abstractmethod
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
         """From the platform point to the point of the first part [m] for a tool angle [rad]."""
-        raise NotImplementedError
 
     def on_first(self, limb: int) -> bool:
         """Whether limb 0, 1, … holds the first part."""

@@ -1,0 +1,194 @@
+"""Motions to follow, from files; `deltaid simulate` and `deltaid compare-controllers`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import Outcome, refused, run
+from deltaid.application.comparison import base_vector, candidates
+from deltaid.application.controllers import CONTROLLERS
+from deltaid.application.trajectory import open_trajectory
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.model import IdentifiedModel
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.load import catalogue_text, load_robot
+
+ROBOT = "clavel-delta3"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A demonstration with truth, and a planned motion of it; no test changes these."""
+    place = tmp_path_factory.mktemp("simulate")
+    assert run("demo", ROBOT, "--keep", place, "--noise", 0.0).code == 0
+    excite = ("excite", ROBOT, "--starts", 1, "--duration", 4, "--harmonics", 2)
+    assert run(*excite, "-o", place / "motion.csv").code == 0
+    pl.read_csv(place / "motion.csv")[:500].write_csv(place / "short.csv")
+    return place
+
+
+def test_a_file_is_the_motion_that_was_planned(folder: Path) -> None:
+    robot = load_robot(ROBOT)
+    kinematics = compiled(robot).kinematics
+    path = folder / "motion.csv"
+    file = pl.read_csv(path)
+    trajectory, _ = open_trajectory(path, kinematics)
+    found = trajectory.at(file["t"].to_numpy())
+    for name, values, near in (
+        ("q", found.q, 1e-9),
+        ("qd", found.qd, 1e-6),
+        ("qdd", found.qdd, 1e-3),
+    ):
+        expected = file.select(f"{name}{i}" for i in (1, 2, 3)).to_numpy()
+        np.testing.assert_allclose(values, expected, atol=near * np.abs(expected).max())
+    np.testing.assert_allclose(found.z, file.select("x", "y", "z").to_numpy(), atol=1e-9)
+    middle = trajectory.at(np.array([0.5, 0.5005]))
+    passed = middle.qd.mean(axis=0) * 5e-4
+    np.testing.assert_allclose(np.diff(middle.q, axis=0)[0], passed, atol=1e-7)
+
+
+def test_a_recording_is_filtered_before_it_is_followed(folder: Path) -> None:
+    """Encoder steps would be accelerations of 6 rad/s² otherwise."""
+    path = folder / "verify.csv"
+    trajectory, log = open_trajectory(path, compiled(load_robot(ROBOT)).kinematics)
+    assert log.samples / log.rate - 2 < trajectory.duration < log.samples / log.rate
+    qdd = trajectory.at(np.linspace(0, trajectory.duration, 40_000)).qdd
+    assert np.abs(np.diff(qdd, axis=0)).max() < 0.5
+
+
+def test_base_parameters_have_the_torques_of_the_truth(folder: Path) -> None:
+    model = IdentifiedModel.load(folder / "model.yaml")
+    truth = prior_parameters(load_robot(folder / "truth.yaml"))
+    dynamics = compiled(model.robot)
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    z, zd, zdd = motion.evaluate(np.linspace(0, 2, 100))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    expected = dynamics.torque(z, qd, qdd, truth)
+    found = dynamics.torque(z, qd, qdd, base_vector(model))
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+    assert [c.name for c in candidates(model)] == ["prior", "base parameters", "identified"]
+
+
+def test_comparison_tells_what_identification_buys(folder: Path) -> None:
+    files = (folder / "model.yaml", folder / "short.csv", "--plant", folder / "truth.yaml")
+    report = folder / "comparison.html"
+    outcome = run("compare-controllers", *files, "--report", report, "--json")
+    assert outcome.code == 0, outcome.err
+    runs = json.loads(outcome.out)["runs"]
+    assert len(runs) == 1 + 4 * 3
+    error = {(r["controller"], r["model"]): r["platform_rms"] for r in runs}
+    for controller in CONTROLLERS[1:]:
+        prior, identified = (error[controller, m] for m in ("prior", "identified"))
+        assert identified < 0.3 * prior
+        assert prior < 0.5 * error["pd", None]
+        assert error[controller, "base parameters"] < 0.5 * prior
+    assert "What identification buys" in report.read_text(encoding="utf-8")
+    report.unlink()
+
+
+def test_a_model_without_a_positive_mass_matrix_runs_feed_forward_only(folder: Path) -> None:
+    model = IdentifiedModel.load(folder / "model.yaml")
+    text = (folder / "model.yaml").read_text(encoding="utf-8")
+    inertia = next(b for b in model.base_parameters if b.formula.startswith("m_P"))
+    assert text.count(f"value: {inertia.value!r}") >= 1
+    path = folder / "wrong.yaml"
+    path.write_text(text.replace(f"value: {inertia.value!r}", "value: -30.0"), encoding="utf-8")
+    files = (path, folder / "short.csv", "--plant", folder / "truth.yaml", "--bandwidth", 20)
+    outcome = run("compare-controllers", *files, width=120)
+    path.unlink()
+    assert outcome.code == 0, outcome.err
+    rows = [row for row in outcome.out.splitlines() if "base parameters" in row]
+    refused_rows = [row for row in rows if "M is not positive definite" in row]
+    assert len(refused_rows) == 3
+    assert "pd-feedforward" in next(row for row in rows if row not in refused_rows)
+
+
+def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:
+    output, report = folder / "out.csv", folder / "out.html"
+    files = (folder / "model.yaml", folder / "motion.csv", "--plant", folder / "truth.yaml")
+    outcome = run("simulate", *files, "-o", output, "--report", report)
+    assert outcome.code == 0, outcome.err
+    assert "platform 0.0" in outcome.out
+    assert "Torques" in report.read_text(encoding="utf-8")
+    log = pl.read_csv(output)
+    assert log.columns[:7] == ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"]
+    validated = run("validate", folder / "model.yaml", output, "--json")
+    assert validated.code == 0, validated.err
+    assert max(json.loads(validated.out)["nrmse"]) < 0.05
+    for path in (output, report):
+        path.unlink()
+
+
+def test_page_of_simulate_shows_the_limits_of_the_plant(folder: Path, tmp_path: Path) -> None:
+    weaker, report = tmp_path / "weaker.yaml", tmp_path / "run.html"
+    text = (folder / "robot.yaml").read_text(encoding="utf-8")
+    assert text.count("torque: 150.0") == 3
+    weaker.write_text(text.replace("torque: 150.0", "torque: 41.5"), encoding="utf-8")
+    files = (folder / "model.yaml", folder / "short.csv", "--plant", weaker)
+    assert run("simulate", *files, "--report", report).code == 0
+    assert '"y0":41.5' in report.read_text(encoding="utf-8")
+
+
+def test_file_of_a_lost_robot_ends_where_it_was_lost(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "lost.csv"
+    files = (folder / "model.yaml", folder / "motion.csv", "--delay", 100)
+    answer = json.loads(run("simulate", *files, "-o", output, "--json").out)
+    table = pl.read_csv(output)
+    assert np.isfinite(table.to_numpy()).all()
+    assert table["t"][-1] == pytest.approx(answer["ended"] - 1e-3)
+
+
+def test_json_of_simulate(folder: Path) -> None:
+    outcome = run("simulate", ROBOT, folder / "short.csv", "--controller", "slotine-li", "--json")
+    answer = json.loads(outcome.out)
+    assert answer["controller"] == "slotine-li"
+    assert answer["ended"] is None
+    assert answer["platform_rms"] < 1e-4
+    assert len(answer["drive_rms"]) == 3
+
+
+BAD = [
+    ("simulate {m} far.csv", "far.csv, row "),
+    ("simulate {m} missing.csv", "missing.csv: no such file"),
+    ("simulate irb360-6-1600 motion.csv", "has no column q4"),
+    ("simulate {m} motion.csv --plant irb360-6-1600", "has 4 rotary and 0 linear drives"),
+    ("simulate {m} motion.csv --plant linear-delta", "0 rotary and 3 linear drives"),
+    ("simulate nobody motion.csv", "no robot file and no catalogue robot called 'nobody'"),
+    ("simulate {m} motion.csv --rate 0", "--rate: must be a positive number"),
+    ("simulate {m} motion.csv --bandwidth 500", "--bandwidth: must lie between 0.01 and 100"),
+    ("simulate {m} motion.csv --encoder inf", "--encoder: must be a positive number"),
+    ("simulate {m} motion.csv --rate nan", "--rate: must be a positive number"),
+    ("simulate {m} motion.csv -o motion.csv", "would overwrite an input"),
+    ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
+    ("simulate {m} motion.csv -o a.html --report a.html", "is the file of --output as well"),
+    ("compare-controllers {m} motion.csv --plant irb360-6-1600", "has 4 rotary"),
+    ("compare-controllers robot.yaml motion.csv --plant {m}", "robot.yaml: "),
+    ("compare-controllers {m} motion.csv --plant truth.yaml --report no/r.html", "its folder"),
+]
+
+
+@pytest.mark.parametrize(("line", "message"), BAD)
+def test_bad_input(line: str, message: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    far = pl.read_csv("motion.csv").with_columns(q1=pl.col("q1") + 1.7)
+    far.write_csv("far.csv")
+    assert message in " ".join(refused(*line.format(m="model.yaml").split(), folder=folder).split())
+
+
+def test_an_unknown_controller_is_told(folder: Path) -> None:
+    outcome: Outcome = run("simulate", ROBOT, folder / "motion.csv", "--controller", "pid")
+    assert outcome.code == 2
+    assert "'pid' is not one of" in outcome.err
+
+
+def test_a_plant_of_another_geometry_is_followed_too(folder: Path, tmp_path: Path) -> None:
+    """Its platform is then where its own lengths put it."""
+    longer = tmp_path / "longer.yaml"
+    longer.write_text(catalogue_text(ROBOT).replace("strut: 1.055", "strut: 1.056"), "utf-8")
+    arguments = ("simulate", ROBOT, folder / "short.csv", "--plant", longer, "--json")
+    answer = json.loads(run(*arguments).out)
+    assert 5e-4 < answer["platform_rms"] < 3e-3
