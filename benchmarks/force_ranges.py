@@ -16,9 +16,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from deltaid.application.constraint_forces import ConstraintForces
-from deltaid.application.force_range import Ranges, evidence
 from deltaid.dynamics.dynamics import compiled
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.forces.ranges import Ranges, evidence
 from deltaid.identification.identify import identify
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (

@@ -38,8 +38,8 @@ from _pinocchio_delta import DRIVES, Array, PinocchioDelta
 from _timing import machine, measure
 from regressor import random_motion
 
-from deltaid.application.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.export.mjcf import mjcf
 from deltaid.export.subject import ExportSubject

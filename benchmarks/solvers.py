@@ -6,7 +6,7 @@ Clavel's Delta swings about its home pose on springs at its drives, under torque
 weight there; so energy is a number that an exact solution keeps. Counted is the largest deviation
 of that energy, as a share of the largest kinetic energy, and the CPU time of one call:
 
-DOP853  `deltaid.application.simulation.integrate`
+DOP853  `deltaid.control.simulation.integrate`
 LSODA   SciPy's, on the same function of the state
 CVODES  SUNDIALS through CasADi, on the package's graph (Adams or BDF); it evaluates one state
 
@@ -25,11 +25,11 @@ import numpy as np
 from _timing import machine, measure
 from scipy.integrate import solve_ivp
 
-from deltaid.application.constraint_forces import ConstraintForces
-from deltaid.application.forward_dynamics import ForwardDynamics
-from deltaid.application.simulation import integrate
+from deltaid.control.simulation import integrate
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot
 

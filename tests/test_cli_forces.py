@@ -8,8 +8,8 @@ import polars as pl
 import pytest
 
 from command import refused, run
-from deltaid.application.constraint_forces import ConstraintForces, motion_of
-from deltaid.application.force_study import with_struts
+from deltaid.forces.constraint_forces import ConstraintForces, motion_of
+from deltaid.forces.study import with_struts
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.validation import model_filter
 from deltaid.recording.log import open_log

@@ -8,9 +8,9 @@ import polars as pl
 import pytest
 
 from command import Outcome, refused, run
-from deltaid.application.comparison import base_vector, candidates
-from deltaid.application.controllers import CONTROLLERS
-from deltaid.application.trajectory import open_trajectory
+from deltaid.control.comparison import base_vector, candidates
+from deltaid.control.controllers import CONTROLLERS
+from deltaid.control.trajectory import open_trajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.model import IdentifiedModel

@@ -10,9 +10,9 @@ import pytest
 from composed import Make, describe, parameters, random_composed, random_states
 from composed import dynamics as composed_dynamics
 from composed import twin as composed_twin
-from deltaid.application.constraint_forces import ConstraintForces
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
+from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.own import use_mechanism

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from deltaid.application.comparison import Run
-from deltaid.application.control_model import ControlModel
-from deltaid.application.controllers import (
+from deltaid.control.comparison import Run
+from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import (
     CONTROLLERS,
     PD,
     AugmentedPD,
@@ -17,11 +17,11 @@ from deltaid.application.controllers import (
     SlotineLi,
     tuned,
 )
-from deltaid.application.forward_dynamics import ForwardDynamics, compiled_forward
-from deltaid.application.simulation import integrate
-from deltaid.application.tracking import Drives, Plant, Tracking, track
-from deltaid.application.trajectory import Desired, MotionTrajectory
+from deltaid.control.simulation import integrate
+from deltaid.control.tracking import Drives, Plant, Tracking, track
+from deltaid.control.trajectory import Desired, MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.motion.random_motion import random_motion
 from deltaid.report.page import Table, Text

@@ -16,7 +16,7 @@ from scipy.stats import binom
 
 from deltaid.dynamics.dynamics import Dynamics, SparseRegressor, compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.identification.base import base_parameters
+from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.information import Information, merge
 from deltaid.identification.least_squares import BaseEstimate, estimate_base, gather_groups
 from deltaid.identification.scatter import Groups, Noise, inverse

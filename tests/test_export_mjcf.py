@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from composed import Make
-from deltaid.application.forward_dynamics import compiled_forward
-from deltaid.application.simulation import integrate
+from deltaid.control.simulation import integrate
+from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.errors import DeltaidError
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree

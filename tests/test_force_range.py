@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltaid.application.constraint_forces import ConstraintForces
-from deltaid.application.force_range import (
+from deltaid.dynamics.dynamics import compiled
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.forces.ranges import (
     Determinacy,
     Evidence,
     Ranges,
     evidence,
     structural_determinacy,
 )
-from deltaid.application.unknowns import unknowns
-from deltaid.dynamics.dynamics import compiled
+from deltaid.forces.unknowns import unknowns
 from deltaid.identification.identify import identify
 from deltaid.identification.least_squares import random_motion_base
 from deltaid.identification.model import IdentifiedModel

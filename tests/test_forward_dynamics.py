@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import composed
-from deltaid.application.forward_dynamics import ForwardDynamics, compiled_forward
-from deltaid.application.simulation import integrate
+from deltaid.control.simulation import integrate
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.mechanism.kinematics import Kinematics

@@ -8,7 +8,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.base import base_parameters, symbol
+from deltaid.identification.base_parameters import base_parameters, symbol
 from deltaid.identification.information import (
     BLOCKS,
     gather,
@@ -119,7 +119,7 @@ def test_formulas_read_as_the_mechanism_says() -> None:
 
 
 def test_equal_coefficients_are_factored() -> None:
-    from deltaid.identification.base import BaseGroup
+    from deltaid.identification.base_parameters import BaseGroup
 
     layout = compiled(load_robot(ROBOT)).layout
     at = {name: i for i, name in enumerate(layout.names)}

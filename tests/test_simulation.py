@@ -4,10 +4,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from deltaid.application.forward_dynamics import ForwardDynamics, compiled_forward
-from deltaid.application.simulation import integrate, step_through
-from deltaid.application.sticking import friction_impulses
+from deltaid.control.simulation import integrate, step_through
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.friction_at_rest import friction_impulses
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.kernel.batch import BatchKernel
 from deltaid.motion.random_motion import random_motion

@@ -14,15 +14,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from deltaid.application.constraint_forces import ConstraintForces
-    from deltaid.application.forward_dynamics import ForwardDynamics
-    from deltaid.application.simulation import integrate, step_through
+    from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
+    from deltaid.dynamics.forward_dynamics import ForwardDynamics
     from deltaid.dynamics.parameters import prior_parameters
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.export.files import write_export
     from deltaid.export.subject import ExportSubject
+    from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification, identify
     from deltaid.identification.model import IdentifiedModel, Settings
     from deltaid.identification.validation import validate
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 _HOME = {
     "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.columns",
-    "ConstraintForces": "deltaid.application.constraint_forces",
+    "ConstraintForces": "deltaid.forces.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
     "ExcitationSettings": "deltaid.excitation.excite",
     "Exciter": "deltaid.excitation.excite",
     "ExportSubject": "deltaid.export.subject",
-    "ForwardDynamics": "deltaid.application.forward_dynamics",
+    "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
     "Identification": "deltaid.identification.identify",
     "IdentifiedModel": "deltaid.identification.model",
     "Kinematics": "deltaid.mechanism.kinematics",
@@ -56,11 +56,11 @@ _HOME = {
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.identification.identify",
-    "integrate": "deltaid.application.simulation",
+    "integrate": "deltaid.control.simulation",
     "load_mapping": "deltaid.recording.columns",
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",
-    "step_through": "deltaid.application.simulation",
+    "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.robot.own",
     "validate": "deltaid.identification.validation",
     "write_export": "deltaid.export.files",

@@ -8,7 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
-    from deltaid.identification.base import BaseParameters
+    from deltaid.identification.base_parameters import BaseParameters
     from deltaid.identification.least_squares import BaseEstimate
 
 

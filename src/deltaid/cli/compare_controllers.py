@@ -18,7 +18,7 @@ from deltaid.cli.simulate import (
 )
 
 if TYPE_CHECKING:
-    from deltaid.application.comparison import Run
+    from deltaid.control.comparison import Run
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +45,6 @@ def compare_controllers(
     Every controller runs with every model on the plant, all tuned alike: what differs is what they
     know of the robot.
     """
-    from deltaid.application.comparison import candidates, compare
     from deltaid.cli.output import print_json, print_warnings, progress, require_report
     from deltaid.cli.simulate import (
         drives_dictionary,
@@ -54,6 +53,7 @@ def compare_controllers(
         load_plant,
         load_trajectory,
     )
+    from deltaid.control.comparison import candidates, compare
     from deltaid.identification.model import IdentifiedModel
 
     drives = drives_of(rate, bandwidth, encoder, delay)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from deltaid.application.constraint_forces import ConstraintForces
-    from deltaid.application.force_study import Finding, Study, Viewer
+    from deltaid.forces.constraint_forces import ConstraintForces
+    from deltaid.forces.study import Finding, Study, Viewer
     from deltaid.identification.model import IdentifiedModel
 
 
@@ -51,8 +51,6 @@ def forces(
     Some forces depend on parameters that no torque shows. With --logs the least and largest value
     that agrees with the recordings is found, else how far the prior leaves a force open.
     """
-    from deltaid.application.constraint_forces import ConstraintForces
-    from deltaid.application.force_study import study, with_struts
     from deltaid.cli.output import (
         console,
         positive,
@@ -61,6 +59,8 @@ def forces(
         progress,
         require_outputs,
     )
+    from deltaid.forces.constraint_forces import ConstraintForces
+    from deltaid.forces.study import study, with_struts
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.validation import model_filter
     from deltaid.recording.columns import load_mapping
@@ -108,8 +108,8 @@ def _viewers(
     files: ExitStack,
 ) -> "list[Viewer]":
     """What sees all forces on their way: a CSV file, the figure of a report."""
-    from deltaid.application.force_study import CsvFile
     from deltaid.files import written_whole
+    from deltaid.forces.study import CsvFile
 
     found: list[Viewer] = []
     if output is not None:

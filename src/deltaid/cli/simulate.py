@@ -9,8 +9,8 @@ import typer
 if TYPE_CHECKING:
     import polars as pl
 
-    from deltaid.application.tracking import Drives, Plant, Tracking
-    from deltaid.application.trajectory import SampledTrajectory
+    from deltaid.control.tracking import Drives, Plant, Tracking
+    from deltaid.control.trajectory import SampledTrajectory
     from deltaid.robot.description import RobotDescription
 
 
@@ -74,10 +74,10 @@ def simulate(
     Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
     its prior.
     """
-    from deltaid.application.comparison import gains
-    from deltaid.application.control_model import ControlModel
-    from deltaid.application.tracking import track
     from deltaid.cli.output import print_json, print_warnings, progress, require_outputs
+    from deltaid.control.comparison import gains
+    from deltaid.control.control_model import ControlModel
+    from deltaid.control.tracking import track
     from deltaid.files import written_whole
     from deltaid.show.subject import load_subject
 
@@ -119,8 +119,8 @@ def drives_of(rate: float, bandwidth: float, encoder: float | None, delay: int) 
     Raises:
         DeltaidError: a rate, a bandwidth or an encoder's step is out of bounds.
     """
-    from deltaid.application.tracking import ENCODER_STEP, Drives
     from deltaid.cli.output import positive
+    from deltaid.control.tracking import ENCODER_STEP, Drives
 
     positive("--rate", rate, (10.0, 1e5))
     positive("--bandwidth", bandwidth, (0.01, rate / 10))
@@ -141,8 +141,8 @@ def load_plant(name: str, like: "RobotDescription") -> "Plant":
     Raises:
         DeltaidError: its drives are not those of the model.
     """
-    from deltaid.application.forward_dynamics import compiled_forward
-    from deltaid.application.tracking import Plant
+    from deltaid.control.tracking import Plant
+    from deltaid.dynamics.forward_dynamics import compiled_forward
     from deltaid.errors import DeltaidError
     from deltaid.show.subject import load_subject
 
@@ -167,7 +167,7 @@ def load_trajectory(
     Raises:
         RecordingError: it cannot be used.
     """
-    from deltaid.application.trajectory import open_trajectory
+    from deltaid.control.trajectory import open_trajectory
     from deltaid.dynamics.dynamics import compiled
     from deltaid.recording.columns import load_mapping
 

@@ -13,7 +13,7 @@ import numpy as np
 from deltaid.dynamics.friction import Sign, term_factor
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
-from deltaid.mechanism.mechanism_type import Mechanism, MovingBody
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 

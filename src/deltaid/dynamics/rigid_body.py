@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism.mechanism_type import MovingBody
+from deltaid.mechanism.mechanism import MovingBody
 
 
 @dataclass(frozen=True)

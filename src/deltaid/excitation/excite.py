@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.excitation.criterion import Criterion, CriterionName
 from deltaid.excitation.graph import ExcitationGraph
-from deltaid.excitation.limits import torque_limits
 from deltaid.excitation.optimize import Optimum, Progress, conflict, optimise, random_start
 from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
-from deltaid.identification.base import BaseParameters
+from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.least_squares import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import TaskMotion, build_task_motion
-from deltaid.excitation.limits import Limit, kinematic_limits
+from deltaid.dynamics.limits import Limit, kinematic_limits
 from deltaid.kernel.batch import BatchKernel
 
 # Speed over which the optimiser sees Coulomb friction change its sign [rad/s, m/s]. Its columns are

@@ -8,7 +8,7 @@ import numpy as np
 from deltaid.errors import DeltaidError
 from deltaid.export.subject import ExportSubject
 from deltaid.export.tree import Coupling, Cut, Line, Point, Tree, TreeBody, TreeJoint
-from deltaid.mechanism.mechanism_type import LimbBodies
+from deltaid.mechanism.mechanism import LimbBodies
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.telescope import Telescope

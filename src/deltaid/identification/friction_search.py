@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.dynamics.friction_dictionary import FrictionDictionary
-from deltaid.identification.base import base_parameters
+from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.information import Information, gather, merge, triangle
 from deltaid.recording.windows import FilteredLog
 from deltaid.robot.description import RobotDescription

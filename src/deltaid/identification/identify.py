@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.base import BaseParameters, base_parameters
+from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import Solution, solve_conic
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.information import Information, gather, merge, places_of

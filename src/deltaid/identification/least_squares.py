@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.base import BaseParameters, base_parameters
+from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.information import (
     Information,
     gather,

@@ -8,7 +8,7 @@ from scipy.linalg import solve_triangular
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
-from deltaid.identification.base import BaseParameters
+from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.conic import Solution
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.least_squares import BaseEstimate

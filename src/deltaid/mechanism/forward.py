@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism_type import ClosedForm, Mechanism
+from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.newton import NewtonForward
 
 Samples = Float[np.ndarray, "samples dof"]

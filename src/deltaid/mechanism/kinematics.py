@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
-from deltaid.mechanism.mechanism import build_mechanism
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 

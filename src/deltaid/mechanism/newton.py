@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.vectors import inverse
 
 Samples = Float[np.ndarray, "samples dof"]

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.errors import DescriptionError
-from deltaid.mechanism.mechanism_type import Mechanism, MovingBody
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.own_checks import Checker
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import FUNCTION, NamedFile, OwnMechanism, failure, named_file

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DescriptionError
 from deltaid.kernel.llvm_ir import operations_unknown
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 
 # Rounding leaves 1e-15 of RᵀR − 1, and of the smallest singular value of ∂q/∂z over the largest.

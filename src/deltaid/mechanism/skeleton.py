@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism_type import LimbBodies, Mechanism, MovingBody
+from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import RigidPlatform
 

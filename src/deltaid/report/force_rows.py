@@ -3,7 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from deltaid.application.force_study import Finding, Study
+from deltaid.forces.study import Finding, Study
 from deltaid.report.numbers import number, span, with_uncertainty
 
 _WORDS = {"tension": "largest force", "compression": "least force", "socket": "least margin"}

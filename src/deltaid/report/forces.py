@@ -5,8 +5,8 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
-from deltaid.application.constraint_forces import ConstraintForces, Motion
-from deltaid.application.force_study import Study
+from deltaid.forces.constraint_forces import ConstraintForces, Motion
+from deltaid.forces.study import Study
 from deltaid.identification.model import IdentifiedModel
 from deltaid.report import style
 from deltaid.report.force_rows import places, tables, what_is_open

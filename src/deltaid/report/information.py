@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.identification.base import symbol
+from deltaid.identification.base_parameters import symbol
 from deltaid.identification.identify import Identification
 from deltaid.identification.information import triangle
 from deltaid.identification.model import IdentifiedModel

@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
-from deltaid.application.comparison import Run
-from deltaid.application.tracking import Drives, Tracking, effort_limits
+from deltaid.control.comparison import Run
+from deltaid.control.tracking import Drives, Tracking, effort_limits
 from deltaid.report import style
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Block, Fact, Figure, Page, Section, Table, Text

@@ -8,16 +8,16 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.equations import TaskMotion
-from deltaid.errors import KinematicsError
-from deltaid.excitation.limits import (
+from deltaid.dynamics.limits import (
     Limit,
     kinematic_limits,
     torque_limits,
     workspace_limits,
 )
+from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Samples
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 
 

@@ -6,19 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.application.control_model import ControlModel
-from deltaid.application.controllers import (
+from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import (
     CONTROLLERS,
     NEED_MASS_MATRIX,
     Controller,
     ControllerName,
     tuned,
 )
-from deltaid.application.tracking import Drives, Plant, Tracking, track
-from deltaid.application.trajectory import Trajectory
+from deltaid.control.tracking import Drives, Plant, Tracking, track
+from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.identification.base import symbol
+from deltaid.identification.base_parameters import symbol
 from deltaid.identification.model import IdentifiedModel
 
 # M counts as positive definite with eigenvalues above this share of its own diagonal: below it the

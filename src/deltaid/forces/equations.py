@@ -26,7 +26,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.application.force_parts import (
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.forces.parts import (
     Bar,
     Strut,
     Wrench,
@@ -36,8 +37,7 @@ from deltaid.application.force_parts import (
     joint_effort,
     strut_forces,
 )
-from deltaid.dynamics.parameters import parameter_layout
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry

@@ -21,8 +21,8 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.application.control_model import ControlModel
-from deltaid.application.trajectory import Desired
+from deltaid.control.control_model import ControlModel
+from deltaid.control.trajectory import Desired
 from deltaid.mechanism.kinematics import Samples
 
 ControllerName = Literal["pd", "pd-feedforward", "computed-torque", "augmented-pd", "slotine-li"]

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from deltaid.application.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.mechanism.kinematics import Samples
 

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.equations import TaskMotion
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 

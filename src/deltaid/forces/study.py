@@ -9,16 +9,16 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from deltaid.application.constraint_forces import ConstraintForces, Motion, motion_of
-from deltaid.application.force_extremes import Extremes, Worst, extremes, worst_cases
-from deltaid.application.force_range import (
+from deltaid.errors import DescriptionError
+from deltaid.forces.constraint_forces import ConstraintForces, Motion, motion_of
+from deltaid.forces.extremes import Extremes, Worst, extremes, worst_cases
+from deltaid.forces.ranges import (
     Openness,
     Range,
     Ranges,
     evidence,
     structural_determinacy,
 )
-from deltaid.errors import DescriptionError
 from deltaid.identification.model import IdentifiedModel
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.application.control_model import ControlModel
-from deltaid.application.controllers import Controller, Measured
-from deltaid.application.forward_dynamics import ForwardDynamics
-from deltaid.application.simulation import time_steps
-from deltaid.application.trajectory import Desired, Trajectory
+from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import Controller, Measured
+from deltaid.control.simulation import time_steps
+from deltaid.control.trajectory import Desired, Trajectory
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 

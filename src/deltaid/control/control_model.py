@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.equations import Equations
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 

@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.application.sticking import friction_impulses
-from deltaid.application.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.friction_at_rest import friction_impulses
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.vectors import inverse
@@ -85,7 +85,7 @@ class ForwardDynamics:
         """(z, q̇) one time step later under constant torques, friction at rest included.
 
         The explicit midpoint rule, and at either of its stages the impulses of
-        `sticking.friction_impulses`. Where nothing sticks or lets go it is of second order. Drives
+        `friction_at_rest.friction_impulses`. Where nothing sticks or lets go it is of second order. Drives
         that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
         """
         x = np.concatenate([z, qd, tau], axis=1).T

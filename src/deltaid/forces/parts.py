@@ -11,7 +11,7 @@ import numpy as np
 from deltaid.dynamics.friction import term_factor
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.rigid_body import body_motion
-from deltaid.mechanism.mechanism_type import LimbBodies, Mechanism, MovingBody
+from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 

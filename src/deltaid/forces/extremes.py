@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.application.constraint_forces import ConstraintForces, Motion
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import RecordingError
+from deltaid.forces.constraint_forces import ConstraintForces, Motion
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ that step.
 
 import casadi as ca
 
-from deltaid.application.task_dynamics import cholesky_solve
+from deltaid.dynamics.task_dynamics import cholesky_solve
 
 _ROUNDS = 5
 # Share of its diagonal that keeps A invertible where joints that rest depend on each other; the

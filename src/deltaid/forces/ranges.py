@@ -6,7 +6,7 @@ consistency. The range of c·p is its least and largest value over all consisten
 
     ‖(Y p − τ)/σ_c‖²_W + ‖u‖² ≤ m² + 1.96²,
 
-where u are the unknowns in units of their prior's standard deviation (`application.unknowns`), m²
+where u are the unknowns in units of their prior's standard deviation (`forces.unknowns`), m²
 the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
 by the scatter of the recordings as for all intervals (`identification.scatter`). Without active
 cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
@@ -25,10 +25,10 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from deltaid.application.unknowns import Unknowns, unknowns
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.identification.base import BaseParameters, base_parameters
+from deltaid.forces.unknowns import Unknowns, unknowns
+from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import svec
 from deltaid.identification.information import Information, gather, merge, places_of, triangle
 from deltaid.identification.least_squares import BaseEstimate, estimate_base, random_motion_base

@@ -17,7 +17,7 @@ import numpy as np
 from deltaid.dynamics.friction import term_factor
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
-from deltaid.mechanism.mechanism_type import Mechanism
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import TermKind
 

@@ -1,0 +1,1 @@
+"""What a controller makes of a model: control laws on a sampled drive, simulation, comparison."""
