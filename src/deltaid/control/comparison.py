@@ -18,7 +18,7 @@ from deltaid.control.tracking import Drives, Plant, Tracking, track
 from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.identification.base_parameters import symbol
+from deltaid.errors import DeltaidError
 from deltaid.identification.model import IdentifiedModel
 
 # M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
@@ -69,10 +69,15 @@ def base_vector(model: IdentifiedModel) -> Parameters:
     those of a robot.
     """
     layout = parameter_layout(model.robot)
-    places = {symbol(name): k for k, name in enumerate(layout.names)}
     p = np.zeros(len(layout.names))
     for parameter in model.base_parameters:
-        p[places[parameter.formula.partition(" ")[0]]] = parameter.value
+        if parameter.representative not in layout.names:
+            raise DeltaidError(
+                "the model's file says its base parameters in words only",
+                where="base_parameters",
+                cure="identify once more with this version, then compare",
+            )
+        p[layout.names.index(parameter.representative)] = parameter.value
     return p
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.dynamics.equations import Equations
+from deltaid.dynamics.joint_columns import with_load_friction
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
@@ -88,7 +88,7 @@ def _law(description: str) -> BatchKernel:
         ca.SX.sym(name, dof) for name in ("near", "q", "v", "a", "w")
     )
     torque = e.M @ acceleration + e.C @ along + e.g + ca.substitute(e.f, e.qd, rubbing)
-    torque = _with_load(dynamics, e, torque, rubbing)
+    torque = with_load_friction(robot, torque, rubbing, e.p)
     at = ca.Function("at", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
     pose = _located(dynamics.kinematics.mechanism, near, q)
     x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)
@@ -102,13 +102,3 @@ def _located(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> ca.SX:
     for _ in range(_STEPS):
         near = move(near, q)
     return near
-
-
-def _with_load(dynamics: Dynamics, e: Equations, torque: ca.SX, rubbing: ca.SX) -> ca.SX:
-    """The motor's torque where a share μ of it is lost: τ = torque + μ s |τ|."""
-    total = ca.SX(torque)
-    for drive in dynamics.robot.load_drives:
-        i = dynamics.robot.drives.index(drive)
-        mu = e.p[dynamics.layout.names.index(f"load.{drive}")]
-        total[i] = torque[i] / (1 - mu * ca.sign(rubbing[i]) * ca.sign(torque[i]))
-    return total

@@ -5,12 +5,19 @@ and T = J⁻¹, ż = T q̇ and z̈ = T (q̈ − J̇ ż), so forward kinematics i
 along z become drive torques by Tᵀ.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.friction import Sign, term_factor
+from deltaid.dynamics.joint_columns import (
+    JointColumn,
+    JointMotion,
+    Sign,
+    joint_columns,
+    with_load_friction,
+)
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
@@ -66,22 +73,9 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
     M, C, g = _terms(robot, mechanism, T, J_dot, (z, zd), p)
     without_load = ca.substitute(Y, tau, ca.SX.zeros(dof)) if robot.load_drives else Y
     torque = without_load @ p
-    if robot.load_drives:
-        torque = _with_load(robot, torque, qd, p)
+    torque = with_load_friction(robot, torque, qd, p)
     f = without_load[:, layout.friction] @ p[layout.friction]
     return Equations(z, qd, qdd, tau, p, J, zd, zdd, Y, torque, M, C, g, f)
-
-
-def _with_load(robot: RobotDescription, torque: ca.SX, qd: ca.SX, p: ca.SX) -> ca.SX:
-    """Solve τ = torque + μ s |τ| for τ, drive by drive: τ = torque / (1 − μ s sign(torque)).
-
-    With 0 ≤ μ < 1 there is exactly one solution, and it has the sign of `torque`.
-    """
-    layout, total = parameter_layout(robot), ca.SX(torque)
-    for drive in robot.load_drives:
-        i, mu = robot.drives.index(drive), p[layout.names.index(f"load.{drive}")]
-        total[i] = torque[i] / (1 - mu * ca.sign(qd[i]) * ca.sign(torque[i]))
-    return total
 
 
 @dataclass(frozen=True)
@@ -145,18 +139,29 @@ def _regressor(
     for body in mechanism.bodies:
         columns[body.name] += body.count * body_regressor(body_motion(body, z, v, a, gravity))
     inertial = ca.substitute([ca.horzcat(*columns.values())], [v, a], [zd, zdd])[0]
-    joints = {j: joint_motion(mechanism, j, T, qd) for j in robot.friction_joints}
-    friction = []
-    for term in robot.friction_terms:
-        velocity, partial = joints[term.joint]
-        load = tau[robot.drives.index(term.joint)] if term.kind == "load" else ca.SX(0)
-        friction.append(term_factor(term, velocity, sign, load) * partial)
-    springs = []
-    for joint in robot.spring_joints:
-        _, partial = joint_motion(mechanism, joint, T, qd)
-        springs.append((mechanism.joints[joint] - robot.spring_rest(joint)) * partial)
-    rotors = [_unit_column(robot, drive_name) * qdd for drive_name in robot.rotor_drives]
-    return ca.horzcat(T.T @ inertial, *friction, *springs, *rotors)
+    forces = generalised_forces(robot, mechanism, T, (qd, qdd, tau), joint_columns(robot), sign)
+    return ca.horzcat(T.T @ inertial, forces)
+
+
+def generalised_forces(
+    robot: RobotDescription,
+    mechanism: Mechanism,
+    T: ca.SX,
+    drive: tuple[ca.SX, ca.SX, ca.SX],
+    columns: Sequence[JointColumn],
+    sign: Sign = ca.sign,
+) -> ca.SX:
+    """One column of Y for each of `columns`: its effort along ∂ϑ/∂q; `drive` is q̇, q̈, τ."""
+    qd, qdd, tau = drive
+    found = [ca.SX(mechanism.dof, 0)]
+    for column in columns:
+        velocity, partial = joint_motion(mechanism, column.joint, T, qd)
+        position = mechanism.joints[column.joint]
+        is_drive = column.joint in robot.drives
+        i = robot.drives.index(column.joint) if is_drive else 0
+        own = (qdd[i], tau[i]) if is_drive else (ca.SX(0), ca.SX(0))
+        found.append(column.effort(JointMotion(position, velocity, *own, sign)) * partial)
+    return ca.horzcat(*found)
 
 
 def joint_motion(mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -167,10 +172,6 @@ def joint_motion(mechanism: Mechanism, joint: str, T: ca.SX, qd: ca.SX) -> tuple
     else:
         partial = (ca.jacobian(mechanism.joints[joint], mechanism.z) @ T).T
     return ca.dot(partial, qd), partial
-
-
-def _unit_column(robot: RobotDescription, drive: str) -> ca.SX:
-    return ca.SX(ca.DM.eye(len(robot.drives))[:, robot.drives.index(drive)])
 
 
 def _terms(
@@ -198,17 +199,18 @@ def _terms(
         M_z += body.count * body_mass_matrix(p_b, motion)
         first_moment = p_b[0] * body.r_LB + body.R_LB @ p_b[1:4]
         V -= body.count * ca.dot(ca.DM(body.R_WL.T @ gravity), first_moment)
-    stiffness = p[parameter_layout(robot).spring]
-    for i, joint in enumerate(robot.spring_joints):
-        V += 0.5 * stiffness[i] * (mechanism.joints[joint] - robot.spring_rest(joint)) ** 2
+    coefficients = p[parameter_layout(robot).coefficients]
+    for k, column in enumerate(joint_columns(robot)):
+        V += coefficients[k] * column.potential(mechanism.joints[column.joint])
     A = ca.jacobian(M_z @ v, z)
     C_z = 0.5 * (_directional(M_z, z, v) + A - A.T)
     C_z = ca.substitute([C_z], [v], [zd])[0]
     C = T.T @ (C_z @ T - M_z @ T @ J_dot @ T)
     M = T.T @ M_z @ T
-    rotors = p[p.numel() - len(robot.rotor_drives) :]
-    for i, drive in enumerate(robot.rotor_drives):
-        M += rotors[i] * ca.diag(_unit_column(robot, drive))
+    for k, column in enumerate(joint_columns(robot)):
+        if column.inertia:
+            _, partial = joint_motion(mechanism, column.joint, T, T @ zd)
+            M += coefficients[k] * column.inertia * partial @ partial.T
     return M, C, T.T @ ca.jacobian(V, z).T
 
 

@@ -15,9 +15,6 @@ from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 
-# Friction that jumps when the speed changes its sign, or is as steep as a jump.
-_JUMPS = ("coulomb", "coulomb_back", "power", "stribeck", "load")
-
 
 class ForwardDynamics:
     """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile when
@@ -85,8 +82,8 @@ class ForwardDynamics:
         """(z, q̇) one time step later under constant torques, friction at rest included.
 
         The explicit midpoint rule, and at either of its stages the impulses of
-        `friction_at_rest.friction_impulses`. Where nothing sticks or lets go it is of second order. Drives
-        that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
+        `friction_at_rest.friction_impulses`. Where nothing sticks or lets go it is of second order.
+        Drives that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
         """
         x = np.concatenate([z, qd, tau], axis=1).T
         out = self._step_kernel(x, uniform=np.append(p, duration)).T
@@ -100,7 +97,7 @@ class ForwardDynamics:
         """Whether friction is continuous at rest with these coefficients."""
         at = self.layout.friction.start
         terms = enumerate(self.robot.friction_terms)
-        return not any(term.kind in _JUMPS and p[at + k] != 0 for k, term in terms)
+        return not any(not term.continuous and p[at + k] != 0 for k, term in terms)
 
     @cached_property
     def _acceleration(self) -> ca.SX:

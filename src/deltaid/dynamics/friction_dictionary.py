@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, SparseRegressor
-from deltaid.dynamics.equations import joint_motion
-from deltaid.dynamics.friction import term_factor
+from deltaid.dynamics.equations import generalised_forces
+from deltaid.dynamics.joint_columns import friction_columns
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.vectors import inverse
@@ -64,13 +64,9 @@ class FrictionDictionary:
         mechanism, robot = self.kinematics.mechanism, self.dynamics.robot
         qd, tau = ca.SX.sym("qd", self.dof), ca.SX.sym("tau", self.dof)
         T = inverse(ca.jacobian(mechanism.q, mechanism.z))
-        joints = {j: joint_motion(mechanism, j, T, qd) for j in {t.joint for t in self.terms}}
-        columns = []
-        for term in self.terms:
-            velocity, partial = joints[term.joint]
-            load = tau[robot.drives.index(term.joint)] if term.kind == "load" else ca.SX(0)
-            columns.append(term_factor(term, velocity, ca.sign, load) * partial)
-        return ca.vertcat(mechanism.z, qd, tau), ca.horzcat(*columns)
+        drive = (qd, ca.SX.zeros(self.dof), tau)
+        columns = generalised_forces(robot, mechanism, T, drive, friction_columns(self.terms))
+        return ca.vertcat(mechanism.z, qd, tau), columns
 
     @cached_property
     def _kernel(self) -> BatchKernel:

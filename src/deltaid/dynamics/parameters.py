@@ -1,77 +1,143 @@
-"""Names, units and prior values of the parameter vector p, the columns of the regressor."""
+"""The parameter vector p, the columns of the regressor: p = [bodies, friction, springs, rotors]."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.joint_columns import joint_columns
+from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
+from deltaid.robot.parameter import Parameter, ParameterKind
+
+# Entries of a body that are positive: its mass and moments of inertia.
+_POSITIVE = ("m", "Ixx", "Iyy", "Izz")
 
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Where each parameter stands in p = [p_I, p_f, springs, rotor inertias] (Sec. III B, V C).
+    """What stands where in p (Sec. III B, V C).
 
     Attributes:
-        names: 'U.m', 'U.mcx', …, 'viscous.drive1', …, 'coulomb.slide', 'rotor.drive4'.
-        units: the unit of each.
-        bodies: body names; body b has the ten columns from 10 b on.
-        friction: columns of all friction terms p_f, first `viscous`, then `coulomb`, one a joint
-            each, then the terms of richer laws.
-        spring: columns of the spring stiffnesses.
-        rotor: columns of the rotor inertias.
-        signed: columns whose parameter may be negative, with a typical size of each: offsets.
+        parameters: one for each entry of p: ten a body, then the coefficients of joints: friction
+            terms by kind and joint, springs, rotor inertias.
+        bodies: body names; body b has the ten entries from 10 b on.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
     bodies: tuple[str, ...]
-    friction: slice
-    viscous: slice
-    coulomb: slice
-    spring: slice
-    rotor: slice
-    signed: dict[int, float]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """'U.m', 'U.mcx', …, 'viscous.drive1', …, 'coulomb.slide', 'rotor.drive4'."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each."""
+        return tuple(parameter.unit for parameter in self.parameters)
 
     def body(self, name: str) -> slice:
-        """Columns of one body."""
+        """Entries of one body."""
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
 
+    @property
+    def coefficients(self) -> slice:
+        """Entries of the joints: all but the bodies'."""
+        return slice(10 * len(self.bodies), len(self.parameters))
+
+    @property
+    def friction(self) -> slice:
+        """Coefficients of all friction terms, p_f."""
+        return self._of("friction")
+
+    @property
+    def viscous(self) -> slice:
+        """Viscous coefficients, one for each joint with friction."""
+        return self._of("friction", "viscous")
+
+    @property
+    def coulomb(self) -> slice:
+        """Coulomb coefficients, one for each joint with friction."""
+        return self._of("friction", "coulomb")
+
+    @property
+    def spring(self) -> slice:
+        """Spring stiffnesses."""
+        return self._of("spring")
+
+    @property
+    def rotor(self) -> slice:
+        """Rotor inertias."""
+        return self._of("rotor")
+
+    def _of(self, kind: ParameterKind, symbol: str | None = None) -> slice:
+        """Where the parameters of one kind stand, side by side."""
+        at = [
+            k
+            for k, parameter in enumerate(self.parameters)
+            if parameter.kind == kind and symbol in (None, parameter.symbol)
+        ]
+        if at:
+            return slice(at[0], at[-1] + 1)
+        order = ("inertia", "friction", "spring", "rotor")
+        before = order[: order.index(kind)]
+        end = sum(parameter.kind in before for parameter in self.parameters)
+        return slice(end, end)
+
+    @property
+    def signed(self) -> dict[int, float]:
+        """Coefficients that may be negative (offsets), with a typical size of each."""
+        first = self.coefficients.start
+        pairs = enumerate(self.parameters[first:], start=first)
+        return {k: parameter.scale for k, parameter in pairs if parameter.signed}
+
 
 def parameter_layout(robot: RobotDescription) -> ParameterLayout:
-    """The layout of p for a described robot."""
-    rotors, springs = robot.rotor_drives, robot.spring_joints
-    bodies, terms = robot.body_names, robot.friction_terms
-    names = [f"{body}.{entry}" for body in bodies for entry in INERTIA_NAMES]
-    names += [term.name for term in terms]
-    names += [f"spring.{j}" for j in springs]
-    names += [f"rotor.{d}" for d in rotors]
-    units = list(INERTIA_UNITS) * len(bodies)
-    units += [term.unit for term in terms]
-    units += [robot.units(j).stiffness for j in springs]
-    units += [robot.units(d).inertia for d in rotors]
-    n, joints = 10 * len(bodies), len(robot.friction_joints)
-    springs_at = n + len(terms)
-    end = springs_at + len(springs)
-    return ParameterLayout(
-        names=tuple(names),
-        units=tuple(units),
-        bodies=bodies,
-        friction=slice(n, springs_at),
-        viscous=slice(n, n + joints),
-        coulomb=slice(n + joints, n + 2 * joints),
-        spring=slice(springs_at, end),
-        rotor=slice(end, end + len(rotors)),
-        signed={n + i: term.size for i, term in enumerate(terms) if term.signed},
-    )
+    """The layout of p for a described robot.
+
+    Raises:
+        DescriptionError: two parameters have the same name.
+    """
+    bodies = robot.body_names
+    entries = [entry for name in bodies for entry in _body_parameters(robot, name)]
+    parameters = (*entries, *(column.parameter for column in joint_columns(robot)))
+    layout = ParameterLayout(parameters, bodies)
+    if len(set(layout.names)) < len(layout.names):
+        twice = next(name for k, name in enumerate(layout.names) if name in layout.names[:k])
+        raise DescriptionError(
+            f"two parameters would be called '{twice}'",
+            where=robot.name,
+            cure="give the body or the joint behind it another name",
+        )
+    return layout
+
+
+def _body_parameters(robot: RobotDescription, name: str) -> list[Parameter]:
+    """The ten of one body; an entry that is zero has the scale m ℓ or m ℓ² with ℓ² = tr Σ / m."""
+    prior = robot.bodies[name].reduced_prior()
+    scale = inertia_scale(prior)
+    return [
+        Parameter("inertia", name, symbol, unit, 0.0 if symbol in _POSITIVE else -np.inf, np.inf,
+                  float(prior[k]), float(scale[k]))
+        for k, (symbol, unit) in enumerate(zip(INERTIA_NAMES, INERTIA_UNITS, strict=True))
+    ]  # fmt: skip
+
+
+def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
+    """|p| of one body; m ℓ for a first moment and m ℓ² for an inertia that is zero.
+
+    ℓ is the body's radius of gyration about the link frame, ℓ² = tr Σ / m.
+    """
+    m, second_moments = p[0], 0.5 * p[4:7].sum()
+    length = np.sqrt(second_moments / m)
+    own = np.array([m, *[m * length] * 3, *[m * length**2] * 6])
+    return np.where(p != 0, np.abs(p), own)
 
 
 def prior_parameters(robot: RobotDescription) -> Float[np.ndarray, " parameters"]:
     """p_reg: the description's prior, reduced as its bodies' `free` entries say."""
-    parts = [robot.bodies[name].reduced_prior() for name in robot.body_names]
-    parts.append(np.array([term.prior for term in robot.friction_terms]))
-    parts.append(np.array([robot.springs[j].stiffness for j in robot.spring_joints]))
-    parts.append(np.array([robot.rotor_inertia[d] for d in robot.rotor_drives]))
-    return np.concatenate(parts)
+    return np.array([parameter.prior for parameter in parameter_layout(robot).parameters])

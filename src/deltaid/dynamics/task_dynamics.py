@@ -14,16 +14,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.friction import term_factor
+from deltaid.dynamics.joint_columns import JointMotion, Sign, friction_columns, joint_columns
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import TermKind
-
-# Terms that vanish or stay at rest; all others change their sign with the speed's, by a step or
-# as steeply as one (a small power of it).
-_SMOOTH: tuple[TermKind, ...] = ("viscous", "viscous_back", "offset")
+from deltaid.robot.friction import FrictionTerm
 
 
 @dataclass(frozen=True)
@@ -71,14 +67,16 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
     J = ca.jacobian(mechanism.q, z)
     J_dot_zd = ca.jtimes(J @ zd, z, zd)
     M, h, V = _bodies(robot, mechanism, zd, p)
-    for k, drive in enumerate(robot.rotor_drives):
-        i, inertia = robot.drives.index(drive), p[layout.rotor][k]
-        M += inertia * J[i, :].T @ J[i, :]
-        h += inertia * J[i, :].T * J_dot_zd[i]
-    for k, joint in enumerate(robot.spring_joints):
-        stiffness, away = p[layout.spring][k], mechanism.joints[joint] - robot.spring_rest(joint)
-        V += 0.5 * stiffness * away**2
-        h += stiffness * away * ca.jacobian(away, z).T
+    for k, column in enumerate(joint_columns(robot)):
+        if column.parameter.kind == "friction":
+            continue
+        position = mechanism.joints[column.joint]
+        along, coefficient = ca.jacobian(position, z), p[layout.coefficients][k]
+        speed = along @ zd
+        motion = JointMotion(position, speed, ca.jtimes(speed, z, zd), ca.SX(0))
+        M += coefficient * column.inertia * along.T @ along
+        h += coefficient * column.effort(motion) * along.T
+        V += coefficient * column.potential(position)
     joints = robot.friction_joints
     R = ca.vertcat(ca.SX(0, dof), *[ca.jacobian(mechanism.joints[j], z) for j in joints])
     laws = _Laws(robot, R @ zd, tau, p)
@@ -93,10 +91,10 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
         M=M,
         h=h,
         R=R,
-        smooth=laws.sum(ca.sign, lambda kind: kind in _SMOOTH),
-        friction=laws.sum(ca.sign, lambda kind: True),
-        forwards=laws.sum(lambda v: ca.SX(1), lambda kind: kind not in _SMOOTH),
-        backwards=-laws.sum(lambda v: ca.SX(-1), lambda kind: kind not in _SMOOTH),
+        smooth=laws.sum(ca.sign, lambda term: term.continuous),
+        friction=laws.sum(ca.sign, lambda term: True),
+        forwards=laws.sum(lambda v: ca.SX(1), lambda term: not term.continuous),
+        backwards=-laws.sum(lambda v: ca.SX(-1), lambda term: not term.continuous),
         kinetic=0.5 * ca.dot(zd, M @ zd),
         potential=V,
     )
@@ -128,16 +126,16 @@ class _Laws:
     tau: ca.SX
     p: ca.SX
 
-    def sum(self, sign: Callable[[ca.SX], ca.SX], wanted: Callable[[TermKind], bool]) -> ca.SX:
+    def sum(self, sign: Sign, wanted: Callable[[FrictionTerm], bool]) -> ca.SX:
         """Σ coefficient · h(v) of the wanted terms, joint by joint."""
         robot, joints = self.robot, self.robot.friction_joints
         at, total = parameter_layout(robot).friction.start, ca.SX.zeros(len(joints))
-        for k, term in enumerate(robot.friction_terms):
-            if wanted(term.kind):
-                i = joints.index(term.joint)
-                is_load = term.kind == "load"
-                load = self.tau[robot.drives.index(term.joint)] if is_load else ca.SX(0)
-                total[i] += self.p[at + k] * term_factor(term, self.v[i], sign, load)
+        for k, column in enumerate(friction_columns(robot.friction_terms)):
+            if wanted(column.term):
+                i, is_drive = joints.index(column.joint), column.joint in robot.drives
+                load = self.tau[robot.drives.index(column.joint)] if is_drive else ca.SX(0)
+                motion = JointMotion(ca.SX(0), self.v[i], ca.SX(0), load, sign)
+                total[i] += self.p[at + k] * column.effort(motion)
         return total
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.friction import term_factor
+from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.rigid_body import body_motion
 from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
@@ -76,12 +76,10 @@ def joint_effort(
     """Friction and spring of a joint that is no drive: force or torque that its motion takes."""
     layout, coordinate = parameter_layout(robot), mechanism.joints[joint]
     speed, effort = ca.jtimes(coordinate, mechanism.z, v), ca.SX(0)
-    for k, term in enumerate(robot.friction_terms):
-        if term.joint == joint:
-            effort += p[layout.friction.start + k] * term_factor(term, speed, ca.sign, ca.SX(0))
-    if joint in robot.spring_joints:
-        k = layout.spring.start + robot.spring_joints.index(joint)
-        effort += p[k] * (coordinate - robot.spring_rest(joint))
+    motion = JointMotion(coordinate, speed, ca.SX(0), ca.SX(0))
+    for k, column in enumerate(joint_columns(robot), start=layout.coefficients.start):
+        if column.joint == joint:
+            effort += p[k] * column.effort(motion)
     return effort
 
 

@@ -15,7 +15,6 @@ from scipy.linalg import qr
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.identification.information import Information
-from deltaid.robot.friction import TERM_KINDS
 
 # A pivot below this share of the largest one is a linear dependence. Dependences of the mechanism
 # come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
@@ -42,7 +41,7 @@ class BaseGroup:
                 abs(coefficient),
             )
             by_coefficient.setdefault(key, []).append((member, coefficient < 0))
-        text = symbol(layout.names[self.representative])
+        text = layout.parameters[self.representative].label
         for coefficient, terms in by_coefficient.items():
             text += _written_out(coefficient, terms, layout)
         return text
@@ -124,23 +123,18 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     )
 
 
-def symbol(name: str) -> str:
-    """'S.mcx' as 'mcx_S'; friction and rotor names as they are."""
-    owner, _, entry = name.partition(".")
-    return name if owner in (*TERM_KINDS, "spring", "rotor") else f"{entry}_{owner}"
-
-
 def _representatives(
     scaled: Float[np.ndarray, "rows shown"], columns: np.ndarray, layout: ParameterLayout
 ) -> list[int]:
     """Columns, in the preferred order, that do not depend on those taken before."""
 
     def preference(k: int) -> tuple[int, bool, int]:
-        owner, _, entry = layout.names[columns[k]].partition(".")
-        kind = owner.rstrip("0123456789")  # of limbs with inertia of their own
-        known = _PREFERENCE.index(kind) if kind in _PREFERENCE else len(_PREFERENCE)
+        parameter = layout.parameters[columns[k]]
+        body = parameter.owner.rstrip("0123456789")  # of limbs with inertia of their own
+        known = parameter.kind == "inertia" and body in _PREFERENCE
+        rank = _PREFERENCE.index(body) if known else len(_PREFERENCE)
         # Moments of inertia first: a strut's first moment then reads as mass at its ends.
-        return known, entry.startswith("m"), int(columns[k])
+        return rank, parameter.symbol in ("m", "mcx", "mcy", "mcz"), int(columns[k])
 
     basis = np.zeros((len(scaled), 0))
     chosen = []
@@ -179,9 +173,9 @@ def _groups(
 def _written_out(coefficient: float, terms: list[tuple[int, bool]], layout: ParameterLayout) -> str:
     """' + 6·(m_S − mcx_S)': the terms that share a coefficient, after their common sign."""
     negative = terms[0][1]
-    names = symbol(layout.names[terms[0][0]])
+    names = layout.parameters[terms[0][0]].label
     for member, sign in terms[1:]:
-        names += f" {'+' if sign == negative else '−'} {symbol(layout.names[member])}"
+        names += f" {'+' if sign == negative else '−'} {layout.parameters[member].label}"
     number = f"{coefficient:.6g}"
     if number == "1" and (len(terms) == 1 or not negative):
         inner = names

@@ -76,6 +76,9 @@ class BaseParameter(_Part):
     """
 
     formula: str
+    representative: str = Field(
+        default="", description="the parameter that it stands for; missing in earlier files"
+    )
     value: float
     std: Annotated[float, Field(ge=0)]
     low: float
@@ -198,8 +201,9 @@ def _why_inconsistent(
         reason = why_inconsistent(p[layout.body(worst)]) or "it lies at the edge of consistency"
         text = f"body {worst} cannot exist: {reason}"
     else:
-        value = p[layout.names.index(worst)]
-        bound = "between 0 and 1" if worst.startswith("load.") else "positive"
+        k = layout.names.index(worst)
+        value, high = p[k], layout.parameters[k].high
+        bound = f"between 0 and {high:g}" if np.isfinite(high) else "positive"
         text = f"{worst} must be {bound}, not {value:.4g}"
     return f"{text}; if the file was edited by hand, take back what `deltaid identify` wrote"
 

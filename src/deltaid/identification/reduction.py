@@ -100,12 +100,11 @@ class Reduction:
 def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -> tuple[str, float]:
     """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
     margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
-    first = 10 * len(layout.bodies)
-    for i in range(first, len(p)):
-        name, value = layout.names[i], float(p[i])
-        if i not in layout.signed:
-            # A share of the drive's own torque stays below one as well.
-            margins[name] = min(value, 1 - value) if name.startswith("load.") else value
+    for parameter, value in zip(
+        layout.parameters[layout.coefficients], p[layout.coefficients], strict=True
+    ):
+        if not parameter.signed:
+            margins[parameter.name] = parameter.margin(float(value))
     worst = min(margins, key=lambda name: margins[name])
     return worst, margins[worst]
 

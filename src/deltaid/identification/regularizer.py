@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
 from deltaid.identification.reduction import Block, Reduction
 
 RegularizerName = Literal["euclidean", "entropic", "riemannian"]
@@ -111,10 +111,7 @@ def parameter_scale(
         scale[i] = size
     for body in layout.bodies:
         part = layout.body(body)
-        m, second_moments = scale[part][0], 0.5 * p_reg[part][4:7].sum()
-        length = np.sqrt(second_moments / m)
-        own = np.array([m, *[m * length] * 3, *[m * length**2] * 6])
-        scale[part] = np.where(scale[part] > 0, scale[part], own)
+        scale[part] = inertia_scale(p_reg[part])
     return scale
 
 

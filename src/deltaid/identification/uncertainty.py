@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
-from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.conic import Solution
@@ -105,7 +104,7 @@ def judged_parameters(
     """Parameters p of a fit with their intervals, and which of data and prior decided each."""
     layout, p_reg = reduction.layout, reduction.p_reg
     free = np.any(reduction.A != 0, axis=1)
-    held_std, positive = prior_spread * prior_scale(reduction), _positive(layout)
+    held_std = prior_spread * prior_scale(reduction)
     rows = []
     for i, name in enumerate(layout.names):
         std, reach, middle = 0.0, 0.0, p[i]
@@ -122,7 +121,7 @@ def judged_parameters(
             by = "structure"
         if by in ("prior", "consistency"):
             reach = float(quantile(np.array([_MANY]))[0]) * std
-        low = max(middle - reach, 0.0) if positive[i] else middle - reach
+        low = max(middle - reach, layout.parameters[i].low)
         rows.append(
             Parameter(
                 name=name,
@@ -140,28 +139,21 @@ def judged_parameters(
 
 def judged_base(base: BaseParameters, estimate: BaseEstimate) -> tuple[BaseParameter, ...]:
     """Base parameters with their intervals."""
-    units = [base.layout.units[group.representative] for group in base.groups]
+    shown = [base.layout.parameters[group.representative] for group in base.groups]
     return tuple(
         BaseParameter(
             formula=formula,
+            representative=parameter.name,
             value=float(value),
             std=float(std),
             low=float(value - half),
             high=float(value + half),
-            unit=unit,
+            unit=parameter.unit,
         )
-        for formula, value, std, half, unit in zip(
-            base.formulas, estimate.values, estimate.std, estimate.interval, units, strict=True
+        for formula, value, std, half, parameter in zip(
+            base.formulas, estimate.values, estimate.std, estimate.interval, shown, strict=True
         )
     )
-
-
-def _positive(layout: ParameterLayout) -> Bool[np.ndarray, " parameters"]:
-    """Masses, moments of inertia, and coefficients that have no sign."""
-    positive = np.array([i not in layout.signed for i in range(len(layout.names))])
-    for body in layout.bodies:
-        positive[layout.body(body)] = [True, *[False] * 3, *[True] * 3, *[False] * 3]
-    return positive
 
 
 def doubts(

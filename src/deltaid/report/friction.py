@@ -6,7 +6,6 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
-from deltaid.dynamics.friction import term_factor
 from deltaid.identification.friction_record import FrictionChoice, FrictionTrial
 from deltaid.identification.model import IdentifiedModel
 from deltaid.kernel.batch import BatchKernel
@@ -42,9 +41,9 @@ def law(
     """Friction of one joint over its speed for parameters p, without what depends on load."""
     v, total = ca.SX.sym("v"), ca.SX(0)
     for term in model.robot.friction_terms:
-        if term.joint == joint and term.kind != "load":
+        if term.joint == joint and not term.of_load:
             coefficient = float(p[model.layout.names.index(term.name)])
-            total += coefficient * term_factor(term, v, ca.sign, ca.SX(0))
+            total += coefficient * term.h(v, ca.sign(v), ca.SX(0))
     return BatchKernel(v, total)(speed[None])[0]
 
 

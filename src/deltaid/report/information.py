@@ -5,7 +5,6 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.identification.base_parameters import symbol
 from deltaid.identification.identify import Identification
 from deltaid.identification.information import triangle
 from deltaid.identification.model import IdentifiedModel
@@ -92,7 +91,7 @@ def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> 
     rows = inverse / np.linalg.norm(inverse, axis=1, keepdims=True)
     layout = result.base.layout
     names = [
-        style.label(symbol(layout.names[group.representative])) for group in result.base.groups
+        style.label(layout.parameters[group.representative].label) for group in result.base.groups
     ]
     figure = go.Figure(
         go.Heatmap(

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.robot.body import Body
 from deltaid.robot.drive_limits import DriveLimits
-from deltaid.robot.friction import TERM_KINDS, Friction, FrictionTerm, friction_terms
+from deltaid.robot.friction import Friction, FrictionTerm, friction_terms
 from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.own import OwnMechanism
@@ -200,12 +200,8 @@ class RobotDescription(_Part):
     @property
     def friction_terms(self) -> tuple[FrictionTerm, ...]:
         """All terms of all friction laws in the order of p: by kind, then by joint."""
-        terms = [
-            term
-            for joint in self.friction_joints
-            for term in friction_terms(joint, self.friction[joint], sliding=self.is_linear(joint))
-        ]
-        return tuple(sorted(terms, key=lambda term: TERM_KINDS.index(term.kind)))
+        laws = {joint: (self.friction[joint], self.units(joint)) for joint in self.friction_joints}
+        return friction_terms(laws)
 
     @property
     def spring_joints(self) -> tuple[str, ...]:
@@ -222,7 +218,7 @@ class RobotDescription(_Part):
     @property
     def load_drives(self) -> tuple[str, ...]:
         """Names of the drives whose friction depends on their own torque."""
-        return tuple(term.joint for term in self.friction_terms if term.kind == "load")
+        return tuple(term.joint for term in self.friction_terms if term.of_load)
 
     @property
     def rotor_drives(self) -> tuple[str, ...]:

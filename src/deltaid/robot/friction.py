@@ -9,22 +9,21 @@ With the joint's speed v and s = sign(v), the friction torque (a force in a slid
     + stribeck·s·exp(−(|v|/speed)^exponent)      more friction near rest
     + load·s·|τ|                                 a gear's loss: a share of the drive's own torque τ
 
-Every coefficient but the offset is positive, so friction always takes energy away.
+Every coefficient but the offset is positive, so friction always takes energy away. A new term is a
+key of `Friction` and one class here, listed in `TERMS`.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar
 
+import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from deltaid.robot.joint_units import JointUnits
+from deltaid.robot.parameter import Parameter
 from deltaid.robot.quantities import Positive
-
-TermKind = Literal[
-    "viscous", "coulomb", "viscous_back", "coulomb_back", "offset", "power", "stribeck", "load"
-]
-TERM_KINDS: tuple[TermKind, ...] = (
-    "viscous", "coulomb", "viscous_back", "coulomb_back", "offset", "power", "stribeck", "load"
-)  # fmt: skip
 
 EXPONENTS = (0.05, 5.0)
 Exponent = Annotated[float, Field(ge=EXPONENTS[0], le=EXPONENTS[1])]
@@ -96,62 +95,211 @@ class Friction(_Part):
 
 
 @dataclass(frozen=True)
-class FrictionTerm:
-    """One term of one joint's law: one column of the regressor.
+class FrictionTerm(ABC):
+    """One term of one joint's law, coefficient · h(v): one column of the regressor.
 
     Attributes:
-        kind: which term.
         joint: of which joint.
         unit: of its coefficient.
-        prior: of its coefficient; 0 for an offset.
         size: typical size of the coefficient: its prior, for an offset what the description says.
         one_sided: viscous and coulomb for positive speed only.
         exponent, speed: constants of the term, where it has them.
     """
 
-    kind: TermKind
     joint: str
     unit: str
-    prior: float
     size: float
     one_sided: bool = False
     exponent: float = 1.0
     speed: float = 1.0
 
+    kind: ClassVar[str]
+    # Whether h(v) is continuous at rest, v = 0.
+    continuous: ClassVar[bool] = False
+    # Whether h depends on the torque that the drive carries.
+    of_load: ClassVar[bool] = False
+    # Bounds of the coefficient.
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = float("inf")
+
+    @classmethod
+    @abstractmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> "FrictionTerm | None":
+        """The term of a joint's law; None if the law has none of its kind."""
+
+    @abstractmethod
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        """Friction for a coefficient of one.
+
+        Args:
+            v: the joint's speed.
+            s: its sign, or a smooth stand-in for it.
+            load: torque that the joint carries, τ.
+        """
+
+    @property
+    def words(self) -> str:
+        """The term in a sentence, with its constants."""
+        return self.kind
+
+    @property
+    def parameter(self) -> Parameter:
+        """Its coefficient."""
+        prior = 0.0 if self.low < 0 else self.size
+        bounds = (self.low, self.high)
+        return Parameter("friction", self.joint, self.kind, self.unit, *bounds, prior, self.size)
+
     @property
     def name(self) -> str:
-        """Name of the parameter, such as 'viscous.drive1'."""
-        return f"{self.kind}.{self.joint}"
+        """Name of the coefficient, such as 'viscous.drive1'."""
+        return self.parameter.name
 
     @property
     def signed(self) -> bool:
         """Whether the coefficient may be negative."""
-        return self.kind == "offset"
+        return self.low < 0
 
 
-def friction_terms(joint: str, law: Friction, *, sliding: bool) -> tuple[FrictionTerm, ...]:
-    """The terms of a joint's law in the order of `TERM_KINDS`."""
-    force, per_speed = ("N", "s/m") if sliding else ("N m", "s/rad")
-    viscous = "N s/m" if sliding else "N m s/rad"
-    side = not law.both_ways
+class _Viscous(FrictionTerm):
+    """v, or v for v > 0 where the other direction has a coefficient of its own."""
 
-    def term(kind: TermKind, unit: str, size: float, **constants: float) -> FrictionTerm:
-        prior = 0.0 if kind == "offset" else size
-        one_sided = side and kind in ("viscous", "coulomb")
-        return FrictionTerm(kind, joint, unit, prior, size, one_sided, **constants)
+    kind, continuous = "viscous", True
 
-    terms = [term("viscous", viscous, law.viscous), term("coulomb", force, law.coulomb)]
-    if law.viscous_back is not None and law.coulomb_back is not None:
-        terms.append(term("viscous_back", viscous, law.viscous_back))
-        terms.append(term("coulomb_back", force, law.coulomb_back))
-    if law.offset is not None:
-        terms.append(term("offset", force, law.offset))
-    if law.power is not None:
-        unit = f"{force} ({per_speed})^{law.power.exponent:.3g}"
-        terms.append(term("power", unit, law.power.coefficient, exponent=law.power.exponent))
-    if law.stribeck is not None:
-        s = law.stribeck
-        terms.append(term("stribeck", force, s.coefficient, exponent=s.exponent, speed=s.speed))
-    if law.load is not None:
-        terms.append(term("load", "1", law.load))
-    return tuple(terms)
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm:
+        unit = f"{units.force} s/{units.coordinate}"
+        return cls(joint, unit, law.viscous, one_sided=not law.both_ways)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return 0.5 * (1 + s) * v if self.one_sided else v
+
+
+class _Coulomb(FrictionTerm):
+    """s, or s for v > 0 where the other direction has a coefficient of its own."""
+
+    kind = "coulomb"
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm:
+        return cls(joint, units.force, law.coulomb, one_sided=not law.both_ways)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return 0.5 * (s + s * s) if self.one_sided else s
+
+
+class _ViscousBack(FrictionTerm):
+    """v for v < 0."""
+
+    kind, continuous = "viscous_back", True
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        back, unit = law.viscous_back, f"{units.force} s/{units.coordinate}"
+        return None if back is None else cls(joint, unit, back)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return 0.5 * (1 - s) * v
+
+
+class _CoulombBack(FrictionTerm):
+    """s for v < 0."""
+
+    kind = "coulomb_back"
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        back = law.coulomb_back
+        return None if back is None else cls(joint, units.force, back)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return 0.5 * (s - s * s)
+
+
+class _Offset(FrictionTerm):
+    """1."""
+
+    kind, continuous, low = "offset", True, -float("inf")
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        return None if law.offset is None else cls(joint, units.force, law.offset)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+
+class _Power(FrictionTerm):
+    """s |v|^exponent."""
+
+    kind = "power"
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        if law.power is None:
+            return None
+        unit = f"{units.force} (s/{units.coordinate})^{law.power.exponent:.3g}"
+        return cls(joint, unit, law.power.coefficient, exponent=law.power.exponent)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return s * _size(v) ** self.exponent
+
+    @property
+    def words(self) -> str:
+        return f"|speed|^{self.exponent:.3g}"
+
+
+class _Stribeck(FrictionTerm):
+    """s exp(−(|v|/speed)^exponent)."""
+
+    kind = "stribeck"
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        if (term := law.stribeck) is None:
+            return None
+        force, size = units.force, term.coefficient
+        return cls(joint, force, size, exponent=term.exponent, speed=term.speed)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return s * ca.exp(-((_size(v) / self.speed) ** self.exponent))
+
+    @property
+    def words(self) -> str:
+        return f"Stribeck (speed {self.speed:.3g}, exponent {self.exponent:.3g})"
+
+
+class _Load(FrictionTerm):
+    """s |τ|; a share of the torque, so below one."""
+
+    kind, of_load, high = "load", True, 1.0
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        return None if law.load is None else cls(joint, "1", law.load)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return s * ca.fabs(load)
+
+    @property
+    def words(self) -> str:
+        return "share of the torque"
+
+
+# In the order of p.
+TERMS: tuple[type[FrictionTerm], ...] = (
+    _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _Load
+)  # fmt: skip
+
+# Speeds below this [rad/s, m/s] count as rest: it keeps powers of |v| differentiable there.
+_REST = 1e-9
+
+
+def _size(v: ca.SX) -> ca.SX:
+    """|v|, differentiable at rest."""
+    return ca.sqrt(v * v + _REST**2)
+
+
+def friction_terms(laws: Mapping[str, tuple[Friction, JointUnits]]) -> tuple[FrictionTerm, ...]:
+    """The terms of all joints' laws in the order of p: by kind, then by joint."""
+    found = (kind.of(joint, *law) for kind in TERMS for joint, law in laws.items())
+    return tuple(term for term in found if term is not None)

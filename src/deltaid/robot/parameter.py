@@ -1,0 +1,60 @@
+"""One entry of the parameter vector p: what it is, whose, in which unit, within which bounds."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+ParameterKind = Literal["inertia", "friction", "spring", "rotor"]
+
+# Relative standard deviation of a prior where nothing else is said.
+PRIOR_SPREAD = 0.5
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a robot and what is known of it before any recording.
+
+    Attributes:
+        kind: what sort of parameter it is.
+        owner: the body or joint that has it.
+        symbol: what it is called there: 'mcx', 'Ixx', 'viscous', 'rotor'.
+        unit: of its value.
+        low, high: the value lies strictly between them.
+        prior: its value in the description, after the reduction.
+        scale: size that deviations are compared with: |prior|, or a typical size if that is zero.
+        spread: standard deviation of the prior as a share of `scale`.
+    """
+
+    kind: ParameterKind
+    owner: str
+    symbol: str
+    unit: str
+    low: float
+    high: float
+    prior: float
+    scale: float
+    spread: float = PRIOR_SPREAD
+
+    @property
+    def name(self) -> str:
+        """'U.mcx' for an entry of a body, 'viscous.drive1' for a coefficient of a joint."""
+        first, second = self.owner, self.symbol
+        return f"{first}.{second}" if self.kind == "inertia" else f"{second}.{first}"
+
+    @property
+    def label(self) -> str:
+        """The name in formulas: 'mcx_U', 'viscous.drive1'."""
+        return f"{self.symbol}_{self.owner}" if self.kind == "inertia" else self.name
+
+    @property
+    def signed(self) -> bool:
+        """Whether it may be negative."""
+        return self.low < 0
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the prior."""
+        return self.spread * self.scale
+
+    def margin(self, value: float) -> float:
+        """How far a value is from the nearest bound; negative beyond it."""
+        return min(value - self.low, self.high - value)
