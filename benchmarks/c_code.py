@@ -39,8 +39,8 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.export.c_code import c_code
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import urdf
+from deltaid.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot
 
@@ -137,7 +137,7 @@ def main() -> None:
     print(f"{'mean (slowest), us':<18}{''.join(head)}{'mj_forward':>12}{'Pinocchio':>11}")
     for name in arguments.robots:
         robot = load_robot(name)
-        subject = ExportSubject(robot, prior_parameters(robot), name)
+        subject = Model(robot, prior_parameters(robot), name)
         states = along_a_motion(subject)
         times = [f"{mean:.2f} ({worst:.1f})" for mean, worst in in_c(subject, states, options)]
         cells = "".join(f"{cell:>15}" for cell in times)
@@ -146,7 +146,7 @@ def main() -> None:
         print(f"{name:<18}{cells}{mujoco_forward(subject, states):>12.1f}{shown:>11}")
 
 
-def along_a_motion(subject: ExportSubject) -> tuple[np.ndarray, ...]:
+def along_a_motion(subject: Model) -> tuple[np.ndarray, ...]:
     """z, q, q̇, q̈, τ of a random motion at 1 kHz, a controller's rate."""
     dynamics = subject.dynamics
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
@@ -156,7 +156,7 @@ def along_a_motion(subject: ExportSubject) -> tuple[np.ndarray, ...]:
 
 
 def in_c(
-    subject: ExportSubject, states: tuple[np.ndarray, ...], options: list[str]
+    subject: Model, states: tuple[np.ndarray, ...], options: list[str]
 ) -> list[tuple[float, float]]:
     """Best mean and slowest state's time [µs] of every function."""
     code = c_code(subject, "r")
@@ -176,7 +176,7 @@ def in_c(
 
 
 def tree_states(
-    subject: ExportSubject, states: tuple[np.ndarray, ...], names: list[str]
+    subject: Model, states: tuple[np.ndarray, ...], names: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates of the tree's joints."""
     tree, (z, _, qd, *_) = spanning_tree(subject), states
@@ -191,7 +191,7 @@ def tree_states(
     return np.array(positions), np.array(rates)
 
 
-def mujoco_forward(subject: ExportSubject, states: tuple[np.ndarray, ...]) -> float:
+def mujoco_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float:
     """Best mean time [µs] of mj_forward."""
     model = mujoco.MjModel.from_xml_string(mjcf(subject.without_friction()))
     data = mujoco.MjData(model)
@@ -211,7 +211,7 @@ def mujoco_forward(subject: ExportSubject, states: tuple[np.ndarray, ...]) -> fl
     return 1e6 * (min(rounds(True) for _ in range(10)) - empty) / STATES
 
 
-def pinocchio_forward(subject: ExportSubject, states: tuple[np.ndarray, ...]) -> float | None:
+def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float | None:
     """Best mean time [µs] of constraintDynamics; None where joints follow others."""
     export = urdf(subject.without_friction())
     loops = json.loads(export.loops)

@@ -42,8 +42,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.export.mjcf import mjcf
-from deltaid.export.subject import ExportSubject
 from deltaid.kernel.batch import BatchKernel
+from deltaid.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
@@ -124,7 +124,7 @@ def _bare(kernel: BatchKernel, one: Array, uniform: Array) -> Callable[[], None]
 def _mujoco(robot: RobotDescription) -> dict[str, float]:
     p = prior_parameters(robot)
     p[parameter_layout(robot).friction] = 0.0
-    model = mujoco.MjModel.from_xml_string(mjcf(ExportSubject(robot, p, ROBOT)))
+    model = mujoco.MjModel.from_xml_string(mjcf(Model(robot, p, ROBOT)))
     data = mujoco.MjData(model)
 
     def home() -> None:

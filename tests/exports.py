@@ -16,7 +16,7 @@ import pytest
 from composed import Make, twin
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
@@ -27,7 +27,7 @@ STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 
 
 @cache
-def subject(name: str) -> ExportSubject:
+def subject(name: str) -> Model:
     """A catalogue robot whose bodies have no symmetry left: the prior, every entry disturbed.
 
     After a slash, what part of its platform carries the tool, which then stands beside it.
@@ -40,7 +40,7 @@ def subject(name: str) -> ExportSubject:
     return disturbed(robot)
 
 
-def disturbed(robot: RobotDescription) -> ExportSubject:
+def disturbed(robot: RobotDescription) -> Model:
     """A robot with generic parameters near its prior."""
     rng, p = np.random.default_rng(7), prior_parameters(robot)
     p[10 * len(robot.body_names) :] *= rng.uniform(0.8, 1.25, p.size - 10 * len(robot.body_names))
@@ -54,12 +54,10 @@ def disturbed(robot: RobotDescription) -> ExportSubject:
         body[:] = inertia_parameters(A @ M @ A.T)
     offsets = p == 0
     p[offsets] = rng.uniform(-1, 1, offsets.sum())  # of friction
-    return ExportSubject(robot, p, robot.name)
+    return Model(robot, p, robot.name)
 
 
-def states(
-    subject: ExportSubject, n: int, seed: int = 0, share: float = 0.7
-) -> tuple[np.ndarray, ...]:
+def states(subject: Model, n: int, seed: int = 0, share: float = 0.7) -> tuple[np.ndarray, ...]:
     """z, q, q̇, q̈ of n random states in the workspace, one a row, all drives within their range."""
     kinematics, rng, rows = subject.dynamics.kinematics, np.random.default_rng(seed), []
     centre, half = subject.robot.workspace.inner_box
@@ -77,7 +75,7 @@ def states(
     return z, q, 2.0 * rng.standard_normal(z.shape), 10.0 * rng.standard_normal(z.shape)
 
 
-def _in_range(subject: ExportSubject, q: np.ndarray) -> bool:
+def _in_range(subject: Model, q: np.ndarray) -> bool:
     for drive, x in zip(subject.robot.drives, q, strict=True):
         limits = subject.robot.drive_limits.get(drive)
         if limits and limits.range and not limits.range[0] < x < limits.range[1]:
@@ -86,7 +84,7 @@ def _in_range(subject: ExportSubject, q: np.ndarray) -> bool:
 
 
 @dataclass(frozen=True)
-class Model:
+class Evaluated:
     """τ and the terms of (1) at some samples, by CasADi's own evaluator."""
 
     tau: np.ndarray
@@ -100,15 +98,15 @@ class Model:
         return np.linalg.solve(self.M, (self.tau - self.bias)[..., None])[..., 0]
 
 
-def model(subject: ExportSubject, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Model:
+def model(subject: Model, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Evaluated:
     """The package's answers, with friction in the bias C q̇ + g + f."""
     rows = [_terms(subject)(*row, subject.p) for row in zip(z, qd, qdd, strict=True)]
     tau, M, bias, g = (np.array([np.array(x) for x in part]) for part in zip(*rows, strict=True))
-    return Model(tau[..., 0], M, bias[..., 0], g[..., 0])
+    return Evaluated(tau[..., 0], M, bias[..., 0], g[..., 0])
 
 
 @cache
-def _terms(subject: ExportSubject) -> ca.Function:
+def _terms(subject: Model) -> ca.Function:
     e = subject.dynamics.equations
     out = [e.torque, e.M, e.C @ e.qd + e.g + e.f, e.g]
     return ca.Function("terms", [e.z, e.qd, e.qdd, e.p], out)
@@ -125,7 +123,7 @@ class TreeMotion:
 
 
 def tree_motion(
-    subject: ExportSubject,
+    subject: Model,
     names: Sequence[str],
     state: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> TreeMotion:
@@ -148,10 +146,10 @@ def tree_motion(
     )
 
 
-def composed(make: Make) -> ExportSubject:
+def composed(make: Make) -> Model:
     """A composed robot of random geometry, bodies, springs and rotors."""
     found = twin(make)
-    return ExportSubject(found.robot, found.p, "composed")
+    return Model(found.robot, found.p, "composed")
 
 
 # Limbs of all sorts: unequal, tilted, upside-down working modes, bodies of their own.
@@ -166,7 +164,7 @@ COMPOSED = (
 TOOLS = ("h4/first", "h4-linear/second", "par4/middle", "i4/first", "i4-linear/second")
 
 
-def the(case: str | Make) -> ExportSubject:
+def the(case: str | Make) -> Model:
     """A catalogue robot with generic bodies, or a composed one."""
     return subject(case) if isinstance(case, str) else composed(case)
 

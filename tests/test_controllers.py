@@ -18,11 +18,12 @@ from deltaid.control.controllers import (
     tuned,
 )
 from deltaid.control.simulation import integrate
-from deltaid.control.tracking import Drives, Plant, Tracking, track
+from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import Desired, MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.report.page import Table, Text
 from deltaid.report.tracking import comparison_page
@@ -173,7 +174,7 @@ def tracked(controller: str, drives: Drives, share: float = 1.0, duration: float
     model = ControlModel(robot, known)
     trajectory = motion(forward, duration)
     mass = ControlModel(robot, p).mass_diagonal(trajectory.at(np.linspace(0, 0.3, 50)).q)
-    return track(Plant(forward, p), tuned(controller, mass, 10.0), model, trajectory, drives)
+    return track(Model(forward.robot, p), tuned(controller, mass, 10.0), model, trajectory, drives)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -213,7 +214,7 @@ def test_torques_stay_within_the_limits() -> None:
     robot = robot.model_copy(update={"drive_limits": limits})
     forward, p = ForwardDynamics(robot), prior_parameters(robot)
     model, trajectory = ControlModel(robot, p), motion(forward, 0.5)
-    result = track(Plant(forward, p), ComputedTorque(60.0), model, trajectory, Drives())
+    result = track(Model(forward.robot, p), ComputedTorque(60.0), model, trajectory, Drives())
     assert np.abs(result.tau).max() == 12.0
     assert 0 < result.saturated.mean() < 1
     assert np.array_equal(np.abs(result.tau) == 12.0, result.saturated)

@@ -17,9 +17,9 @@ from deltaid.errors import DeltaidError
 from deltaid.export.c_code import c_code
 from deltaid.export.mjcf import mjcf
 from deltaid.export.straight_line import Array, straight_line
-from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import urdf
 from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
+from deltaid.model import Model
 from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot
@@ -57,7 +57,7 @@ class Library:
         return np.array((ctypes.c_double * self._dof).in_dll(self._library, "delta_home"))
 
 
-def build(subject: ExportSubject, folder: Path, *options: str) -> Library:
+def build(subject: Model, folder: Path, *options: str) -> Library:
     code = c_code(subject, "delta")
     (folder / "delta.h").write_text(code.header)
     (folder / "delta.c").write_text(code.source)
@@ -65,7 +65,7 @@ def build(subject: ExportSubject, folder: Path, *options: str) -> Library:
     return Library(folder / "delta.so", subject.dynamics.dof)
 
 
-def assert_same(library: Library, subject: ExportSubject, n: int = 40) -> None:
+def assert_same(library: Library, subject: Model, n: int = 40) -> None:
     """Every function against the package, at random states."""
     dynamics, dof = subject.dynamics, subject.dynamics.dof
     z, q, qd, qdd = states(subject, n)
@@ -176,7 +176,7 @@ def test_a_header_that_would_hide_another_one(prefix: str) -> None:
 
 def test_a_title_cannot_end_the_comment() -> None:
     robot = load_robot("linear-delta").model_copy(update={"title": "*//* int x; /*/\n#error"})
-    code = c_code(ExportSubject(robot, prior_parameters(robot), "a.yaml"), "delta")
+    code = c_code(Model(robot, prior_parameters(robot), "a.yaml"), "delta")
     for text in (code.header, code.source):
         assert "int x" not in re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
         assert "#error" not in "".join(row for row in text.splitlines() if row.startswith("#"))

@@ -18,13 +18,13 @@ from deltaid.errors import DeltaidError
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.files import TARGETS, write_export
 from deltaid.export.fmu import fmu
-from deltaid.export.inertia import body_inertia, why_not_physical
 from deltaid.export.mjcf import mjcf
-from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import urdf
 from deltaid.identification.model import IdentifiedModel
+from deltaid.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
+from deltaid.robot.body_inertia import body_inertia, why_not_physical
 from deltaid.robot.load import catalogue, catalogue_text, load_robot
 from exports import model, states, subject
 from sessions import ROOT, blocks
@@ -101,7 +101,7 @@ def test_bodies_that_cannot_exist_are_refused(entry: int, value: float, reason: 
     p = prior_parameters(robot)
     p[entry] = value
     with pytest.raises(DeltaidError, match=f"body U cannot be exported.*{reason}"):
-        ExportSubject(robot, p, "a model")
+        Model(robot, p, "a model")
 
 
 @pytest.mark.parametrize("name", catalogue())
@@ -119,7 +119,7 @@ def test_bodies_of_the_catalogue_can_exist(name: str) -> None:
 def test_too_few_parameters() -> None:
     robot = load_robot("clavel-delta3")
     with pytest.raises(DeltaidError, match="has 5 parameters, but the robot has 36"):
-        ExportSubject(robot, np.ones(5), "a model")
+        Model(robot, np.ones(5), "a model")
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -156,7 +156,7 @@ def test_command_refuses(tmp_path: Path) -> None:
 def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
     changed = {"title": "a--->b & <c> \x01 ü--", "name": 'n"<\x02'}
     robot = load_robot("linear-delta").model_copy(update=changed)
-    chosen = ExportSubject(robot, prior_parameters(robot), "--.yaml")
+    chosen = Model(robot, prior_parameters(robot), "--.yaml")
     unit = zipfile.ZipFile(io.BytesIO(fmu(chosen, "a", forward=True).content))
     for text in (mjcf(chosen), urdf(chosen).urdf, unit.read("modelDescription.xml")):
         root = ElementTree.fromstring(text)

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from command import run
 from deltaid.export.fmu import fmu
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from exports import compiled, disturbed, model, needs_compiler, states, subject
@@ -30,13 +30,13 @@ pytestmark = needs_compiler
 
 
 @cache
-def content(chosen: ExportSubject, target: str) -> bytes:
+def content(chosen: Model, target: str) -> bytes:
     found = fmu(chosen, "unit", forward=target == "fmu")
     assert found.warnings == ()
     return found.content
 
 
-def write(chosen: ExportSubject, target: str, folder: Path) -> Path:
+def write(chosen: Model, target: str, folder: Path) -> Path:
     path = folder / "unit.fmu"
     path.write_bytes(content(chosen, target))
     return path
@@ -67,9 +67,7 @@ class Unit:
 
 
 @contextmanager
-def unit(
-    chosen: ExportSubject, target: str, folder: Path, kind: type = FMU2Slave
-) -> Iterator[Unit]:
+def unit(chosen: Model, target: str, folder: Path, kind: type = FMU2Slave) -> Iterator[Unit]:
     found = Unit(write(chosen, target, folder), folder, kind)
     yield found
     found.fmu.terminate()
@@ -117,7 +115,7 @@ def test_inverse_dynamics(name: str, tmp_path: Path) -> None:
             found.get("tau1")
 
 
-def accelerations(chosen: ExportSubject, folder: Path, tau: np.ndarray, n: int) -> None:
+def accelerations(chosen: Model, folder: Path, tau: np.ndarray, n: int) -> None:
     """q̈ of the unit against the package, at speeds at which friction has its whole size."""
     dof = chosen.dynamics.dof
     z, _, qd, qdd = states(chosen, n)
@@ -142,9 +140,7 @@ def test_accelerations(name: str, tmp_path: Path) -> None:
     p = chosen.p.copy()
     for joint in set(chosen.robot.joints) - set(chosen.robot.drives):  # may stand still
         p[chosen.dynamics.layout.names.index(f"coulomb.{joint}")] = 0.0
-    accelerations(
-        ExportSubject(chosen.robot, p, name), tmp_path, 1.0 + np.arange(len(chosen.home)), 8
-    )
+    accelerations(Model(chosen.robot, p, name), tmp_path, 1.0 + np.arange(len(chosen.home)), 8)
 
 
 def test_accelerations_with_every_friction_term(tmp_path: Path) -> None:

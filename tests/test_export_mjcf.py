@@ -12,7 +12,7 @@ from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.errors import DeltaidError
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
 from deltaid.robot.load import catalogue, load_robot
 from exports import (
     COMPOSED,
@@ -35,7 +35,7 @@ CASES = [*catalogue(), *TOOLS, *COMPOSED]
 class Simulation:
     """MuJoCo on an exported model."""
 
-    def __init__(self, chosen: ExportSubject) -> None:
+    def __init__(self, chosen: Model) -> None:
         self.model = mujoco.MjModel.from_xml_string(mjcf(chosen))
         self.data = mujoco.MjData(self.model)
         self.joints = [self.model.joint(j).name for j in range(self.model.njnt)]
@@ -81,7 +81,7 @@ def test_poses_masses_and_closed_loops(case: str | Make) -> None:
     assert (moments[:, 0] + moments[:, 1] > moments[:, 2]).all()
 
 
-def placed(chosen: ExportSubject, z: np.ndarray) -> list:
+def placed(chosen: Model, z: np.ndarray) -> list:
     """The package's pose of every body of the tree, by its name there."""
     poses = list(chosen.dynamics.kinematics.poses(z[None]))
     limbs = len(chosen.robot.limb_geometry)

@@ -14,8 +14,8 @@ from command import refused, run
 from composed import Make
 from deltaid.errors import DeltaidError
 from deltaid.export.files import write_export
-from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import _rpy, urdf
+from deltaid.model import Model
 from deltaid.robot.load import catalogue, load_robot
 from exports import (
     COMPOSED,
@@ -38,7 +38,7 @@ CASES = [*catalogue(), *TOOLS, *COMPOSED]
 class Tree:
     """Pinocchio on an exported model, with what the file of the loops adds."""
 
-    def __init__(self, chosen: ExportSubject) -> None:
+    def __init__(self, chosen: Model) -> None:
         export = urdf(chosen)
         self.model = pin.buildModelFromXML(export.urdf)
         self.loops = json.loads(export.loops)

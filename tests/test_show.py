@@ -18,12 +18,12 @@ from playwright import sync_api
 from command import refused, run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.model import load
 from deltaid.robot.load import load_robot
 from deltaid.show.page import percent_of, robot_page
 from deltaid.show.reach import good, reach, survey
 from deltaid.show.rest import AtRest
 from deltaid.show.shapes import along, cylinder
-from deltaid.show.subject import load_subject
 from deltaid.show.view import home_view, moved
 
 ROBOTS = ("clavel-delta3", "irb360-6-1600")
@@ -31,7 +31,8 @@ ROBOTS = ("clavel-delta3", "irb360-6-1600")
 
 @cache
 def at_rest(name: str) -> AtRest:
-    return load_subject(name).at_rest()
+    found = load(name)
+    return AtRest(found.dynamics, found.p)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -160,9 +161,9 @@ def test_page_and_tables(tmp_path: Path) -> None:
 
 def test_a_model_is_shown_with_its_own_parameters(tmp_path: Path) -> None:
     assert run("demo", "clavel-delta3", "--keep", tmp_path).code == 0
-    subject = load_subject(str(tmp_path / "model.yaml"))
-    assert "identified" in subject.origin
-    model, prior = subject.at_rest(), at_rest("clavel-delta3")
+    found = load(str(tmp_path / "model.yaml"))
+    assert found.origin.startswith("identified from")
+    model, prior = AtRest(found.dynamics, found.p), at_rest("clavel-delta3")
     assert np.abs(model(model.home[None]).torque - prior(prior.home[None]).torque).max() > 0.01
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.export.files import write_export
-    from deltaid.export.subject import ExportSubject
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification, identify
     from deltaid.identification.model import IdentifiedModel, Settings
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
     from deltaid.mechanism.own import BodyPose, MechanismParts
+    from deltaid.model import Model, load
     from deltaid.recording.columns import ColumnMapping, load_mapping
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
@@ -43,10 +43,10 @@ _HOME = {
     "Dynamics": "deltaid.dynamics.dynamics",
     "ExcitationSettings": "deltaid.excitation.excite",
     "Exciter": "deltaid.excitation.excite",
-    "ExportSubject": "deltaid.export.subject",
     "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
     "Identification": "deltaid.identification.identify",
     "IdentifiedModel": "deltaid.identification.model",
+    "Model": "deltaid.model",
     "Kinematics": "deltaid.mechanism.kinematics",
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
@@ -57,6 +57,7 @@ _HOME = {
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.identification.identify",
     "integrate": "deltaid.control.simulation",
+    "load": "deltaid.model",
     "load_mapping": "deltaid.recording.columns",
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",
@@ -74,7 +75,6 @@ __all__ = [
     "Dynamics",
     "ExcitationSettings",
     "Exciter",
-    "ExportSubject",
     "ForwardDynamics",
     "Identification",
     "IdentifiedModel",
@@ -82,12 +82,14 @@ __all__ = [
     "LimbGeometry",
     "Limbs",
     "MechanismParts",
+    "Model",
     "RobotDescription",
     "Settings",
     "build_limb",
     "catalogue",
     "identify",
     "integrate",
+    "load",
     "load_mapping",
     "load_robot",
     "prior_parameters",

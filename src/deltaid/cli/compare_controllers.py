@@ -27,7 +27,9 @@ def register(app: typer.Typer) -> None:
 
 
 def compare_controllers(
-    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    model: Annotated[
+        str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
+    ],
     trajectory: Trajectory,
     plant: Annotated[str, typer.Option(help="The true robot: another model, robot name or file.")],
     rate: Rate = DEFAULT_RATE,
@@ -45,7 +47,13 @@ def compare_controllers(
     Every controller runs with every model on the plant, all tuned alike: what differs is what they
     know of the robot.
     """
-    from deltaid.cli.output import print_json, print_warnings, progress, require_report
+    from deltaid.cli.output import (
+        print_json,
+        print_origin,
+        print_warnings,
+        progress,
+        require_report,
+    )
     from deltaid.cli.simulate import (
         drives_dictionary,
         drives_of,
@@ -54,31 +62,32 @@ def compare_controllers(
         load_trajectory,
     )
     from deltaid.control.comparison import candidates, compare
-    from deltaid.identification.model import IdentifiedModel
+    from deltaid.model import load
 
     drives = drives_of(rate, bandwidth, encoder, delay)
     if report is not None:
         require_report(report, given(model, trajectory, plant, columns))
-    identified = IdentifiedModel.load(model)
-    runs_on = load_plant(plant, identified.robot)
+    known = load(model)
+    print_origin(known)
+    runs_on = load_plant(plant, known.robot)
     with progress(as_json) as say:
         say(f"checking {trajectory}")
-        motion, warnings = load_trajectory(trajectory, identified.robot, columns)
-        runs = compare(runs_on, candidates(identified), motion, drives, bandwidth, say)
+        motion, warnings = load_trajectory(trajectory, known.robot, columns)
+        runs = compare(runs_on, candidates(known), motion, drives, bandwidth, say)
         if report is not None:
             from deltaid.report.page import write_page
             from deltaid.report.tracking import comparison_page
 
             say(f"writing {report}")
-            names = f"{model.name} on {Path(plant).name} along {trajectory.name}"
-            page = comparison_page(identified.robot, runs, names, drives, bandwidth)
+            names = f"{Path(model).name} on {Path(plant).name} along {trajectory.name}"
+            page = comparison_page(known.robot, runs, names, drives, bandwidth)
             write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
         print_json(settings | {"runs": [_as_dictionary(run) for run in runs]})
     else:
-        _print(identified.robot.title or identified.robot.name, runs, report)
+        _print(known.robot.title or known.robot.name, runs, report)
 
 
 def _as_dictionary(run: "Run") -> dict:

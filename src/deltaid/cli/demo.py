@@ -58,6 +58,7 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         value_cells,
     )
     from deltaid.cli.validate import error_table
+    from deltaid.model import load
 
     model, rows = result.identification.model, []
     for parameter, truth in zip(model.parameters, result.truth, strict=True):
@@ -71,7 +72,7 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
     columns = ["parameter", "prior", "truth", "identified", HALF_WIDTH, "unit", "from"]
     console.print(table(f"{model.robot.title}, simulated", columns, rows))
     console.print()
-    console.print(error_table(model, result.verification))
+    console.print(error_table(load(model), result.verification))
     console.print()
     for line in summary(result.identification):
         console.print(line)

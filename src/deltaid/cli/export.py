@@ -41,13 +41,11 @@ def export(
     """
     from deltaid.cli.output import console, print_warnings
     from deltaid.export.files import write_export
-    from deltaid.export.subject import ExportSubject
-    from deltaid.show.subject import load_subject
+    from deltaid.model import load
 
-    found = load_subject(model)
-    subject = ExportSubject(found.robot, found.p, Path(model).name)
+    found = load(model)
     if without_friction:
-        subject = subject.without_friction()
-    written = write_export(subject, to.value, output, (Path(model),))
+        found = found.without_friction()
+    written = write_export(found, to.value, output, (Path(model),))
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

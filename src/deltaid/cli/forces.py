@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import Finding, Study, Viewer
-    from deltaid.identification.model import IdentifiedModel
+    from deltaid.model import Model
 
 
 def register(app: typer.Typer) -> None:
@@ -18,7 +18,9 @@ def register(app: typer.Typer) -> None:
 
 
 def forces(
-    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    model: Annotated[
+        str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
+    ],
     motion: Annotated[
         Path, typer.Argument(help="A planned motion or a recording, CSV or Parquet.")
     ],
@@ -55,40 +57,42 @@ def forces(
         console,
         positive,
         print_json,
+        print_origin,
         print_warnings,
         progress,
         require_outputs,
     )
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import study, with_struts
-    from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.validation import model_filter
+    from deltaid.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
 
     positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
     positive("--socket-force", socket_force)
-    inputs = [path for path in (model, motion, *(logs or ()), columns, log_columns) if path]
+    inputs = [path for path in (Path(model), motion, *(logs or ()), columns, log_columns) if path]
     require_outputs(inputs, {"--output": output}, report)
     mapping, log_mapping = (load_mapping(path) if path else None for path in (columns, log_columns))
-    identified = with_struts(IdentifiedModel.load(model), strut_spacing, socket_force)
-    computed = ConstraintForces(identified.robot)
+    known = with_struts(load(model), strut_spacing, socket_force)
+    print_origin(known)
+    computed = ConstraintForces(known.robot)
     with progress(as_json) as say, ExitStack() as files:
         say(f"checking {motion}")
         surveyed = open_log(motion, computed.kinematics, mapping, need_torque=False)
         viewers = _viewers(computed, surveyed.samples, output, report, files)
         result = study(
-            identified,
+            known,
             computed,
             surveyed,
-            model_filter(identified, surveyed),
+            model_filter(known, surveyed),
             recordings=tuple(logs or ()),
             columns=log_mapping,
             viewers=tuple(viewers),
             progress=say,
         )
         if report is not None:
-            _write_report(identified, computed, motion.name, result, viewers, report)
+            _write_report(known, computed, motion.name, result, viewers, report)
     print_warnings([f"{motion}: {text}" for text in surveyed.warnings])
     print_warnings([computed.note] if computed.note else [])
     if as_json:
@@ -122,7 +126,7 @@ def _viewers(
 
 
 def _write_report(
-    model: "IdentifiedModel",
+    model: "Model",
     computed: "ConstraintForces",
     name: str,
     result: "Study",

@@ -196,11 +196,12 @@ def print_result(
     from deltaid.cli.friction import choice_sentence, choice_table
     from deltaid.cli.output import console
     from deltaid.cli.validate import error_table
+    from deltaid.model import load
 
     model = result.model
     console.print(parameter_table(model))
     console.print()
-    console.print(error_table(model, verification))
+    console.print(error_table(load(model), verification))
     console.print()
     if model.friction_choice is not None:
         console.print(choice_table(model.friction_choice, model.robot))

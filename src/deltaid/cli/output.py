@@ -19,6 +19,7 @@ from deltaid.report.numbers import percent as percent  # for the commands too
 
 if TYPE_CHECKING:
     from deltaid.identification.model import Parameter
+    from deltaid.model import Model
 
 # Columns whose cells are words.
 _TEXT_COLUMNS = (
@@ -40,6 +41,13 @@ def print_warnings(warnings: Sequence[str]) -> None:
     """Warnings on standard error, so that --json stays clean."""
     for text in warnings:
         error_console.print(f"[yellow]warning:[/] {_shown(text)}")
+
+
+def print_origin(model: "Model") -> None:
+    """Say on standard error that a robot stands for its prior, where a model is expected."""
+    if model.identified is None:
+        name = _shown(model.source)
+        error_console.print(f"[dim]note:[/] {name} is a robot: it stands for its prior parameters")
 
 
 def _shown(text: str) -> str:

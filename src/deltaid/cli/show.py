@@ -39,18 +39,20 @@ def show(
     Without options it prints tables.
     """
     from deltaid.cli.output import progress, require_report
-    from deltaid.show.subject import load_subject
+    from deltaid.model import load
+    from deltaid.show.rest import AtRest
 
     if report is not None:
         require_report(report, [Path(robot)])
     if live:
         _require_live(port)
-    subject = load_subject(robot)
+    model = load(robot)
     with progress(False) as say:
         say("compiling")
-        at_rest = subject.at_rest()
+        at_rest = AtRest(model.dynamics, model.p)
     if report is not None or not live:
-        _survey(at_rest, report, subject.origin)
+        known = "identified" if model.identified else "prior"
+        _survey(at_rest, report, f"Robot at rest, with its {known} parameters")
     if live:
         _open(at_rest, port)
 

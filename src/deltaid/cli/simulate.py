@@ -9,8 +9,9 @@ import typer
 if TYPE_CHECKING:
     import polars as pl
 
-    from deltaid.control.tracking import Drives, Plant, Tracking
+    from deltaid.control.tracking import Drives, Tracking
     from deltaid.control.trajectory import SampledTrajectory
+    from deltaid.model import Model
     from deltaid.robot.description import RobotDescription
 
 
@@ -74,16 +75,23 @@ def simulate(
     Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
     its prior.
     """
-    from deltaid.cli.output import print_json, print_warnings, progress, require_outputs
+    from deltaid.cli.output import (
+        print_json,
+        print_origin,
+        print_warnings,
+        progress,
+        require_outputs,
+    )
     from deltaid.control.comparison import gains
     from deltaid.control.control_model import ControlModel
     from deltaid.control.tracking import track
     from deltaid.files import written_whole
-    from deltaid.show.subject import load_subject
+    from deltaid.model import load
 
     drives = drives_of(rate, bandwidth, encoder, delay)
     require_outputs(given(model, trajectory, plant, columns), {"--output": output}, report)
-    subject = load_subject(model)
+    subject = load(model)
+    print_origin(subject)
     runs_on = load_plant(plant or model, subject.robot)
     known = ControlModel(subject.robot, subject.p)
     with progress(as_json) as say:
@@ -135,18 +143,16 @@ def given(*names: str | Path | None) -> list[Path]:
     return [Path(name) for name in names if name is not None]
 
 
-def load_plant(name: str, like: "RobotDescription") -> "Plant":
+def load_plant(name: str, like: "RobotDescription") -> "Model":
     """The robot that a controller runs on.
 
     Raises:
         DeltaidError: its drives are not those of the model.
     """
-    from deltaid.control.tracking import Plant
-    from deltaid.dynamics.forward_dynamics import compiled_forward
     from deltaid.errors import DeltaidError
-    from deltaid.show.subject import load_subject
+    from deltaid.model import load
 
-    subject = load_subject(name)
+    subject = load(name)
     robot = subject.robot
     kinds = [[r.is_linear(drive) for drive in r.drives] for r in (robot, like)]
     if kinds[0] != kinds[1]:
@@ -156,7 +162,7 @@ def load_plant(name: str, like: "RobotDescription") -> "Plant":
             where=f"--plant {name}",
             cure="the plant must be the robot that the model is of",
         )
-    return Plant(compiled_forward(robot), subject.p)
+    return subject
 
 
 def load_trajectory(

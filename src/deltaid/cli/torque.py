@@ -12,7 +12,9 @@ def register(app: typer.Typer) -> None:
 
 
 def torque(
-    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    model: Annotated[
+        str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
+    ],
     log: Annotated[Path, typer.Argument(help="A recording or a planned motion, CSV or Parquet.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="CSV file to write.")],
     columns: Annotated[
@@ -24,28 +26,28 @@ def torque(
     Without recorded velocities and accelerations the positions are filtered and differentiated,
     and as many rows as the filter is long are missing at either end.
     """
-    from deltaid.cli.output import console, print_warnings, progress
-    from deltaid.dynamics.dynamics import compiled
+    from deltaid.cli.output import console, print_origin, print_warnings, progress
     from deltaid.files import require_writable, written_whole
-    from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.identification.validation import model_filter
+    from deltaid.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
 
-    require_writable(output, [model, log, *([columns] if columns else [])])
-    identified = IdentifiedModel.load(model)
-    dynamics = compiled(identified.robot)
+    require_writable(output, [Path(model), log, *([columns] if columns else [])])
+    known = load(model)
+    dynamics = known.dynamics
+    print_origin(known)
     mapping = load_mapping(columns) if columns else None
     rows = 0
     with progress(False) as say:
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
-        low_pass = model_filter(identified, surveyed)
+        low_pass = model_filter(known, surveyed)
         print_warnings([f"{log}: {text}" for text in surveyed.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:
-            for part in predict(dynamics, identified.p, surveyed, low_pass):
+            for part in predict(dynamics, known.p, surveyed, low_pass):
                 file.write(prediction_csv(part, header=rows == 0))
                 rows += len(part.time)
     filtered = f", positions low-passed at {low_pass.cutoff:.3g} Hz" if low_pass else ""

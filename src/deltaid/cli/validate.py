@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import TorqueError
+    from deltaid.model import Model
     from deltaid.recording.log import Log
 
 
@@ -17,7 +17,9 @@ def register(app: typer.Typer) -> None:
 
 
 def validate(
-    model: Annotated[Path, typer.Argument(help="A model saved by `deltaid identify`.")],
+    model: Annotated[
+        str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
+    ],
     log: Annotated[Path, typer.Argument(help="A recording, CSV or Parquet.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
@@ -28,33 +30,41 @@ def validate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare a model's torques with a recording, drive by drive."""
-    from deltaid.cli.output import console, print_json, print_warnings, progress, require_report
-    from deltaid.identification.model import IdentifiedModel
+    from deltaid.cli.output import (
+        console,
+        print_json,
+        print_origin,
+        print_warnings,
+        progress,
+        require_report,
+    )
     from deltaid.identification.validation import misfit
     from deltaid.identification.validation import validate as run
+    from deltaid.model import load
     from deltaid.recording.columns import load_mapping
 
     if report is not None:
-        require_report(report, [model, log, *([columns] if columns else [])])
+        require_report(report, [Path(model), log, *([columns] if columns else [])])
     mapping = load_mapping(columns) if columns else None
-    identified = IdentifiedModel.load(model)
+    known = load(model)
+    print_origin(known)
     with progress(as_json) as say:
         say(f"comparing with {log}")
-        error, surveyed = run(identified, log, columns=mapping)
+        error, surveyed = run(known, log, columns=mapping)
         if report is not None:
             say(f"writing {report}")
-            write_report(identified, surveyed, error, report)
-    texts = (*surveyed.warnings, *misfit(identified, error))
+            write_report(known, surveyed, error, report)
+    texts = (*surveyed.warnings, *misfit(known, error))
     print_warnings([f"{log}: {text}" for text in texts])
     if as_json:
         print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
     else:
-        console.print(error_table(identified, error))
+        console.print(error_table(known, error))
         if report is not None:
             console.print(f"wrote {report}")
 
 
-def write_report(model: "IdentifiedModel", log: "Log", error: "TorqueError", path: Path) -> None:
+def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -> None:
     """The page of a comparison."""
     from deltaid.identification.validation import model_filter
     from deltaid.report.page import write_page
@@ -73,29 +83,25 @@ def error_dictionary(error: "TorqueError") -> dict:
     }
 
 
-def error_table(model: "IdentifiedModel", verification: "TorqueError | None") -> object:
+def error_table(model: "Model", verification: "TorqueError | None") -> object:
     """Torque errors per drive, on the identification's recordings and on another one."""
     from deltaid.cli.output import number, percent, table
 
-    fit, rows, units = model.fit, [], model.robot.drive_units
+    fit, units = model.identified and model.identified.fit, model.robot.drive_units
+    errors = [error for error in (fit, verification) if error is not None]
     alike, first = len(set(units.values())) == 1, next(iter(units.values()))
     heading = [f"{first.effort} error, {first.force}"] if alike else ["error of drive", "unit"]
+    rows = []
     for i, drive in enumerate(model.robot.drives):
-        row = [
-            drive,
-            *([] if alike else [units[drive].force]),
-            number(fit.rms[i], 3),
-            percent(fit.nrmse[i]),
-            number(fit.rms_unfiltered[i], 3),
-        ]
-        if verification is not None:
+        row = [drive, *([] if alike else [units[drive].force])]
+        for error in errors:
             row += [
-                number(verification.rms[i], 3),
-                percent(verification.nrmse[i]),
-                number(verification.rms_unfiltered[i], 3),
+                number(error.rms[i], 3),
+                percent(error.nrmse[i]),
+                number(error.rms_unfiltered[i], 3),
             ]
         rows.append(row)
     columns = [*heading, "rms", "share", "unfiltered"]
-    if verification is not None:
+    if len(errors) > 1:
         columns += ["verify rms", "share", "unfiltered"]
     return table("", columns, rows)

@@ -14,12 +14,13 @@ from deltaid.control.controllers import (
     ControllerName,
     tuned,
 )
-from deltaid.control.tracking import Drives, Plant, Tracking, track
+from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.identification.model import IdentifiedModel
+from deltaid.model import Model
 
 # M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
 # feedback of a computed torque is a hundred times weaker in one direction than it was tuned for.
@@ -53,12 +54,16 @@ class Run:
     why_not: str = ""
 
 
-def candidates(model: IdentifiedModel) -> tuple[Candidate, ...]:
-    """The description's prior, the base parameters (if the file has them), the consistent model."""
+def candidates(model: Model) -> tuple[Candidate, ...]:
+    """The description's prior, the base parameters (if the file has them), the consistent model.
+
+    A robot at its prior has only that.
+    """
     vectors = {"prior": prior_parameters(model.robot)}
-    if model.base_parameters:
-        vectors["base parameters"] = base_vector(model)
-    vectors["identified"] = model.p
+    if model.identified is not None:
+        if model.identified.base_parameters:
+            vectors["base parameters"] = base_vector(model.identified)
+        vectors["identified"] = model.p
     return tuple(Candidate(name, ControlModel(model.robot, p)) for name, p in vectors.items())
 
 
@@ -93,7 +98,7 @@ def gains(
 
 
 def compare(
-    plant: Plant,
+    plant: Model,
     models: Sequence[Candidate],
     trajectory: Trajectory,
     drives: Drives,

@@ -21,20 +21,11 @@ from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import Controller, Measured
 from deltaid.control.simulation import time_steps
 from deltaid.control.trajectory import Desired, Trajectory
-from deltaid.dynamics.dynamics import Parameters
-from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.mechanism.kinematics import Samples
+from deltaid.model import Model
 from deltaid.robot.description import RobotDescription
 
 ENCODER_STEP = 2 * np.pi / 2**20
-
-
-@dataclass(frozen=True)
-class Plant:
-    """The robot that is controlled, with its true parameters."""
-
-    forward: ForwardDynamics
-    p: Parameters
 
 
 @dataclass(frozen=True)
@@ -134,13 +125,13 @@ class Tracking:
 
 
 def track(
-    plant: Plant,
+    plant: Model,
     controller: Controller,
     model: ControlModel,
     trajectory: Trajectory,
     drives: Drives,
 ) -> Tracking:
-    """Run a controller that knows `model` on `plant` along a trajectory, from its first state.
+    """Run a controller that knows `model` on a robot `plant` along a trajectory, from its start.
 
     Raises:
         KinematicsError: the trajectory is out of the plant's reach, or of the model's.

@@ -14,6 +14,7 @@ from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
 
 Parameters = Float[np.ndarray, " parameters"]
 
@@ -91,7 +92,8 @@ class Dynamics:
     Drive coordinates q, q̇, q̈ come in rad (or m for a linear drive), torques in N m (or N).
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotLike) -> None:
+        robot = described(robot)
         self.robot = robot
         self._kinematics = Kinematics(robot)
         self.layout: ParameterLayout = parameter_layout(robot)

@@ -14,6 +14,7 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
 
 
 class ForwardDynamics:
@@ -25,7 +26,8 @@ class ForwardDynamics:
     where M is not positive definite they are NaN.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotLike) -> None:
+        robot = described(robot)
         self.robot = robot
         self.kinematics = Kinematics(robot)
         self.layout: ParameterLayout = parameter_layout(robot)

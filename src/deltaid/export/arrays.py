@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from deltaid.export.inertia import body_inertia
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
+from deltaid.robot.body_inertia import body_inertia
 
 
-def model_arrays(subject: ExportSubject) -> dict[str, np.ndarray]:
+def model_arrays(subject: Model) -> dict[str, np.ndarray]:
     """Arrays by name; the table in docs/export.md says what each one is.
 
     Limits that the description does not set are infinite.
@@ -54,7 +54,7 @@ def model_arrays(subject: ExportSubject) -> dict[str, np.ndarray]:
     }
 
 
-def npz_file(subject: ExportSubject) -> bytes:
+def npz_file(subject: Model) -> bytes:
     """The same as the bytes of an .npz file."""
     file = io.BytesIO()
     arrays: dict[str, Any] = dict(model_arrays(subject))
@@ -62,7 +62,7 @@ def npz_file(subject: ExportSubject) -> bytes:
     return file.getvalue()
 
 
-def _count(subject: ExportSubject, name: str) -> int:
+def _count(subject: Model, name: str) -> int:
     """How many bodies of the robot share one set of parameters."""
     bodies = subject.dynamics.kinematics.mechanism.bodies
     return sum(body.count for body in bodies if body.name == name)

@@ -16,8 +16,8 @@ from deltaid.dynamics.equations import Equations
 from deltaid.errors import DeltaidError
 from deltaid.export.fill import rendered
 from deltaid.export.straight_line import Array, number, straight_line
-from deltaid.export.subject import ExportSubject
 from deltaid.export.text import c_comment
+from deltaid.model import Model
 
 # Newton's method halves the error's logarithm; from a start that is some millimetres away four
 # steps do, and what has not arrived after this many is far away or has no solution.
@@ -58,7 +58,7 @@ _OTHER_HEADERS = (
 )  # fmt: skip
 
 
-def c_code(subject: ExportSubject, prefix: str) -> CCode:
+def c_code(subject: Model, prefix: str) -> CCode:
     """The C code of a model; its functions are named PREFIX_….
 
     Raises:
@@ -110,7 +110,7 @@ def c_code(subject: ExportSubject, prefix: str) -> CCode:
     )
 
 
-def parameter_table(subject: ExportSubject, name: str) -> ParameterTable:
+def parameter_table(subject: Model, name: str) -> ParameterTable:
     """The parameters of a model as a C table, without those that are zero."""
     layout, kept = subject.dynamics.layout, np.flatnonzero(subject.p)
     symbols, p = ca.SX.sym("p", len(kept)), ca.SX.zeros(subject.p.size)
@@ -121,7 +121,7 @@ def parameter_table(subject: ExportSubject, name: str) -> ParameterTable:
     return ParameterTable(rows, Array(name, symbols, is_table=True), p)
 
 
-def _functions(subject: ExportSubject, prefix: str, table: ParameterTable) -> list[str]:
+def _functions(subject: Model, prefix: str, table: ParameterTable) -> list[str]:
     """The public functions of z that need no loop and cannot fail."""
     e: Equations = subject.dynamics.equations
     z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
@@ -141,7 +141,7 @@ def _functions(subject: ExportSubject, prefix: str, table: ParameterTable) -> li
     return texts
 
 
-def bias(subject: ExportSubject, e: Equations) -> ca.SX:
+def bias(subject: Model, e: Equations) -> ca.SX:
     """C q̇ + g + f as the torque without acceleration and without losses that depend on it."""
     names, p = subject.dynamics.layout.names, ca.SX(e.p)
     for drive in subject.robot.load_drives:
@@ -149,7 +149,7 @@ def bias(subject: ExportSubject, e: Equations) -> ca.SX:
     return ca.substitute([e.torque], [e.qdd, e.p], [ca.SX.zeros(e.qdd.numel()), p])[0]
 
 
-def _forward(subject: ExportSubject) -> dict[str, str]:
+def _forward(subject: Model) -> dict[str, str]:
     """Helpers of forward and inverse kinematics, and the sign that det Φ_z has at home."""
     m = subject.dynamics.kinematics.mechanism
     q, z = Array("q", m.q_symbols), Array("z", m.z)

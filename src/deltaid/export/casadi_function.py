@@ -13,13 +13,13 @@ from pathlib import Path
 
 import casadi as ca
 
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
 
 INPUTS = ("z", "qd", "qdd")
 OUTPUTS = ("q", "tau", "M", "C", "g", "f", "J")
 
 
-def casadi_function(subject: ExportSubject) -> ca.Function:
+def casadi_function(subject: Model) -> ca.Function:
     """(z, q̇, q̈) to q, τ and the terms of M q̈ + C q̇ + g + f = τ, and J = ∂q/∂z; SI units.
 
     The parameters are numbers in the graph. Friction that depends on load is in τ and not in f.
@@ -30,7 +30,7 @@ def casadi_function(subject: ExportSubject) -> ca.Function:
     return ca.Function("deltaid", [e.z, e.qd, e.qdd], outputs, list(INPUTS), list(OUTPUTS))
 
 
-def casadi_file(subject: ExportSubject) -> bytes:
+def casadi_file(subject: Model) -> bytes:
     """The same as the bytes of a file for `casadi.Function.load`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "function.casadi"

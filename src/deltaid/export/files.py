@@ -13,9 +13,10 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
-from deltaid.export.subject import ExportSubject
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, write_bytes, written_whole
+from deltaid.model import Model, ModelLike, load
+from deltaid.robot.body_inertia import why_not_physical
 
 
 @dataclass(frozen=True)
@@ -50,33 +51,33 @@ class Target:
     """
 
     suffixes: tuple[str, ...]
-    build: Callable[[ExportSubject, str], Export]
+    build: Callable[[Model, str], Export]
     addition: str = ""
 
 
-def _c(subject: ExportSubject, stem: str) -> Export:
+def _c(subject: Model, stem: str) -> Export:
     code = c_code(subject, stem)
     return Export({".c": code.source, ".h": code.header})
 
 
-def _casadi(subject: ExportSubject, stem: str) -> Export:
+def _casadi(subject: Model, stem: str) -> Export:
     return Export({".casadi": casadi_file(subject)})
 
 
-def _mjcf(subject: ExportSubject, stem: str) -> Export:
+def _mjcf(subject: Model, stem: str) -> Export:
     return Export({".xml": mjcf(subject)})
 
 
-def _npz(subject: ExportSubject, stem: str) -> Export:
+def _npz(subject: Model, stem: str) -> Export:
     return Export({".npz": npz_file(subject)})
 
 
-def _urdf(subject: ExportSubject, stem: str) -> Export:
+def _urdf(subject: Model, stem: str) -> Export:
     found = urdf(subject)
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
-def _fmu(subject: ExportSubject, stem: str, *, forward: bool) -> Export:
+def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
     unit = fmu(subject, stem, forward=forward)
     return Export({".fmu": unit.content}, unit.warnings)
 
@@ -110,17 +111,20 @@ def output_path(target: str, robot: str, output: Path) -> Path:
 
 
 def write_export(
-    subject: ExportSubject, target: str, output: Path, inputs: tuple[Path, ...] = ()
+    model: ModelLike, target: str, output: Path, inputs: tuple[Path, ...] = ()
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
     Args:
+        model: a model or a robot, by value, name or file.
         output: a file, or a folder for a file named after the robot.
         inputs: files that must not be overwritten.
 
     Raises:
         DeltaidError: the target cannot hold the model, or a file cannot be written.
     """
+    subject = load(model)
+    _require_physical(subject)
     path = output_path(target, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
@@ -133,3 +137,15 @@ def write_export(
             else:
                 files.enter_context(written_whole(part)).write(content)
     return Written(paths, export.warnings)
+
+
+def _require_physical(model: Model) -> None:
+    """Refuse bodies that the target's own reader would refuse."""
+    for name in model.layout.bodies:
+        reason = why_not_physical(model.body(name))
+        if reason:
+            raise DeltaidError(
+                f"body {name} cannot be exported: {reason}",
+                where=model.source,
+                cure="identify the model again; its result is always consistent",
+            )

@@ -32,9 +32,9 @@ from deltaid.export.fmu_variables import (
     model_description,
 )
 from deltaid.export.straight_line import Array, number, straight_line
-from deltaid.export.subject import ExportSubject
 from deltaid.export.text import c_comment
 from deltaid.mechanism.vectors import inverse
+from deltaid.model import Model
 
 # Longest step [s] of the unit's own integrator.
 _LONGEST = 1e-3
@@ -50,7 +50,7 @@ class FmuExport:
     warnings: tuple[str, ...]
 
 
-def fmu(subject: ExportSubject, name: str, *, forward: bool) -> FmuExport:
+def fmu(subject: Model, name: str, *, forward: bool) -> FmuExport:
     """A model as a unit; its model identifier is `name`.
 
     Raises:
@@ -89,7 +89,7 @@ def fmu(subject: ExportSubject, name: str, *, forward: bool) -> FmuExport:
     return FmuExport(_zipped(files | binary), (warning,) if warning else ())
 
 
-def _functions(subject: ExportSubject, table: ParameterTable) -> dict[str, str]:
+def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
     """ż and the forces that accelerate the robot, as C text.
 
     Friction that depends on load takes its share of τ, whose sign is that of a torque, not a speed.
@@ -113,7 +113,7 @@ def _functions(subject: ExportSubject, table: ParameterTable) -> dict[str, str]:
     return {"rates": rates, "forces": text}
 
 
-def _friction_step(subject: ExportSubject) -> float:
+def _friction_step(subject: Model) -> float:
     """Step [s] that smoothed friction allows: one over its fastest decay, at home.
 
     At a speed v far below friction_speed s, friction is F v with F about f(s)/s for each drive.

@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
 
 # Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
 FRICTION_SPEED = 0.01
@@ -73,7 +73,7 @@ class Variables:
 class _List:
     """Variables in the order in which they are added."""
 
-    def __init__(self, subject: ExportSubject) -> None:
+    def __init__(self, subject: Model) -> None:
         linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
         self.drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
         self.task = [("x", "m"), ("y", "m"), ("z", "m"), ("psi", "rad")][: len(linear)]
@@ -87,7 +87,7 @@ class _List:
         return range(self.places[place], len(self.all))
 
 
-def forward_variables(subject: ExportSubject) -> Variables:
+def forward_variables(subject: Model) -> Variables:
     """The robot: torques in, motion out; z and then q̇ are the states."""
     found, home = _List(subject), subject.home
     found.add("SPEED", [Variable(
@@ -123,7 +123,7 @@ def forward_variables(subject: ExportSubject) -> Variables:
     return Variables(tuple(found.all), found.places, 2 * len(home))
 
 
-def inverse_variables(subject: ExportSubject) -> Variables:
+def inverse_variables(subject: Model) -> Variables:
     """Inverse dynamics: the drives' motion in, torques and pose out; no states."""
     found = _List(subject)
     home = np.asarray(subject.dynamics.kinematics.inverse(subject.home[None])[0])
@@ -145,7 +145,7 @@ def inverse_variables(subject: ExportSubject) -> Variables:
     return Variables(tuple(found.all), found.places, 0)
 
 
-def model_description(subject: ExportSubject, name: str, guid: str, variables: Variables) -> str:
+def model_description(subject: Model, name: str, guid: str, variables: Variables) -> str:
     """The text of modelDescription.xml."""
     root = ET.Element(
         "fmiModelDescription",

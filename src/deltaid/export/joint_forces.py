@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from deltaid.errors import DeltaidError
-from deltaid.export.subject import ExportSubject
+from deltaid.model import Model
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class JointForces:
     rest: float = 0.0
 
 
-def joint_forces(subject: ExportSubject, target: str) -> dict[str, JointForces]:
+def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
     """Coefficients of the joints of a description.
 
     Args:

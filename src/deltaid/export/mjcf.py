@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.export.inertia import body_inertia
 from deltaid.export.joint_forces import JointForces, joint_forces
 from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.subject import ExportSubject
 from deltaid.export.text import numbers, xml_comment
 from deltaid.export.tree import Tree, TreeBody, TreeJoint
+from deltaid.model import Model
+from deltaid.robot.body_inertia import body_inertia
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
 # allows at this step, and the impedance leaves a share of 1e-4 of what a rigid joint would feel.
@@ -23,7 +23,7 @@ _STEP = 0.001
 _SOLREF, _SOLIMP = (2 * _STEP, 1.0), (0.9999, 0.9999, 0.001)
 
 
-def mjcf(subject: ExportSubject) -> str:
+def mjcf(subject: Model) -> str:
     """The text of an MJCF file.
 
     Raises:
@@ -74,7 +74,7 @@ def _defaults(root: ET.Element) -> None:
 
 def _body(
     parent: ET.Element,
-    subject: ExportSubject,
+    subject: Model,
     tree: Tree,
     body: TreeBody,
     forces: dict[str, JointForces],
@@ -130,7 +130,7 @@ def _at_home(
 
 def _joint(
     element: ET.Element,
-    subject: ExportSubject,
+    subject: Model,
     joint: TreeJoint,
     axis: Float[np.ndarray, " 3"],
     forces: dict[str, JointForces],
@@ -178,7 +178,7 @@ def _equality(root: ET.Element, tree: Tree) -> None:
         )
 
 
-def _actuators(root: ET.Element, subject: ExportSubject) -> None:
+def _actuators(root: ET.Element, subject: Model) -> None:
     """A motor a drive: its control is the torque [N m] or force [N] at the joint."""
     actuators = ET.SubElement(root, "actuator")
     for drive in subject.robot.drives:

@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 
 from deltaid.errors import DeltaidError
-from deltaid.export.subject import ExportSubject
 from deltaid.export.tree import Coupling, Cut, Line, Point, Tree, TreeBody, TreeJoint
 from deltaid.mechanism.mechanism import LimbBodies
+from deltaid.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.telescope import Telescope
@@ -26,7 +26,7 @@ class _Part:
     couplings: tuple[Coupling, ...] = ()
 
 
-def spanning_tree(subject: ExportSubject) -> Tree:
+def spanning_tree(subject: Model) -> Tree:
     """The tree of a robot that is composed of limbs and a platform.
 
     Raises:
@@ -54,9 +54,7 @@ def spanning_tree(subject: ExportSubject) -> Tree:
     )
 
 
-def _limb(
-    subject: ExportSubject, i: int, geometry: LimbGeometry, limb: LimbBodies, q: ca.SX
-) -> _Part:
+def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies, q: ca.SX) -> _Part:
     """Driven body and strut. R_LS = R_y(α) R_z(β), so x_S = (cos α cos β, sin β, −sin α cos β)."""
     n, platform = i + 1, subject.robot.platform
     rotary, strut = geometry.drive == "rotary", geometry.strut
@@ -101,7 +99,7 @@ def _held_part(platform: RigidPlatform | H4Platform | Par4Platform | I4Platform,
     return f"{platform.bodies[0]}{1 if platform.on_first(limb) else 2}"
 
 
-def _platform(subject: ExportSubject) -> _Part:
+def _platform(subject: Model) -> _Part:
     platform, z = subject.robot.platform, subject.dynamics.kinematics.mechanism.z
     if isinstance(platform, RigidPlatform):
         lines = _spokes(subject, "P")
@@ -115,9 +113,7 @@ def _platform(subject: ExportSubject) -> _Part:
     return _hinged(subject, platform, z, joint)
 
 
-def _hinged(
-    subject: ExportSubject, platform: H4Platform | Par4Platform, z: ca.SX, theta: ca.SX
-) -> _Part:
+def _hinged(subject: Model, platform: H4Platform | Par4Platform, z: ca.SX, theta: ca.SX) -> _Part:
     """A middle (bar, or both rods) that turns by θ, parts on it that turn back, and the tool."""
     par4 = isinstance(platform, Par4Platform)
     half = 0.5 * platform.length if par4 else platform.half_length
@@ -149,7 +145,7 @@ def _hinged(
     return _Part(tuple(bodies), coordinates, couplings=tuple(couplings))
 
 
-def _i4(subject: ExportSubject, platform: I4Platform, z: ca.SX, s: ca.SX) -> _Part:
+def _i4(subject: Model, platform: I4Platform, z: ca.SX, s: ca.SX) -> _Part:
     """The first half platform slides in the world, the second and the tool on the first."""
     angle, place = np.deg2rad(platform.direction_deg), np.array(platform.tool)
     e = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -179,7 +175,7 @@ def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> str:
     return number and f"{platform.bodies[0]}{number}"
 
 
-def _telescope(subject: ExportSubject, bar: Telescope) -> _Part:
+def _telescope(subject: Model, bar: Telescope) -> _Part:
     """Both halves of the bar, R_WT = R_z(ψ) R_x(a) R_y(b), and the end effector on the platform."""
     mechanism = subject.dynamics.kinematics.mechanism
     r, psi = mechanism.z[:3], mechanism.z[3]
@@ -222,7 +218,7 @@ def _positions(name: str, r: ca.SX) -> dict[str, ca.SX]:
     return {f"{name}_{k}": r[i] for i, k in enumerate("xyz")}
 
 
-def _spokes(subject: ExportSubject, part: str) -> tuple[Line, ...]:
+def _spokes(subject: Model, part: str) -> tuple[Line, ...]:
     """From a part's point to the strut joints that it has."""
     robot = subject.robot
     return tuple(

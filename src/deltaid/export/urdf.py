@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.export.inertia import body_inertia
 from deltaid.export.joint_forces import JointForces, joint_forces
 from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.subject import ExportSubject
 from deltaid.export.text import numbers, xml_comment
 from deltaid.export.tree import Tree, TreeBody, TreeJoint
+from deltaid.model import Model
+from deltaid.robot.body_inertia import body_inertia
 from deltaid.robot.description import RobotDescription
 
 _BASE = "base"
@@ -44,7 +44,7 @@ class UrdfExport:
     warnings: tuple[str, ...]
 
 
-def urdf(subject: ExportSubject) -> UrdfExport:
+def urdf(subject: Model) -> UrdfExport:
     """A model as URDF with its loops beside it.
 
     Raises:
@@ -155,7 +155,7 @@ def _limit(element: ET.Element, robot: RobotDescription, joint: TreeJoint) -> No
     ET.SubElement(element, "limit", values)
 
 
-def _loops(subject: ExportSubject, tree: Tree, forces: dict[str, JointForces]) -> str:
+def _loops(subject: Model, tree: Tree, forces: dict[str, JointForces]) -> str:
     content = {
         "robot": subject.name,
         "provenance": subject.provenance,

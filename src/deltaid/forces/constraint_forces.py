@@ -17,6 +17,7 @@ from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.recording.windows import windows
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
 from deltaid.robot.platform import H4Platform, RigidPlatform
 
 
@@ -38,7 +39,8 @@ class ConstraintForces:
         DescriptionError: the robot has a mechanism of the user's own, whose joints are not known.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotLike) -> None:
+        robot = described(robot)
         if robot.mechanism is not None or robot.limbs is None:
             raise DescriptionError(
                 "a mechanism of your own says how bodies move, but not which joints carry them, so "

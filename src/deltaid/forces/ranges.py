@@ -26,7 +26,7 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.errors import IdentificationError, RecordingError
+from deltaid.errors import DescriptionError, IdentificationError, RecordingError
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import svec
@@ -35,6 +35,7 @@ from deltaid.identification.least_squares import BaseEstimate, estimate_base, ra
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile
+from deltaid.model import Model
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log
 from deltaid.recording.windows import open_logs
@@ -88,10 +89,10 @@ class Determinacy:
         base: the combinations K p that torques determine.
     """
 
-    def __init__(self, model: IdentifiedModel, base: BaseParameters) -> None:
+    def __init__(self, model: Model, base: BaseParameters) -> None:
         visible = np.ones(len(base.layout.names), dtype=bool)
         visible[list(base.invisible)] = False
-        self.unknowns: Unknowns = unknowns(model.robot, visible, model.settings.prior_spread)
+        self.unknowns: Unknowns = unknowns(model.robot, visible, model.prior_spread)
         self.base = base
         rows = base.combination() @ self.unknowns.A
         size = np.linalg.norm(rows, axis=1, keepdims=True)
@@ -110,14 +111,14 @@ class Determinacy:
         return Openness(_REACH * left, tuple(self.unknowns.names[k] for k in order))
 
 
-def structural_determinacy(model: IdentifiedModel) -> Determinacy:
+def structural_determinacy(model: Model) -> Determinacy:
     """What a generic motion would determine; needs no recording."""
     return Determinacy(model, random_motion_base(compiled(model.robot)))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def evidence(
-    model: IdentifiedModel,
+    model: Model,
     logs: Sequence[str | Path],
     *,
     columns: ColumnMapping | None = None,
@@ -129,9 +130,10 @@ def evidence(
         RecordingError: a log cannot be used, or is not one that the model comes from.
         IdentificationError: the motion does not determine base parameters.
     """
-    dynamics: Dynamics = compiled(model.robot)
-    filtered = open_logs(logs, dynamics.kinematics, columns, model.settings.cutoff, progress)
-    _require_sources(model, [log for log, _ in filtered])
+    known = _identification(model)
+    dynamics: Dynamics = model.dynamics
+    filtered = open_logs(logs, dynamics.kinematics, columns, known.settings.cutoff, progress)
+    _require_sources(known, [log for log, _ in filtered])
     places = places_of(dynamics, [log for log, _ in filtered])
     load = model.p if model.robot.load_drives else None
     blocks = []
@@ -142,6 +144,16 @@ def evidence(
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=Groups(tuple(blocks), places.sums))
     return Evidence(information, estimate), Determinacy(model, base)
+
+
+def _identification(model: Model) -> IdentifiedModel:
+    if model.identified is None:
+        raise DescriptionError(
+            "is a robot at its prior, which comes from no recordings",
+            where=model.source,
+            cure="identify a model from them first, and give its file",
+        )
+    return model.identified
 
 
 def _require_sources(model: IdentifiedModel, logs: Sequence[Log]) -> None:

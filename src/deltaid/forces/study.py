@@ -1,7 +1,7 @@
 """The worst forces of an identified model along a motion, and how far they are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, TextIO, runtime_checkable
 
@@ -19,7 +19,7 @@ from deltaid.forces.ranges import (
     evidence,
     structural_determinacy,
 )
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model import Model
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
@@ -57,9 +57,7 @@ class Study:
     extremes: Extremes
 
 
-def with_struts(
-    model: IdentifiedModel, spacing: float | None, socket_force: float | None
-) -> IdentifiedModel:
+def with_struts(model: Model, spacing: float | None, socket_force: float | None) -> Model:
     """A model whose robot has this strut spacing [m] and socket force [N] in place of its own.
 
     Raises:
@@ -73,11 +71,11 @@ def with_struts(
     if limbs.struts_per_limb == 1:
         raise DescriptionError("limbs of one strut have no spacing and no sockets", where="limbs")
     robot = model.robot.model_copy(update={"limbs": limbs.model_copy(update=given)})
-    return model.model_copy(update={"robot": robot})
+    return replace(model, robot=robot)
 
 
 def study(
-    model: IdentifiedModel,
+    model: Model,
     forces: ConstraintForces,
     log: Log,
     low_pass: LowPass | None,

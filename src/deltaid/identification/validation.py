@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import compiled
-from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.model import ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log, open_log
@@ -18,30 +17,39 @@ _WORSE, _SHARE = 3.0, 0.1
 
 
 def validate(
-    model: IdentifiedModel, log: str | Path, *, columns: ColumnMapping | None = None
+    model: ModelLike, log: str | Path, *, columns: ColumnMapping | None = None
 ) -> tuple[TorqueError, Log]:
     """Torque errors of a model on a recording it has not seen, and the surveyed recording.
 
-    A recording without derivatives is filtered with the cut-off that the model was identified with.
+    A recording without derivatives is filtered with the cut-off that the model was identified with,
+    and for a robot at its prior as for an identification.
 
     Raises:
         RecordingError: the log cannot be used.
     """
-    dynamics = compiled(model.robot)
+    model = load(model)
+    dynamics = model.dynamics
     surveyed = open_log(Path(log), dynamics.kinematics, columns)
     low_pass = model_filter(model, surveyed)
     return torque_error(dynamics, model.p, surveyed, low_pass), surveyed
 
 
-def misfit(model: IdentifiedModel, error: TorqueError) -> tuple[str, ...]:
-    """A warning when a recording does not look like one of the model's robot; else nothing."""
-    times = error.rms / np.maximum(model.fit.rms, np.finfo(float).tiny)
+def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
+    """A warning when a recording does not look like one of the model's robot; else nothing.
+
+    Of a robot at its prior nothing better can be expected.
+    """
+    model = load(model)
+    if model.identified is None:
+        return ()
+    fit = model.identified.fit
+    times = error.rms / np.maximum(fit.rms, np.finfo(float).tiny)
     bad = np.flatnonzero((times > _WORSE) & (error.nrmse > _SHARE))
     if not bad.size:
         return ()
     drives = ", ".join(model.robot.drives[i] for i in bad)
     worst = int(bad[np.argmax(error.nrmse[bad])])
-    drive, now, then = model.robot.drives[worst], error.nrmse[worst], model.fit.nrmse[worst]
+    drive, now, then = model.robot.drives[worst], error.nrmse[worst], fit.nrmse[worst]
     return (
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, and was {100 * then:.2g} % in the identification; "
@@ -50,12 +58,16 @@ def misfit(model: IdentifiedModel, error: TorqueError) -> tuple[str, ...]:
     )
 
 
-def model_filter(model: IdentifiedModel, log: Log) -> LowPass | None:
+def model_filter(model: ModelLike, log: Log) -> LowPass | None:
     """The filter for a log that a model is compared with: the one of the model's own recordings.
 
     Raises:
         RecordingError: the cut-off does not go with the log's rate, or the log is too short.
     """
-    own = next((s.cutoff_hz for s in model.sources if s.cutoff_hz is not None), None)
-    forced = model.settings.cutoff is not None
+    model = load(model)
+    if model.identified is None:
+        return choose_filter(log)
+    sources = model.identified.sources
+    own = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
+    forced = model.identified.settings.cutoff is not None
     return choose_filter(log, own if forced or not log.has_derivatives else None)

@@ -13,7 +13,7 @@ from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.vectors import inverse
-from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
 
 Samples = Float[np.ndarray, "samples dof"]
 
@@ -68,7 +68,8 @@ class Kinematics:
     z = [x, y, z of the platform point in the world; ψ with a telescope], in m and rad.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotLike) -> None:
+        robot = described(robot)
         self.robot = robot
         self.mechanism: Mechanism = build_mechanism(robot)
 

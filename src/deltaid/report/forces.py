@@ -7,12 +7,12 @@ from plotly.subplots import make_subplots
 
 from deltaid.forces.constraint_forces import ConstraintForces, Motion
 from deltaid.forces.study import Study
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model import Model
 from deltaid.report import style
 from deltaid.report.force_rows import places, tables, what_is_open
 from deltaid.report.numbers import number
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
-from deltaid.report.provenance import file_names, provenance_section
+from deltaid.report.provenance import provenance_section
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
@@ -43,14 +43,14 @@ class Envelope:
 
 
 def forces_page(
-    model: IdentifiedModel, forces: ConstraintForces, name: str, study: Study, envelope: Envelope
+    model: Model, forces: ConstraintForces, name: str, study: Study, envelope: Envelope
 ) -> Page:
     """Everything about the forces of a model along a motion."""
     found = (*tables(study, forces.socket_force), places(study))
     worst = tuple(Table(t.columns, t.rows, f"{t.title}.") for t in found)
     return Page(
         title=model.robot.title or model.robot.name,
-        subtitle=f"Constraint forces along {name}, model identified from {file_names(model)}",
+        subtitle=f"Constraint forces along {name}, parameters: {model.origin}",
         facts=_facts(study, forces.socket_force),
         sections=(
             Section("Along the struts", (_over_time(forces, envelope),)),

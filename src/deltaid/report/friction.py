@@ -6,9 +6,10 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.friction_record import FrictionChoice, FrictionTrial
-from deltaid.identification.model import IdentifiedModel
 from deltaid.kernel.batch import BatchKernel
+from deltaid.model import Model, ModelLike, load
 from deltaid.report import style
 from deltaid.report.comparison import Comparison
 from deltaid.report.numbers import number, percent
@@ -24,16 +25,18 @@ _ADDITIONS = {
 }
 
 
-def friction_section(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Section:
+def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> Section:
     """The law of every joint, with what the recordings say about those of the drives."""
+    model = load(model)
     if not model.robot.friction_joints:
         return Section("Friction", (Text("The description has no friction in any joint."),))
-    choice = _choice(model.friction_choice) if model.friction_choice else ()
+    record = model.identified.friction_choice if model.identified else None
+    choice = _choice(record) if record else ()
     return Section("Friction", (_laws(model, comparisons), *choice))
 
 
 def law(
-    model: IdentifiedModel,
+    model: Model,
     joint: str,
     speed: Float[np.ndarray, " samples"],
     p: Float[np.ndarray, " parameters"],
@@ -47,7 +50,7 @@ def law(
     return BatchKernel(v, total)(speed[None])[0]
 
 
-def _laws(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Figure:
+def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
     joints = model.robot.friction_joints
     rows = -(-len(joints) // 2)
     figure = make_subplots(
@@ -57,7 +60,7 @@ def _laws(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Figure
         horizontal_spacing=0.12,
         vertical_spacing=0.3 / rows,
     )
-    prior = np.array([parameter.prior for parameter in model.parameters])
+    prior = prior_parameters(model.robot)
     named = set()
     for i, joint in enumerate(joints):
         row, col = i // 2 + 1, i % 2 + 1
@@ -75,9 +78,9 @@ def _laws(model: IdentifiedModel, comparisons: tuple[Comparison, ...]) -> Figure
         positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
         grid = np.concatenate([-positive[::-1], positive])
         traces.append(_line("prior", grid, law(model, joint, grid, prior), style.PRIOR, "dash"))
-        traces.append(
-            _line("identified", grid, law(model, joint, grid, model.p), style.IDENTIFIED, "solid")
-        )
+        if model.identified is not None:
+            found = law(model, joint, grid, model.p)
+            traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
         for trace in traces:
             trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
             named.add(trace.name)

@@ -7,6 +7,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.model import Fit, IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import misfit
+from deltaid.model import ModelLike, load
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.report.animation import animation, recorded_motion
@@ -19,6 +20,7 @@ from deltaid.report.page import Fact, Page, Section, Table
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import file_names, provenance_section
 from deltaid.report.torques import torque_blocks
+from deltaid.robot.description import RobotDescription
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,14 @@ def identification_page(result: Identification, verification: Verification | Non
     recordings = result.recordings
     comparisons = tuple(compare(dynamics, model.p, *recording) for recording in recordings)
     sections = [
-        torque_section(model, comparison, _title(log, len(recordings)))
+        torque_section(model.robot, comparison, _title(log, len(recordings)))
         for comparison, (log, _) in zip(comparisons, recordings, strict=True)
     ]
     warnings = list(model.warnings)
     if verification is not None:
         log = verification.log
         unseen = compare(dynamics, model.p, log, verification.low_pass)
-        sections.append(torque_section(model, unseen, "Verification"))
+        sections.append(torque_section(model.robot, unseen, "Verification"))
         texts = (*log.warnings, *misfit(model, verification.error))
         warnings += [f"{log.path.name}: {text}" for text in texts]
     errors = error_table(model, verification.error if verification else None)
@@ -64,15 +66,15 @@ def identification_page(result: Identification, verification: Verification | Non
             friction_section(model, comparisons),
             body_section(model, dynamics.kinematics),
             information_section(result),
-            provenance_section(model, "Data and settings"),
+            provenance_section(load(model), "Data and settings"),
         ),
         warnings=tuple(warnings),
     )
 
 
-def torque_section(model: IdentifiedModel, comparison: Comparison, title: str) -> Section:
+def torque_section(robot: RobotDescription, comparison: Comparison, title: str) -> Section:
     """All figures of torques along one recording."""
-    return Section(title, torque_blocks(comparison, model.robot.drive_units))
+    return Section(title, torque_blocks(comparison, robot.drive_units))
 
 
 def motion_section(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Section:
@@ -87,16 +89,17 @@ def motion_section(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Se
     return Section("Motion", (figure,))
 
 
-def error_table(model: IdentifiedModel, verification: TorqueError | None) -> Table:
+def error_table(model: ModelLike, verification: TorqueError | None) -> Table:
     """Torque errors per drive, on the model's own recordings and on another one."""
+    model = load(model)
     units = model.robot.drive_units
     one = len({u.force for u in units.values()}) == 1
     unit = f" [{next(iter(units.values())).force}]" if one else ""
     columns = ("drive", f"rms{unit}", "share", f"unfiltered rms{unit}")
-    kinds: list[Fit | TorqueError] = [model.fit]
-    if verification is not None:
+    fit: Fit | None = model.identified.fit if model.identified else None
+    kinds = [error for error in (fit, verification) if error is not None]
+    if len(kinds) > 1:
         columns += (f"verification rms{unit}", "share", f"unfiltered rms{unit}")
-        kinds.append(verification)
     rows = tuple(
         (
             drive if one else f"{drive} [{units[drive].force}]",

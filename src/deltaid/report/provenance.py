@@ -1,13 +1,18 @@
 """Where a model comes from: recordings, settings, what the fit reached, version."""
 
 from deltaid.identification.model import IdentifiedModel
+from deltaid.model import Model
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Section, Table, Text
+from deltaid.robot.description import RobotDescription
 
 
-def provenance_section(model: IdentifiedModel, title: str) -> Section:
-    """Sources, fit and settings of a model."""
-    return Section(title, (_sources(model), _fit(model), _settings(model), *_origins(model)))
+def provenance_section(model: Model, title: str) -> Section:
+    """Sources, fit and settings of a model; of a robot at its prior, where its numbers are from."""
+    known = model.identified
+    if known is None:
+        return Section(title, (Text(f"Parameters: {model.origin}."), *_origins(model.robot)))
+    return Section(title, (_sources(known), _fit(known), _settings(known), *_origins(model.robot)))
 
 
 def file_names(model: IdentifiedModel) -> str:
@@ -62,9 +67,9 @@ def _shown(value: object) -> str:
     return number(value) if isinstance(value, float) else str(value)
 
 
-def _origins(model: IdentifiedModel) -> tuple[Text | Table, ...]:
+def _origins(robot: RobotDescription) -> tuple[Text | Table, ...]:
     """Where the description's numbers come from, as far as it says so."""
-    rows = tuple(model.robot.sources.items())
+    rows = tuple(robot.sources.items())
     if not rows:
         return ()
     return (Table(("number of the description", "source"), rows, "Sources of the description."),)

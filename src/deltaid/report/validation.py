@@ -1,9 +1,9 @@
 """The page of `deltaid validate`: a model's torques on a recording it has not seen."""
 
-from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import misfit
+from deltaid.model import Model
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.report.comparison import compare
@@ -13,26 +13,23 @@ from deltaid.report.information import base_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
-from deltaid.report.provenance import file_names, provenance_section
+from deltaid.report.provenance import provenance_section
 
 
-def validation_page(
-    model: IdentifiedModel, log: Log, low_pass: LowPass | None, error: TorqueError
-) -> Page:
+def validation_page(model: Model, log: Log, low_pass: LowPass | None, error: TorqueError) -> Page:
     """How well a model predicts a recording, and where the model comes from."""
-    dynamics = compiled(model.robot)
+    dynamics, known = model.dynamics, model.identified
     comparison = compare(dynamics, model.p, log, low_pass)
-    torques = torque_section(model, comparison, "Torques")
+    torques = torque_section(model.robot, comparison, "Torques")
     return Page(
         title=model.robot.title or model.robot.name,
-        subtitle=f"Model identified from {file_names(model)}, compared with {log.path.name}",
+        subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
         facts=tuple(
             Fact(
                 f"{drive}, {model.robot.units(drive).effort} error",
                 percent(float(error.nrmse[i])),
-                f"{number(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms; "
-                "identification "
-                f"{percent(model.fit.nrmse[i])}",
+                f"{number(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms"
+                + (f"; identification {percent(known.fit.nrmse[i])}" if known else ""),
             )
             for i, drive in enumerate(model.robot.drives)
         ),
@@ -40,17 +37,19 @@ def validation_page(
             Section(torques.title, (error_table(model, error), *torques.blocks)),
             motion_section(dynamics, log, low_pass),
             friction_section(model, (comparison,)),
-            parameter_section(model),
-            *_base(model),
+            *(_parameters(known) if known else ()),
             provenance_section(model, "The model"),
         ),
         warnings=(
             *(f"{log.path.name}: {text}" for text in (*log.warnings, *misfit(model, error))),
-            *model.warnings,
+            *(known.warnings if known else ()),
         ),
     )
 
 
-def _base(model: IdentifiedModel) -> tuple[Section, ...]:
-    """The base parameters, which models of earlier versions do not hold."""
-    return (Section("Base parameters", (base_table(model),)),) if model.base_parameters else ()
+def _parameters(model: IdentifiedModel) -> tuple[Section, ...]:
+    """All parameters, and the base parameters, which models of earlier versions do not hold."""
+    parameters = parameter_section(model)
+    if not model.base_parameters:
+        return (parameters,)
+    return parameters, Section("Base parameters", (base_table(model),))

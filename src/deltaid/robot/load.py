@@ -6,7 +6,7 @@ import os
 import re
 from importlib import resources
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
@@ -26,6 +26,8 @@ _Model = TypeVar("_Model", bound=BaseModel)
 # Bytes. A model file has some 15 kB; what is much larger is a log, and YAML takes minutes over it.
 _LARGEST = 1 << 20
 _DEEP = re.compile(r"(?:[\[{]\s*){50}")
+# A key that every model file has at its left edge, and no robot file.
+_OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
 _KINDS = {"ColumnMapping": "columns", "IdentifiedModel": "model"}
 
 
@@ -47,8 +49,39 @@ def catalogue_text(name: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
+@runtime_checkable
+class HasRobot(Protocol):
+    """A model, its dynamics: whatever knows its description."""
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The description."""
+        ...
+
+
+# What stands for a robot: its description, what has one, a catalogue name, a file.
+RobotLike = RobotDescription | HasRobot | str | Path
+
+
+def described(robot: RobotLike) -> RobotDescription:
+    """The description behind whatever stands for a robot.
+
+    Raises:
+        DescriptionError: no such robot or file, or the file does not describe a robot.
+    """
+    if isinstance(robot, RobotDescription):
+        return robot
+    return robot.robot if isinstance(robot, HasRobot) else load_robot(robot)
+
+
+class _ModelFile(BaseModel):
+    """A saved model, of which only the robot is wanted."""
+
+    robot: RobotDescription
+
+
 def load_robot(robot: str | Path) -> RobotDescription:
-    """The description of a catalogue robot (by name) or of a YAML file (by path).
+    """The description of a catalogue robot (by name), or of a file of a robot or a model (by path).
 
     Raises:
         DescriptionError: no such robot or file, or the file does not describe a robot.
@@ -57,10 +90,17 @@ def load_robot(robot: str | Path) -> RobotDescription:
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
     if not os.path.exists(robot):  # unlike Path.exists it never raises
         raise _unknown(str(robot))
-    text = _text(Path(robot))
-    described = parse(text, RobotDescription, where=str(robot))
-    _require_closing(described, text, str(robot))
-    return bound(described, str(robot))
+    text = read_text(Path(robot))
+    if holds_a_model(text):
+        return bound(parse(text, _ModelFile, where=str(robot)).robot, str(robot))
+    found = parse(text, RobotDescription, where=str(robot))
+    _require_closing(found, text, str(robot))
+    return bound(found, str(robot))
+
+
+def holds_a_model(text: str) -> bool:
+    """Whether YAML text has the key `parameters`, which every model file has and no robot file."""
+    return bool(_OF_MODELS.search(text))
 
 
 def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
@@ -94,7 +134,7 @@ def load_yaml(path: Path, model: type[_Model]) -> _Model:
     Raises:
         DescriptionError: the file cannot be read, is not YAML, or does not fit the model.
     """
-    return parse(_text(path), model, where=str(path))
+    return parse(read_text(path), model, where=str(path))
 
 
 def save_yaml(value: BaseModel, path: Path) -> None:
@@ -131,7 +171,12 @@ def parse(text: str, model: type[_Model], *, where: str) -> _Model:
         ) from None
 
 
-def _text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """The text of a description, mapping or model.
+
+    Raises:
+        DescriptionError: it cannot be read, is no text in UTF-8, or much too long for one.
+    """
     data = b""
     try:
         if path.is_dir():

@@ -1,0 +1,151 @@
+"""A robot with its parameters, and where they come from: what commands and functions work with."""
+
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
+from deltaid.errors import DescriptionError
+from deltaid.identification.model import IdentifiedModel
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import why_inconsistent
+from deltaid.robot.load import catalogue, holds_a_model, load_robot, read_text
+from deltaid.robot.parameter import PRIOR_SPREAD
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A robot with parameters that can exist.
+
+    Attributes:
+        robot: its description.
+        p: parameters in the order of the layout.
+        source: name of the file or catalogue robot that they come from.
+        identified: the identification behind them, with its intervals; None for a prior.
+
+    Raises:
+        DescriptionError: the parameters are not those of the robot, or a body of them cannot exist.
+    """
+
+    robot: RobotDescription
+    p: Parameters
+    source: str = ""
+    identified: IdentifiedModel | None = None
+
+    def __post_init__(self) -> None:
+        where = self.source or self.robot.name
+        if self.p.shape != (len(self.layout.names),):
+            raise DescriptionError(
+                f"has {self.p.size} parameters, but the robot has {len(self.layout.names)}",
+                where=where,
+            )
+        for name in self.layout.bodies:
+            body = self.body(name)
+            finite = np.all(np.isfinite(body))
+            reason = why_inconsistent(body) if finite else "its parameters are not all finite"
+            if reason:
+                raise DescriptionError(
+                    f"body {name} cannot exist: {reason}",
+                    where=where,
+                    cure="take parameters of a consistent fit, such as `deltaid identify` makes",
+                )
+
+    @property
+    def origin(self) -> str:
+        """Where the parameters come from, in words."""
+        if self.identified is None:
+            return "the prior of its description"
+        return "identified from " + ", ".join(source.log for source in self.identified.sources)
+
+    @cached_property
+    def layout(self) -> ParameterLayout:
+        """Names, units and places of the parameters."""
+        return parameter_layout(self.robot)
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The robot's dynamics, compiled where it is needed."""
+        return compiled(self.robot)
+
+    @cached_property
+    def forward(self) -> ForwardDynamics:
+        """The robot's forward dynamics, compiled where it is needed."""
+        return compiled_forward(self.robot)
+
+    @property
+    def prior_spread(self) -> float:
+        """Relative standard deviation of the prior that the identification assumed."""
+        return PRIOR_SPREAD if self.identified is None else self.identified.settings.prior_spread
+
+    def body(self, name: str) -> Float[np.ndarray, " 10"]:
+        """The ten parameters of one body, about its link frame."""
+        return self.p[self.layout.body(name)]
+
+    def value(self, name: str) -> float:
+        """One parameter, such as 'viscous.drive1'; zero where the robot has none of that name."""
+        names = self.layout.names
+        return float(self.p[names.index(name)]) if name in names else 0.0
+
+    def without_friction(self) -> "Model":
+        """The same robot with all friction coefficients zero."""
+        p = self.p.copy()
+        p[self.layout.friction] = 0.0
+        return replace(self, p=p)
+
+    @property
+    def home(self) -> Float[np.ndarray, " dof"]:
+        """A pose in the middle of the workspace, z."""
+        return self.dynamics.kinematics.home
+
+    @property
+    def name(self) -> str:
+        """The robot's name, for other programs' files."""
+        return _printable(self.robot.name) or "robot"
+
+    @property
+    def provenance(self) -> str:
+        """One line for the head of a file."""
+        title = _printable(self.robot.title) or self.name
+        return f"{title}, from {_printable(self.source)} by deltaid {version('deltaid')}"
+
+
+# What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value.
+ModelLike = Model | IdentifiedModel | RobotDescription | str | Path
+
+
+def load(source: ModelLike) -> Model:
+    """A robot with its parameters.
+
+    Args:
+        source: a catalogue name, a robot file or a model file; a description, or what
+            `deltaid.identify` found. A robot has the parameters of its prior.
+
+    Raises:
+        DescriptionError: no such robot or file, or the file is neither.
+    """
+    match source:
+        case Model():
+            return source
+        case IdentifiedModel():
+            return Model(source.robot, source.p, source.robot.name, source)
+        case RobotDescription():
+            return Model(source, prior_parameters(source), source.name)
+    name = Path(source).name
+    named = str(source) in catalogue()
+    if not named and os.path.exists(source) and holds_a_model(read_text(Path(source))):
+        found = IdentifiedModel.load(source)
+        return Model(found.robot, found.p, name, found)
+    robot = load_robot(source)
+    return Model(robot, prior_parameters(robot), name)
+
+
+def _printable(text: str) -> str:
+    """Text on one line without control characters, which no file format takes."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
