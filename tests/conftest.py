@@ -1,17 +1,62 @@
-"""Shapes and types are checked in every call; robots that several test files share."""
+"""Shapes and types are checked as functions are called; robots that several test files share."""
 
+import functools
+import inspect
+import os
 import pkgutil
+from collections import Counter
 
 import jaxtyping
 import pytest
+import threadpoolctl
 
 import deltaid
+
+# On matrices as small as the tests' BLAS threads only wait for one another: one here, and one in
+# the processes that tests start.
+os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+threadpoolctl.threadpool_limits(1, user_api="blas")
 
 # All but the writer of machine code: its methods run for every instruction of every graph and see
 # no arrays; checking them would take a third of the tests' time.
 _PARTS = [part.name for part in pkgutil.iter_modules(deltaid.__path__) if part.name != "kernel"]
 _CHECKED = [f"deltaid.{name}" for name in (*_PARTS, "kernel.batch")]
+
+# In each test a function is checked in its first calls and not in the thousandth of a loop. A
+# function within a function is made anew in every call of the outer one, and making its check takes
+# a millisecond: so its calls count together, and its check is made when it is called.
+_ENOUGH = 30
+_CALLS: Counter[object] = Counter()
+_jaxtyped = jaxtyping.jaxtyped
+
+
+def _first_calls_checked(**options: object):
+    def decorate(part):
+        if inspect.isclass(part):
+            return _jaxtyped(part, **options)
+        code, check = part.__code__, None
+
+        @functools.wraps(part)
+        def call(*arguments, **keywords):
+            nonlocal check
+            _CALLS[code] += 1
+            if _CALLS[code] > _ENOUGH:
+                return part(*arguments, **keywords)
+            check = check or _jaxtyped(part, **options)
+            return check(*arguments, **keywords)
+
+        return call
+
+    return decorate
+
+
+jaxtyping.jaxtyped = _first_calls_checked
 jaxtyping.install_import_hook(_CHECKED, "beartype.beartype")
+
+
+@pytest.fixture(autouse=True)
+def _count_calls_anew() -> None:
+    _CALLS.clear()
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,11 @@
-"""Recordings with known truth: the shared logs where present, and the oracle's own."""
+"""Recordings with known truth, made by the oracle, and some rows made by another library."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import polars as pl
-import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.motion.random_motion import random_motion
@@ -13,10 +13,9 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle
 
-LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
-needs_logs = pytest.mark.skipif(
-    not LOGS.is_dir(), reason=f"recordings with known truth are not at {LOGS.name}/ beside the repo"
-)
+# Two robots, and rows of a motion (100 Hz, every 25th) whose torques come from a rigid-body library
+# that is neither this package nor the oracle: spanning tree, recursive Newton-Euler, projection.
+DATA = Path(__file__).with_name("data")
 CATALOGUE = {"delta3": "clavel-delta3", "delta4": "irb360-6-1600"}
 
 
@@ -65,12 +64,16 @@ def true_parameters(oracle: DeltaOracle) -> np.ndarray:
     return np.array([*inertias, *oracle.viscous, *oracle.coulomb, *rotors])
 
 
-def shared_oracle(name: str) -> DeltaOracle:
-    """The robot behind a shared recording."""
-    robot, truth = (
-        json.loads((LOGS / name / f"{kind}.json").read_text()) for kind in ("robot", "truth")
-    )
-    return DeltaOracle.from_json(robot, truth)
+def stored_oracle(name: str) -> DeltaOracle:
+    """A robot of tests/data: 'delta3' or 'delta4'."""
+    files = (DATA / name / f"{kind}.json" for kind in ("robot", "truth"))
+    return DeltaOracle.from_json(*(json.loads(file.read_text("utf-8")) for file in files))
+
+
+def stored_rows(name: str) -> list[np.ndarray]:
+    """q, q̇, q̈ and τ of a robot of tests/data, by the other library."""
+    rows = np.loadtxt(DATA / name / "exact.csv", delimiter=",", skiprows=1)
+    return np.split(rows[:, 1:], 4, axis=1)
 
 
 def typical_oracle(rng: np.random.Generator, *, telescope: bool) -> DeltaOracle:
@@ -118,3 +121,61 @@ def record(
         columns |= {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}
     pl.DataFrame(columns).write_csv(path)
     return z
+
+
+# Resolution of an encoder of 18 bits behind a gear of ratio ten (rad).
+_STEP = 2 * np.pi / 2**18 / 10
+
+
+@dataclass(frozen=True)
+class OracleMotion:
+    """Ten seconds of a periodic motion, all of it by the oracle: nothing of the package is asked.
+
+    Attributes:
+        time: of the samples.
+        z: task coordinates.
+        q, qd, qdd: of the actuators; a periodic q is differentiated by its Fourier series.
+        tau: torques.
+    """
+
+    time: np.ndarray
+    z: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    tau: np.ndarray
+
+    def write_exact(self, path: Path) -> Path:
+        """Everything, without noise."""
+        return self._write(path, q=self.q, qd=self.qd, qdd=self.qdd, tau=self.tau)
+
+    def write_noisy(self, path: Path, rng: np.random.Generator) -> Path:
+        """As a drive logs it: encoder steps, 2 % of noise and a ripple of 0.5 % on the torques."""
+        largest = np.abs(self.tau).max(axis=0)
+        noise = 0.02 * rng.standard_normal(self.tau.shape)
+        ripple = 0.005 * np.sin(60 * self.q + rng.uniform(0, 2 * np.pi, self.q.shape[1]))
+        tau = self.tau + largest * (noise + ripple)
+        return self._write(path, q=_STEP * np.round(self.q / _STEP), tau=tau)
+
+    def _write(self, path: Path, **quantities: np.ndarray) -> Path:
+        columns = {"t": self.time}
+        for name, values in quantities.items():
+            columns |= {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
+        pl.DataFrame(columns).write_csv(path)
+        return path
+
+
+def oracle_motion(oracle: DeltaOracle, rng: np.random.Generator, rate: float) -> OracleMotion:
+    """Eight random harmonics about the middle of the workspace, at a rate (Hz)."""
+    period, harmonics = 10.0, np.arange(1, 9)
+    time = np.arange(round(period * rate)) / rate
+    phase = 2 * np.pi / period * np.outer(time, harmonics)
+    waves = np.hstack([np.sin(phase), np.cos(phase)])
+    shape = waves @ rng.standard_normal((len(waves.T), oracle.dof))
+    shape /= np.abs(shape).max(axis=0)
+    z = np.array([0, 0, -0.95, 0])[: oracle.dof] + shape * [0.3, 0.3, 0.13, 2.0][: oracle.dof]
+    q = oracle.positions(z)
+    assert np.all(np.isfinite(q))
+    frequency = 2j * np.pi * np.fft.rfftfreq(len(time), 1 / rate)[:, None]
+    qd, qdd = (np.fft.irfft(frequency**k * np.fft.rfft(q, axis=0), axis=0) for k in (1, 2))
+    return OracleMotion(time, z, q, qd, qdd, oracle.inverse_dynamics(q, qd, qdd))

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle, random_oracle
-
-LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
-needs_logs = pytest.mark.skipif(
-    not LOGS.is_dir(), reason="the recordings ../shared/logs are not there"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +37,6 @@ def random_twin(seed: int, *, telescope: bool, clockwise: bool = False) -> Twin:
         "telescope_base": rng.uniform(-0.05, 0.05, 3) if telescope else np.zeros(3),
     }
     return twin(replace(oracle, **generic))
-
-
-def recorded_twin(name: str) -> Twin:
-    """The robot of the recordings ../shared/logs/<name>."""
-    texts = ((LOGS / name / file).read_text() for file in ("robot.json", "truth.json"))
-    return twin(DeltaOracle.from_json(*map(json.loads, texts)))
 
 
 def describe(oracle: DeltaOracle) -> RobotDescription:

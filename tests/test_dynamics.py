@@ -15,7 +15,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
 from deltaid.robot.telescope import Telescope
-from support import LOGS, assert_close, needs_logs, random_states, random_twin, recorded_twin, slope
+from recordings import stored_oracle, stored_rows
+from support import assert_close, random_states, random_twin, slope, twin
 from test_oracle import _inward_solution_from_pi
 
 ANY_SEED = st.integers(0, 2**32 - 1)
@@ -332,22 +333,19 @@ def test_regressor_counts(
 # --- recordings of known truth --------------------------------------------------------------------
 
 
-@needs_logs
 @pytest.mark.parametrize("name", ["delta3", "delta4"])
 def test_truth_predicts_the_exact_recording(name: str) -> None:
     """Within 1e-7 of the largest torque, but for rows that rounding corrupted when recorded.
 
     `test_oracle.test_recording` says which those are and why; delta3 has none that matters.
     """
-    twin = recorded_twin(name)
-    rows = np.loadtxt(LOGS / name / "exact.csv", delimiter=",", skiprows=1)[:, 1:]
-    q, qd, qdd, tau = np.split(rows, 4, axis=1)
-    dynamics = Dynamics(twin.robot)
-    difference = np.abs(dynamics.inverse_dynamics(q, qd, qdd, twin.p) - tau)
+    stored, (q, qd, qdd, tau) = twin(stored_oracle(name)), stored_rows(name)
+    dynamics = Dynamics(stored.robot)
+    difference = np.abs(dynamics.inverse_dynamics(q, qd, qdd, stored.p) - tau)
     error = difference.max(axis=1) / np.abs(tau).max()
     sound = np.ones(len(error), bool)
     if name == "delta4":
-        sound = _inward_solution_from_pi(twin.oracle, q) > 3e-3
+        sound = _inward_solution_from_pi(stored.oracle, q) > 3e-3
         assert sound.mean() > 0.95
     assert np.median(error) < 1e-11
     assert error[sound].max() < 1e-7

@@ -1,5 +1,6 @@
 """Excitation: exact gradients, limits that hold everywhere, rest at both ends, predictions."""
 
+from dataclasses import replace
 from threading import Event
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.excitation.criterion import Criterion
-from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
 from deltaid.excitation.motion_file import sample_run
 from deltaid.excitation.optimize import largest_use, optimise, random_start
 from deltaid.excitation.run import plan_run
@@ -27,6 +28,12 @@ def exciters() -> dict[str, Exciter]:
         name: Exciter(compiled(load_robot(name)), ExcitationSettings(starts=2))
         for name in ("irb360-6-1600", "clavel-delta3")
     }
+
+
+@pytest.fixture(scope="module")
+def found(exciters) -> dict[str, Excitation]:
+    """What either exciter finds, for all that only look at it."""
+    return {name: exciter.optimise() for name, exciter in exciters.items()}
 
 
 def changed(robot: RobotDescription, **values: object) -> RobotDescription:
@@ -55,9 +62,10 @@ def test_criterion_is_what_its_name_says(name) -> None:
 
 @pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3"])
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_gradients_are_exact(name: str, criterion) -> None:
-    setting = ExcitationSettings(criterion=criterion, velocity_weight=0.3)
-    problem = Exciter(compiled(load_robot(name)), setting).problem
+def test_gradients_are_exact(exciters, name: str, criterion) -> None:
+    problem = exciters[name].problem
+    velocity = replace(problem.velocity, weight=0.3)
+    problem = replace(problem, criterion=Criterion(criterion), velocity=velocity)
     x = random_start(problem, 3)
     here = problem.evaluate(x)
     for k in np.random.default_rng(0).choice(len(x), 10, replace=False):
@@ -101,7 +109,7 @@ def test_torque_limits_are_those_of_the_dynamics(exciters) -> None:
     assert np.allclose(u[moving], expected[moving], atol=0.02)  # the sign of friction is smooth
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("seed", range(8))  # of fifty: benchmarks/limits_held.py
 def test_limits_hold_on_a_grid_ten_times_finer(exciters, seed: int) -> None:
     exciter = exciters["clavel-delta3" if seed % 2 else "irb360-6-1600"]
     problem = exciter.problem
@@ -113,9 +121,8 @@ def test_limits_hold_on_a_grid_ten_times_finer(exciters, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3"])
-def test_a_run_starts_and_ends_at_rest_and_keeps_its_limits(exciters, name: str) -> None:
-    exciter = exciters[name]
-    result = exciter.optimise()
+def test_a_run_starts_and_ends_at_rest_and_keeps_its_limits(exciters, found, name: str) -> None:
+    exciter, result = exciters[name], found[name]
     assert all(limit.share <= 1.0 for limit in result.limits)
     assert result.criterion_after < result.criterion_before
     file = sample_run(exciter.dynamics.kinematics, result.run, 1000.0)
@@ -139,9 +146,9 @@ def test_a_run_repeats_its_periods(exciters) -> None:
     assert run.duration == pytest.approx(2 * run.ramp + 3 * run.motion.period)
 
 
-def test_same_seed_same_motion_and_other_seeds_another(exciters) -> None:
-    exciter = exciters["clavel-delta3"]
-    a, b, c = exciter.optimise(), exciter.optimise(), exciter.optimise(offset=1000)
+def test_same_seed_same_motion_and_other_seeds_another(exciters, found) -> None:
+    exciter, a = exciters["clavel-delta3"], found["clavel-delta3"]
+    b, c = exciter.optimise(), exciter.optimise(offset=1000)
     assert np.array_equal(a.optimum.x, b.optimum.x)
     assert not np.allclose(a.optimum.x, c.optimum.x, atol=1e-3)
 
@@ -173,7 +180,7 @@ def test_limits_that_fight_are_named() -> None:
     torque=st.floats(40, 200),
 )
 @example(radius=0.157493889294181, speed=2.8159673209, acceleration=40.044, swing=15, torque=40)
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=2, deadline=None)  # more of them: benchmarks/limits_held.py
 def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torque) -> None:
     robot = changed(
         load_robot("clavel-delta3"),
@@ -210,13 +217,12 @@ def test_motions_stay_in_each_kind_of_workspace(space) -> None:
     assert np.all(space.contains(corners))
 
 
-def test_predicted_deviations_are_those_of_repeated_identification(exciters) -> None:
+def test_predicted_deviations_are_those_of_repeated_identification(exciters, found) -> None:
     from deltaid.identification.information import gather_samples
     from deltaid.identification.least_squares import estimate_base
 
     exciter = exciters["clavel-delta3"]
-    run = exciter.optimise().run
-    samples = 1000
+    run, samples = found["clavel-delta3"].run, 1000
     z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
     _, qd, qdd = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
     tau, rng = exciter.preview(run, samples), np.random.default_rng(0)
@@ -232,13 +238,11 @@ def test_predicted_deviations_are_those_of_repeated_identification(exciters) -> 
     assert np.median(spread / predicted) == pytest.approx(1.0, abs=0.1)
 
 
-def test_weighing_the_prior_attends_to_what_it_knows_least() -> None:
-    dynamics = compiled(load_robot("irb360-6-1600"))
-    plain = Exciter(dynamics, ExcitationSettings(starts=2)).optimise()
-    weighed = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True)).optimise()
-    assert not np.allclose(plain.optimum.x, weighed.optimum.x, atol=1e-3)
-    known = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True)).problem
-    assert np.all(np.linalg.eigvalsh(known.weighting.prior) > 0)
+def test_weighing_the_prior_attends_to_what_it_knows_least(exciters, found) -> None:
+    dynamics, plain = exciters["irb360-6-1600"].dynamics, found["irb360-6-1600"]
+    exciter = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True))
+    assert not np.allclose(plain.optimum.x, exciter.optimise().optimum.x, atol=1e-3)
+    assert np.all(np.linalg.eigvalsh(exciter.problem.weighting.prior) > 0)
 
 
 @pytest.mark.parametrize("torque", [12.0, 15.0, 20.0])

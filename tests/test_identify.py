@@ -1,4 +1,6 @@
-"""The whole identification against recordings whose truth another library made."""
+"""The whole identification against recordings that the oracle made."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +11,12 @@ from deltaid.identification.identify import identify
 from deltaid.identification.model import IdentifiedModel, Settings
 from deltaid.identification.validation import validate
 from deltaid.robot.load import load_robot
+from oracle.delta import DeltaOracle
 from recordings import (
-    LOGS,
     describe,
-    needs_logs,
+    oracle_motion,
     record,
-    shared_oracle,
+    stored_oracle,
     true_parameters,
     typical_oracle,
 )
@@ -27,12 +29,6 @@ def friction_error(model: IdentifiedModel, truth: np.ndarray) -> float:
     layout = model.layout
     friction = slice(layout.viscous.start, layout.coulomb.stop)
     return float(np.max(np.abs(model.p[friction] / truth[friction] - 1)))
-
-
-def shared_z(name: str, model: IdentifiedModel) -> np.ndarray:
-    dof = len(model.robot.drives)
-    table = np.loadtxt(LOGS / name / "exact.csv", delimiter=",", skiprows=1)
-    return compiled(model.robot).kinematics.forward(table[:, 1 : 1 + dof])
 
 
 @pytest.mark.parametrize("telescope", [False, True])
@@ -52,31 +48,29 @@ def test_conic_recovers_what_the_oracle_recorded(tmp_path, telescope: bool, shar
     assert result.model.consistent
 
 
-@needs_logs
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("share", SHARES)
-def test_conic_recovers_the_shared_robots(name: str, share: float) -> None:
-    oracle = shared_oracle(name)
-    result = identify(describe(oracle, share), [LOGS / name / "exact.csv"])
+def test_conic_recovers_the_stored_robots(tmp_path, name: str, share: float) -> None:
+    oracle = stored_oracle(name)
+    motion = oracle_motion(oracle, np.random.default_rng(1), rate=100.0)
+    result = identify(describe(oracle, share), [motion.write_exact(tmp_path / "exact.csv")])
     truth = true_parameters(oracle)
-    errors = mass_matrix_error(
-        compiled(result.model.robot), shared_z(name, result.model), truth, result.model.p
-    )
+    errors = mass_matrix_error(compiled(result.model.robot), motion.z, truth, result.model.p)
     assert max(errors) < 1e-4
     assert friction_error(result.model, truth) < 1e-4
     assert result.model.fit.duality_gap is not None
     assert result.model.fit.duality_gap < 1e-6 * result.model.fit.objective
 
 
-@needs_logs
 @pytest.mark.parametrize("share", SHARES)
-def test_log_cholesky_reaches_the_papers_figures(share: float) -> None:
-    oracle = shared_oracle("delta4")
-    settings = Settings(method="log-cholesky")
-    result = identify(describe(oracle, share), [LOGS / "delta4" / "exact.csv"], settings=settings)
+def test_log_cholesky_reaches_the_papers_figures(tmp_path, share: float) -> None:
+    oracle = stored_oracle("delta4")
+    motion = oracle_motion(oracle, np.random.default_rng(2), rate=100.0)
+    exact, settings = motion.write_exact(tmp_path / "exact.csv"), Settings(method="log-cholesky")
+    result = identify(describe(oracle, share), [exact], settings=settings)
     truth = true_parameters(oracle)
     diagonal, off_diagonal = mass_matrix_error(
-        compiled(result.model.robot), shared_z("delta4", result.model), truth, result.model.p
+        compiled(result.model.robot), motion.z, truth, result.model.p
     )
     assert diagonal < 0.01
     assert off_diagonal < 0.02
@@ -86,22 +80,28 @@ def test_log_cholesky_reaches_the_papers_figures(share: float) -> None:
     assert fit.objective >= fit.lower_bound
 
 
-@needs_logs
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.fixture(scope="module", params=ROBOTS)
+def noisy(request, tmp_path_factory) -> tuple[DeltaOracle, Path]:
+    """A stored robot, and a folder with recordings of two motions: identify.csv, verify.csv."""
+    oracle, rng = stored_oracle(request.param), np.random.default_rng(3)
+    folder = tmp_path_factory.mktemp(request.param)
+    for name in ("identify", "verify"):
+        oracle_motion(oracle, rng, rate=500.0).write_noisy(folder / f"{name}.csv", rng)
+    return oracle, folder
+
+
 @pytest.mark.parametrize("share", SHARES)
-def test_noisy_log_predicts_as_well_as_the_truth(name: str, share: float) -> None:
-    oracle = shared_oracle(name)
-    robot = describe(oracle, share)
-    result = identify(robot, [LOGS / name / "identify.csv"])
+def test_noisy_log_predicts_as_well_as_the_truth(noisy, share: float) -> None:
+    oracle, folder = noisy
+    result = identify(describe(oracle, share), [folder / "identify.csv"])
     truth = true_parameters(oracle)
     rows = [
         parameter.model_copy(update={"value": float(value)})
         for parameter, value in zip(result.model.parameters, truth, strict=True)
     ]
     true_model = result.model.model_copy(update={"parameters": tuple(rows)})
-    verify = LOGS / name / "verify.csv"
-    ours, _ = validate(result.model, verify)
-    theirs, _ = validate(true_model, verify)
+    ours, _ = validate(result.model, folder / "verify.csv")
+    theirs, _ = validate(true_model, folder / "verify.csv")
     assert np.all(ours.rms < 1.05 * theirs.rms)
     assert np.all(ours.rms_unfiltered < 1.05 * theirs.rms_unfiltered)
 

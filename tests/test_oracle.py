@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -12,27 +10,21 @@ import numpy as np
 import pytest
 
 from oracle.delta import DeltaOracle, random_oracle
-
-LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
+from recordings import stored_oracle, stored_rows
 
 
 def _oracle(seed: int, telescope: bool, friction: bool = True) -> DeltaOracle:
     return random_oracle(np.random.default_rng(seed), telescope=telescope, friction=friction)
 
 
-@pytest.mark.skipif(not LOGS.is_dir(), reason="recordings ../shared/logs are not there")
 @pytest.mark.parametrize("name", ["delta3", "delta4"])
 def test_recording(name: str) -> None:
-    """Torques of exact.csv, as far as that file's own rounding lets them be compared.
+    """Torques by another library, as far as that file's own rounding lets them be compared.
 
     Its joint rates come from a half-angle formula that cancels where the elbow-inward solution of
     some limb passes pi; two rows a period apart then differ by up to 5e-5 rad/s^2 in qdd.
     """
-    folder = LOGS / name
-    robot, truth = (json.loads((folder / f).read_text()) for f in ("robot.json", "truth.json"))
-    oracle = DeltaOracle.from_json(robot, truth)
-    rows = np.loadtxt(folder / "exact.csv", delimiter=",", skiprows=1)[:, 1:]
-    q, qd, qdd, tau = np.split(rows, 4, axis=1)
+    oracle, (q, qd, qdd, tau) = stored_oracle(name), stored_rows(name)
     error = np.abs(oracle.inverse_dynamics(q, qd, qdd) - tau).max(axis=1) / np.abs(tau).max()
     gap = _inward_solution_from_pi(oracle, q)
     sound = error[gap > 3e-3]
