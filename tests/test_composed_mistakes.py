@@ -209,11 +209,10 @@ def test_a_strut_that_cannot_close_is_named_with_file_and_line(name, tmp_path) -
     assert told
 
 
-def test_a_strut_that_is_merged_in_has_the_line_of_its_limbs(tmp_path) -> None:
-    """A merged key (<<) has no line of its own."""
+def test_a_strut_that_is_merged_in_has_the_line_of_the_merge(tmp_path) -> None:
     text = re.sub(r"(?m)^  strut: .*", "  <<: {strut: 0.3}", catalogue_text("clavel-delta3"))
     (tmp_path / "robot.yaml").write_text(text)
-    line = text.splitlines().index("limbs:") + 1
+    line = text.splitlines().index("  <<: {strut: 0.3}") + 1
     with pytest.raises(DescriptionError, match=rf"line {line}, limbs\.strut: limb 1 cannot"):
         load_robot(tmp_path / "robot.yaml")
 

@@ -1,5 +1,8 @@
 """The package's own errors: what is wrong, where, and how to mend it."""
 
+# Spaces that do not break a line: plain, narrow, thin.
+_SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
+
 
 class DeltaidError(Exception):
     """Base of every error a user can cause.
@@ -34,3 +37,11 @@ class RecordingError(DeltaidError):
 
 class IdentificationError(DeltaidError):
     """The identification cannot be posed, or a solver did not reach its end."""
+
+
+def visible(text: str) -> str:
+    """Text with a question mark for every character that would command a terminal or a printer.
+
+    Names in files may hold escape sequences, or signs that turn the direction of what follows.
+    """
+    return "".join(c if c.isprintable() or c == "\n" or c in _SPACES else "?" for c in text)

@@ -93,11 +93,11 @@ def _as_dictionary(
 
 
 def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
-    from deltaid.cli.output import HALF_WIDTH, console, table, with_uncertainty
+    from deltaid.cli.output import HALF_WIDTH, console, styled, table, with_uncertainty
 
     robot, layout = dynamics.robot, dynamics.layout
     visible = len(layout.names) - len(result.invisible)
-    console.print(f"[bold]{robot.title or robot.name}[/]")
+    console.print(styled(robot.title or robot.name))
     console.print(
         f"{len(layout.names)} parameters, {visible} visible in torques, {result.rank} base "
         f"parameters; {_free(dynamics)} free in a consistent fit"

@@ -54,6 +54,7 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         number,
         origin_cell,
         percent,
+        styled,
         table,
         value_cells,
     )
@@ -77,10 +78,11 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
     for line in summary(result.identification):
         console.print(line)
     console.print(
-        "[bold]against the truth:[/] mass matrix within "
+        styled("against the truth:"),
+        "mass matrix within "
         f"{percent(result.mass_error_diagonal)} on and {percent(result.mass_error_off_diagonal)} "
         f"off the diagonal, friction within {percent(result.friction_error)}; a single body's own "
-        "numbers are less certain than what the drives feel of them"
+        "numbers are less certain than what the drives feel of them",
     )
     if keep is not None:
         files = "robot.yaml, truth.yaml, identify.csv, verify.csv and model.yaml"

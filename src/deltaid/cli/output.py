@@ -2,17 +2,18 @@
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.cells import cell_len
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, visible
 from deltaid.files import require_writable
 from deltaid.report.numbers import number, with_uncertainty
 from deltaid.report.numbers import percent as percent  # for the commands too
@@ -28,40 +29,58 @@ _TEXT_COLUMNS = (
 # Columns that may take several lines where the terminal is narrow.
 _WRAPPED_COLUMNS = ("robot", "mechanism", "base parameter", "chosen law")
 
-console = Console(highlight=False, soft_wrap=True, emoji=False)
-error_console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+# Of JSON, besides those that it escapes anyway.
+_CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
+
+class LiteralConsole(Console):
+    """A console that prints text as it stands, whatever names and titles of files hold.
+
+    Brackets are no markup, and no character commands the terminal. Styles are given as objects.
+    """
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Text as it is shown wherever it stands: in a line, a cell, a title."""
+        options.update(markup=False, emoji=False)
+        return super().render_str(visible(text), **options)
+
+
+console = LiteralConsole(highlight=False, soft_wrap=True)
+error_console = LiteralConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
 def print_error(error: DeltaidError) -> None:
     """One clear message on standard error."""
-    error_console.print(f"[bold red]error:[/] {_shown(str(error))}")
+    error_console.print(styled("error:", "bold red"), str(error))
 
 
 def print_warnings(warnings: Sequence[str]) -> None:
     """Warnings on standard error, so that --json stays clean."""
     for text in warnings:
-        error_console.print(f"[yellow]warning:[/] {_shown(text)}")
+        error_console.print(styled("warning:", "yellow"), text)
 
 
 def print_origin(model: "Model") -> None:
     """Say on standard error that a robot stands for its prior, where a model is expected."""
     if model.identified is None:
-        name = _shown(model.source)
-        error_console.print(f"[dim]note:[/] {name} is a robot: it stands for its prior parameters")
+        text = f"{model.source} is a robot: it stands for its prior parameters"
+        error_console.print(styled("note:", "dim"), text)
 
 
-def _shown(text: str) -> str:
-    """Text with names from files, which must not reach the terminal's own commands."""
-    return escape("".join(c if c.isprintable() or c == "\n" else "?" for c in text))
+def styled(text: str, style: str = "bold") -> Text:
+    """Text in a style of its own, such as 'bold'."""
+    return Text(visible(text), style)
 
 
 def print_json(value: dict) -> None:
     """One JSON object on standard output."""
-    print(json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False))
+    text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False)
+    print(_CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     """A plain table; the first column and those of text are left-aligned, numbers right."""
+    rows = [[visible(cell) for cell in row] for row in rows]
     result = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
     widths = [max(map(cell_len, cells)) for cells in zip(columns, *rows, strict=True)]
     needed = sum(widths) + 2 * (len(widths) - 1)
@@ -72,14 +91,14 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         justify = "left" if text else "right"
         width = widths[i] if i == 0 and rows else None
         result.add_column(
-            escape(column),
+            column,
             justify=justify,
             header_style="dim",
             no_wrap=column not in _WRAPPED_COLUMNS,
             min_width=width,
         )
     for row in rows:
-        result.add_row(*(escape(cell) for cell in row))
+        result.add_row(*row)
     return result
 
 
@@ -90,7 +109,7 @@ def progress(silent: bool) -> Iterator[Callable[[str], None]]:
         yield lambda _: None
         return
     with error_console.status("starting") as status:
-        yield lambda text: status.update(escape(text))
+        yield lambda text: status.update(styled(text, ""))
 
 
 def positive(

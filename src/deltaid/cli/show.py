@@ -69,7 +69,7 @@ def _require_live(port: int | None) -> None:
 
 
 def _survey(robot: "AtRest", report: Path | None, origin: str) -> None:
-    from deltaid.cli.output import console, print_warnings, table
+    from deltaid.cli.output import console, print_warnings, styled, table
     from deltaid.report.page import write_page
     from deltaid.show import page
     from deltaid.show.reach import reach, survey
@@ -80,7 +80,7 @@ def _survey(robot: "AtRest", report: Path | None, origin: str) -> None:
         console.print(f"wrote {report}")
         return
     print_warnings(page.warnings(robot, surveyed))
-    console.print(f"[bold]{robot.robot.title or robot.robot.name}[/]")
+    console.print(styled(robot.robot.title or robot.robot.name))
     for fact in page.facts(robot, found, surveyed):
         console.print(f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else ""))
     for title, part in (

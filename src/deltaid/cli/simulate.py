@@ -233,7 +233,7 @@ def as_table(result: "Tracking") -> "pl.DataFrame":
 
 
 def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> None:
-    from deltaid.cli.output import console, number, percent, table
+    from deltaid.cli.output import console, number, percent, styled, table
 
     error, rows = result.error, []
     for i, (drive, units) in enumerate(robot.drive_units.items()):
@@ -263,6 +263,8 @@ def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> 
             "most from the turn it should have"
         )
     if result.ended is not None:
-        console.print(f"[bold red]lost[/] after {result.ended:.4g} s: a limb was stretched")
+        console.print(
+            styled("lost", "bold red"), f"after {result.ended:.4g} s: a limb was stretched"
+        )
     for path in files:
         console.print(f"wrote {path}")

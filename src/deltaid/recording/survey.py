@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics, Regularity
+from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
@@ -26,6 +27,8 @@ _KEEP_AWAY = (
 )
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 _HIGHEST_RATE = 1e6
+# Time that hardly moves between two rows [s].
+_SHORTEST_STEP = 1e-12
 
 
 @dataclass
@@ -54,6 +57,7 @@ class Survey:
     spectrum: SpectrumEstimate = field(init=False)
     derivatives: DerivativeCheck = field(init=False)
     branch: BranchCheck = field(init=False)
+    bounds: Bounds = field(init=False)
 
     def __post_init__(self) -> None:
         c = self.columns
@@ -62,6 +66,7 @@ class Survey:
         pairs += [(a.column, b.column) for a, b in zip(c.velocity, c.acceleration, strict=False)]
         self.derivatives = DerivativeCheck(pairs)
         self.branch = BranchCheck(self.kinematics)
+        self.bounds = Bounds(self.table, c, self.kinematics.robot)
 
     @property
     def rate(self) -> float:
@@ -81,6 +86,7 @@ class Survey:
             RecordingError: with the first row that cannot be.
         """
         values = batch.values
+        self.bounds.check(values, batch.row)
         self._check_time(batch)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
@@ -135,7 +141,7 @@ class Survey:
         if not self.samples:
             self.first_time = float(time[0])
         self.last_time = float(time[-1])
-        back = np.flatnonzero(steps <= 0)
+        back = np.flatnonzero(steps < _SHORTEST_STEP)
         if back.size:
             i = int(back[0])
             before = time[i] - steps[i]

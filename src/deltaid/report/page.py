@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from deltaid.errors import visible
 from deltaid.files import written_whole
 from deltaid.report import style
 
@@ -100,6 +101,7 @@ def render(page: Page) -> str:
     environment = Environment(
         loader=PackageLoader("deltaid", "report"),
         autoescape=True,
+        finalize=_shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -122,6 +124,11 @@ def render(page: Page) -> str:
         light=templates[0],
         dark=templates[1],
     )
+
+
+def _shown(value: object) -> object:
+    """What a page prints of a value that is not markup of its own: no control characters."""
+    return visible(value) if type(value) is str else value
 
 
 def _is(kind: type) -> object:

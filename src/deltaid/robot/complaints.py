@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from deltaid.robot.yaml_tree import Entry, Value, child
 
 _MOST = 5
 _REASONS = {
@@ -44,7 +45,7 @@ class _Complaint:
         return f"line {self.line}, {'.'.join(self.path) or 'top level'}: {self.reason}{self.value}"
 
 
-def complaints(tree: CommentedMap, error: ValidationError, model: type[BaseModel]) -> str:
+def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> str:
     """All that is wrong, as 'line 12, limbs.strut: is missing; …'; the first few if it is a lot."""
     found = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
     found = [c for c in found if not any(_below(other.path, c.path) for other in found)]
@@ -75,51 +76,35 @@ def _joined(found: list[_Complaint]) -> list[_Complaint]:
     return joined
 
 
-def _locate(tree: CommentedMap, item: dict[str, Any], model: type[BaseModel]) -> _Complaint:
+def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Complaint:
     path: list[str] = []
-    line, node = 1, tree
+    line, node = 1, tree.value
     for depth, key in enumerate(item["loc"]):
-        if isinstance(node, CommentedMap):
-            key = next((k for k in node if str(k) == str(key)), key)  # 3 is a key as "3" is
-        if isinstance(node, CommentedMap) and key in node:
-            line = key_line(node, key, line)
-        elif isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node):
-            line = _line(node.lc.item, key, line)
-        else:
+        found = child(node, key)
+        if found is None:
             if item["type"] == "missing" and depth == len(item["loc"]) - 1:
                 if isinstance(key, int):  # entries of a list have no names
                     return _Complaint(line, tuple(path), f"has no entry {key + 1}")
                 path.append(str(key))
             continue  # the name of a union's branch is not a key of the file
-        node = node[key]
+        line, node = found.line, found.value
         path.append(str(key)[:60])
     value, of_kind = _value(item), item["type"] in _KINDS
     hint = _near(path[-1], model) if item["type"] == "extra_forbidden" and path else ""
     return _deeper(node, _Complaint(line, tuple(path), _reason(item) + hint, value, of_kind))
 
 
-def _deeper(node: Any, complaint: _Complaint) -> _Complaint:
+def _deeper(node: Value, complaint: _Complaint) -> _Complaint:
     """The complaint at the key that its reason begins with, such as 'springs.drive1 has …'."""
     first, _, rest = complaint.reason.partition(" ")
     line, path = complaint.line, list(complaint.path)
     for key in first.split("."):
-        if not isinstance(node, CommentedMap) or key not in node:
+        found = child(node, key)
+        if found is None:
             return complaint
-        line, node = key_line(node, key, line), node[key]
+        line, node = found.line, found.value
         path.append(key)
     return _Complaint(line, tuple(path), rest)
-
-
-def key_line(node: CommentedMap, key: Any, default: int) -> int:
-    """The line of a key, from 1; merged keys (<<) have none of their own."""
-    return _line(node.lc.key, key, default)
-
-
-def _line(position: Any, key: Any, default: int) -> int:
-    try:
-        return position(key)[0] + 1
-    except (KeyError, TypeError):
-        return default
 
 
 def _reason(item: dict[str, Any]) -> str:

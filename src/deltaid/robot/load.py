@@ -6,26 +6,24 @@ import os
 import re
 from importlib import resources
 from pathlib import Path
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
 from deltaid.robot.closing import open_limb
-from deltaid.robot.complaints import complaints, key_line
+from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import with_named_file
-from deltaid.robot.plain import plain
+from deltaid.robot.yaml_tree import Entry, child, plain, read_tree
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
 # Bytes. A model file has some 15 kB; what is much larger is a log, and YAML takes minutes over it.
 _LARGEST = 1 << 20
-_DEEP = re.compile(r"(?:[\[{]\s*){50}")
 # A key that every model file has at its left edge, and no robot file.
 _OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
 _KINDS = {"ColumnMapping": "columns", "IdentifiedModel": "model"}
@@ -106,10 +104,10 @@ def holds_a_model(text: str) -> bool:
 def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
     reason = open_limb(robot)
     if reason:
-        tree = _tree(text, where)
-        line = key_line(tree["limbs"], "strut", key_line(tree, "limbs", 1))
+        limbs = child(_tree(text, where).value, "limbs")
+        strut = limbs and child(limbs.value, "strut")
         raise DescriptionError(
-            f"line {line}, limbs.strut: {reason}",
+            f"line {strut.line if strut else 1}, limbs.strut: {reason}",
             where=where,
             cure="check strut, upper_arm and radii or points of limbs, and workspace (z < 0 where "
             "the platform is below the base)",
@@ -147,7 +145,17 @@ def save_yaml(value: BaseModel, path: Path) -> None:
     yaml.default_flow_style = None
     yaml.width = 100
     with written_whole(path) as file:
-        yaml.dump(value.model_dump(mode="json", exclude_none=True), file)
+        yaml.dump(_quoted(value.model_dump(mode="json", exclude_none=True)), file)
+
+
+def _quoted(value: Any) -> Any:
+    """Text with line breaks or control characters between quotes, where nothing gets lost."""
+    if isinstance(value, dict):
+        return {key: _quoted(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_quoted(entry) for entry in value]
+    special = isinstance(value, str) and not value.isprintable()
+    return DoubleQuotedScalarString(value) if special else value
 
 
 def parse(text: str, model: type[_Model], *, where: str) -> _Model:
@@ -200,28 +208,12 @@ def read_text(path: Path) -> str:
         raise DescriptionError(f"cannot be read: {reason}", where=str(path)) from None
 
 
-def _tree(text: str, where: str) -> CommentedMap:
-    """The YAML tree with line numbers. Tags are never turned into objects."""
-    try:
-        if _DEEP.search(text):
-            raise RecursionError
-        tree = YAML(typ="rt", pure=True).load(text)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f", line {mark.line + 1}" if mark else ""
-        raise DescriptionError(
-            f"is not valid YAML: {error.problem or error.context}",
-            where=f"{where}{line}",
-            cure="look there for indentation, tabs, colons and quotes",
-        ) from None
-    except (YAMLError, ValueError) as error:
-        reason = str(error).strip().split("\n", 1)[0][:200]
-        raise DescriptionError(f"is not valid YAML: {reason}", where=where) from None
-    except RecursionError:
-        raise DescriptionError("is nested too deeply", where=where) from None
-    if not isinstance(tree, CommentedMap):
-        if tree is None:
-            raise DescriptionError("is empty", where=where)
+def _tree(text: str, where: str) -> Entry:
+    """The mapping that a text holds."""
+    tree = read_tree(text, where)
+    if tree is None or tree.value is None:
+        raise DescriptionError("is empty", where=where)
+    if not isinstance(tree.value, dict):
         raise DescriptionError(
             "does not hold keys with values, such as `name: my-robot`",
             where=where,

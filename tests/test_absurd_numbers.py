@@ -1,0 +1,114 @@
+"""Numbers in a recording that are finite and yet cannot be: one message, never a result."""
+
+import re
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from command import refused, run
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import RecordingError
+from deltaid.recording.log import open_log
+from deltaid.robot.load import load_robot
+from logs import recorded, refusal, write
+
+ROW, ROWS = 120, 400
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model")
+    log = write(folder / "log.csv", recorded(1500))
+    outcome = run("identify", "clavel-delta3", log, "-o", folder / "model.yaml")
+    assert outcome.code == 0
+    return folder / "model.yaml"
+
+
+def spoilt(column: str, value: float, row: int = ROW) -> pl.DataFrame:
+    """A recording with derivatives, one number of which is another."""
+    frame = recorded(ROWS, derivatives=True)
+    return frame.with_columns(
+        pl.when(pl.int_range(pl.len()) == row).then(value).otherwise(column).alias(column)
+    )
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "fragment"),
+    [
+        ("q1", 1e155, "column q1 is 1e+155 rad, but no recording of this robot goes beyond 1e+05 "),
+        ("qd2", 1e155, "column qd2 is 1e+155 rad/s, but no recording of this robot goes beyond 1000"),
+        ("qd2", -1.1e3, "column qd2 is -1100 rad/s"),
+        ("qdd3", -1e308, "column qdd3 is -1e+308 rad/s²"),
+        ("tau1", 1e155, "is 1e+155 N m, but no recording of this robot goes beyond 1.5e+04"),
+        ("tau1", -1.6e4, "column tau1 is -1.6e+04 N m"),
+        ("t", 1e155, "column t is 1e+155 s"),
+    ],
+)  # fmt: skip
+def test_absurd_numbers_are_named(tmp_path, clavel: Dynamics, column, value, fragment) -> None:
+    path = write(tmp_path / "log.csv", spoilt(column, value))
+    message = refusal(open_log, path, clavel.kinematics)
+    assert message.startswith(f"{path}, row {ROW + 2}: ")
+    assert fragment in message
+    assert "--columns" in message
+
+
+def test_numbers_beyond_a_limit_that_a_robot_may_reach_are_taken(tmp_path, clavel) -> None:
+    """The description allows 150 N m; a recording of ten times that is none of our business."""
+    path = write(tmp_path / "log.csv", spoilt("tau1", 1500.0))
+    assert open_log(path, clavel.kinematics).torque_max[0] == 1500.0
+
+
+@pytest.mark.parametrize("name", ["linear-delta", "irb360-6-1600"])
+def test_every_drive_has_a_bound(tmp_path, name: str) -> None:
+    dynamics = Dynamics(load_robot(name))
+    drives = range(1, dynamics.dof + 1)
+    rest = dynamics.kinematics.inverse(dynamics.kinematics.home[None])[0]
+    good = {"t": 1e-3 * np.arange(300)} | {f"q{i}": np.full(300, rest[i - 1]) for i in drives}
+    good |= {f"{kind}{i}": np.zeros(300) for kind in ("qd", "qdd", "tau") for i in drives}
+    for column in list(good)[1:]:
+        spoilt = np.where(np.arange(300) == 150, 2e7, good[column])
+        path = write(tmp_path / "log.csv", pl.DataFrame(good | {column: spoilt}))
+        message = refusal(open_log, path, dynamics.kinematics)
+        assert f"row 152: column {column} is 2e+07" in message
+
+
+@pytest.mark.parametrize("step", [1e-320, 1e-300, 1e-15])
+def test_time_that_hardly_moves(tmp_path, clavel: Dynamics, step: float) -> None:
+    frame = recorded(ROWS).with_columns(t=pl.int_range(pl.len()) * step)
+    path = write(tmp_path / "log.csv", frame)
+    assert "time does not increase" in refusal(open_log, path, clavel.kinematics)
+
+
+@pytest.mark.parametrize("command", ["torque", "forces", "validate", "simulate", "identify"])
+@pytest.mark.parametrize(("column", "value"), [("qd2", 1e155), ("qdd1", -1e308), ("q1", 1e200)])
+def test_no_command_goes_on(tmp_path, model_file, command, column, value) -> None:
+    log = write(tmp_path / "log.csv", spoilt(column, value))
+    robot = "clavel-delta3" if command == "identify" else model_file
+    output = [] if command == "validate" else ["-o", tmp_path / "out.csv"]
+    message = refused(command, robot, log, *output, folder=tmp_path)
+    assert re.search(rf"row {ROW + 2}: column {column} is", message)
+
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.sampled_from(recorded(10, derivatives=True).columns), st.integers(0, ROWS - 1), NUMBERS)
+@example("t", 0, -1e308)
+@example("qd1", 5, 5e-324)
+def test_any_number_anywhere(tmp_path_factory, clavel, model_file, column, row, value) -> None:
+    """Either it is refused with its file, or every torque that comes out is one of a robot."""
+    folder = tmp_path_factory.getbasetemp()
+    log = write(folder / "any.csv", spoilt(column, value, row))
+    try:
+        open_log(log, clavel.kinematics)
+    except RecordingError as error:
+        assert str(error).startswith(str(log))  # noqa: PT017 - both ends are right
+        return
+    outcome = run("torque", model_file, log, "-o", folder / "torque.csv")
+    assert outcome.code == 0
+    torque = pl.read_csv(folder / "torque.csv").drop("t").to_numpy()
+    assert np.abs(torque).max() < 1e7
