@@ -25,7 +25,9 @@ from deltaid.robot.inertia import (
     pseudo_inertia,
 )
 
-_ENTRY_NAMES = tuple(PSEUDO_INERTIA_ENTRIES)
+# ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
+# above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
+INTERIOR = 1e-6
 # A completed mass or second moment exceeds the least that keeps its body consistent by this share.
 _COMPLETION_MARGIN = 0.05
 
