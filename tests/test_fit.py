@@ -70,8 +70,7 @@ def freed(robot: RobotDescription, body: str, entries: tuple[str, ...]) -> Robot
 def test_log_cholesky_of_a_free_body_is_equation_14(pi: list[float]) -> None:
     """Against the closed form (14) with its misprints mended, typed here and nowhere else."""
     chart = free_body_chart()
-    names = [n for n in chart.reduction.names if n.startswith("EE.")]
-    at = [chart.reduction.names.index(n) for n in names]
+    at = [k for k, v in enumerate(chart.reduction.variables) if v.owner == "EE"]
     full = chart.pi(chart.reduction.prior)
     full[at] = pi
     x = chart.x(full) - INTERIOR * chart.reduction.prior
@@ -123,11 +122,12 @@ PROBLEM = problem()
 
 def test_optimisation_variables_are_those_of_section_vi() -> None:
     reduction = PROBLEM.reduction
-    of = [name.split(".")[0] for name in reduction.names]
+    of = [variable.owner for variable in reduction.variables]
     counts = {body: of.count(body) for body in reduction.layout.bodies}
     assert counts == {"U": 4, "S": 5, "P": 1, "TU": 5, "TL": 5, "EE": 5}
-    assert of.count("rotor") == 1
-    assert of.count("viscous") + of.count("coulomb") == 10
+    kinds = [variable.kind for variable in reduction.variables]
+    assert kinds.count("rotor") == 1
+    assert kinds.count("friction") == 10
     assert reduction.size == 36
 
 
@@ -181,7 +181,7 @@ def test_regularisers_agree_for_a_small_common_scale(name) -> None:
     reduction = PROBLEM.reduction
     regularizer = METRICS[name].regularizer(reduction)
     assert regularizer.evaluate(reduction.prior)[0] == pytest.approx(0, abs=1e-15)
-    friction = [i for i, n in enumerate(reduction.names) if n.startswith("viscous")]
+    friction = [i for i, v in enumerate(reduction.variables) if v.symbol == "viscous"]
     x = reduction.prior.copy()
     x[friction] *= 1.001
     assert regularizer.evaluate(x)[0] == pytest.approx(1e-6 * len(friction), rel=2e-3)

@@ -106,7 +106,8 @@ def fit(
         IdentificationError: they do not, or the fit fails.
     """
     robot, layout = dynamics.robot, dynamics.layout
-    shares = [layout.names.index(f"load.{drive}") for drive in robot.load_drives]
+    first = layout.friction.start
+    shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
     load = prior_parameters(robot) if shares else None
     for _ in range(_LOAD_ROUNDS):
         parts, places = [], places_of(dynamics, [log for log, _ in filtered])

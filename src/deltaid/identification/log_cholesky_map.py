@@ -20,6 +20,7 @@ from deltaid.errors import IdentificationError
 from deltaid.identification.reduction import INTERIOR, Reduction
 from deltaid.identification.regularizer import Vector
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
+from deltaid.robot.parameter import Parameter
 
 
 class LogCholeskyMap:
@@ -34,12 +35,11 @@ class LogCholeskyMap:
         self._pi = ca.SX.sym("pi", reduction.size)
         entries = ca.SX(reduction.size, 1)
         for body in reduction.layout.bodies:
-            for name, value in self._body_entries(body).items():
-                entries[reduction.names.index(name)] = value
-        scale = self._signed()
-        for i, name in enumerate(reduction.names):
-            if name.split(".")[0] not in reduction.layout.bodies:
-                entries[i] = scale[name] * self._pi[i] if name in scale else ca.exp(self._pi[i])
+            for k, value in self._body_entries(body).items():
+                entries[k] = value
+        for k, variable in self._coefficients():
+            signed = variable.signed
+            entries[k] = variable.scale * self._pi[k] if signed else ca.exp(self._pi[k])
         self._x = entries + INTERIOR * ca.DM(reduction.prior)
 
     def x(self, pi: Vector) -> Vector:
@@ -58,20 +58,19 @@ class LogCholeskyMap:
             IdentificationError: x is not consistent.
         """
         reduction, pi = self.reduction, np.empty(len(x))
-        inner, scale = x - INTERIOR * reduction.prior, self._signed()
+        inner = x - INTERIOR * reduction.prior
         p = reduction.A @ inner + reduction.p_0
         for body in reduction.layout.bodies:
-            for name, value in self._body_coordinates(body, p).items():
-                pi[reduction.names.index(name)] = value
-        for i, name in enumerate(reduction.names):
-            if name.split(".")[0] not in reduction.layout.bodies:
-                pi[i] = inner[i] / scale[name] if name in scale else np.log(inner[i])
+            for k, value in self._body_coordinates(body, p).items():
+                pi[k] = value
+        for k, variable in self._coefficients():
+            pi[k] = inner[k] / variable.scale if variable.signed else np.log(inner[k])
         return pi
 
-    def _signed(self) -> dict[str, float]:
-        """Coefficients of either sign, linear in π, with their typical size."""
-        layout = self.reduction.layout
-        return {layout.names[i]: size for i, size in layout.signed.items()}
+    def _coefficients(self) -> list[tuple[int, Parameter]]:
+        """The free variables that are no entries of a body, with their positions."""
+        variables = enumerate(self.reduction.variables)
+        return [(k, variable) for k, variable in variables if variable.kind != "inertia"]
 
     @cached_property
     def _functions(self) -> ca.Function:
@@ -80,22 +79,13 @@ class LogCholeskyMap:
         J = ca.jacobian(self._x, self._pi)
         return ca.Function("map", [self._pi, weights], [ca.densify(e) for e in (self._x, J, H)])
 
-    def _free(self, body: str) -> dict[tuple[int, int], int]:
-        """Position in π of each free entry of a body's M̄, by its place (i ≤ j)."""
-        names = self.reduction.names
-        return {
-            _sorted(*place): names.index(f"{body}.{entry}")
-            for entry, place in PSEUDO_INERTIA_ENTRIES.items()
-            if f"{body}.{entry}" in names
-        }
-
     def _order(self, body: str) -> list[int]:
         completed = self.reduction.completed[body]
         return [i for i in range(4) if i not in completed] + list(completed)
 
-    def _body_entries(self, body: str) -> dict[str, ca.SX]:
-        """Free entries of M̄(π) of one body."""
-        free, order = self._free(body), self._order(body)
+    def _body_entries(self, body: str) -> dict[int, ca.SX]:
+        """Free entries of M̄(π) of one body, by position."""
+        free, order = self.reduction.entries(body), self._order(body)
         if not free:
             return {}
         alpha = self._pi[free[3, 3]] if (3, 3) in free else ca.SX(0)
@@ -112,8 +102,8 @@ class LogCholeskyMap:
         entries = {}
         for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
             value = M[place_in[i], place_in[j]]
-            if _sorted(i, j) in free:
-                entries[f"{body}.{entry}"] = value
+            if (i, j) in free:
+                entries[free[i, j]] = value
             elif i != j and ca.sparsify(value).nnz():
                 raise IdentificationError(
                     f"log-cholesky cannot hold {entry} at zero while its neighbours are free",
@@ -128,12 +118,12 @@ class LogCholeskyMap:
                 )
         return entries
 
-    def _body_coordinates(self, body: str, p: Float[np.ndarray, " parameters"]) -> dict[str, float]:
+    def _body_coordinates(self, body: str, p: Float[np.ndarray, " parameters"]) -> dict[int, float]:
         """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row.
 
         Completed rows take no part in the factorisation; only their coupling is read.
         """
-        free, order = self._free(body), self._order(body)
+        free, order = self.reduction.entries(body), self._order(body)
         if not free:
             return {}
         M = pseudo_inertia(p[self.reduction.layout.body(body)])[np.ix_(order, order)]
@@ -147,11 +137,10 @@ class LogCholeskyMap:
         alpha = np.log(U[order.index(3), order.index(3)]) if (3, 3) in free else 0.0
         U *= np.exp(-alpha)
         coordinates = {}
-        for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            if _sorted(i, j) in free:
-                a, b = sorted((order.index(i), order.index(j)))
-                value = U[a, b] if a != b else (alpha if i == 3 else np.log(U[a, a]))
-                coordinates[f"{body}.{entry}"] = float(value)
+        for (i, j), k in free.items():
+            a, b = sorted((order.index(i), order.index(j)))
+            value = U[a, b] if a != b else (alpha if i == 3 else np.log(U[a, a]))
+            coordinates[k] = float(value)
         return coordinates
 
 

@@ -25,7 +25,6 @@ from deltaid.identification.reduction import Reduction
 from deltaid.identification.regularizer import Vector
 from deltaid.identification.solver import Solution
 from deltaid.reproduce.accuracy import Accuracy
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]
 WAYS: tuple[Way, ...] = ("newton", "levenberg-marquardt", "bfgs", "relaxed")
@@ -184,12 +183,6 @@ def _levenberg_marquardt(
 
 def _smallest(reduction: Reduction, change: Vector) -> tuple[str, float]:
     """The exponential of π that has shrunk most since the start, and to which share."""
-    diagonal = {name for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items() if i == j}
-    bodies = reduction.layout.bodies
-    exponents = [
-        k
-        for k, name in enumerate(reduction.names)
-        if name.split(".")[0] not in bodies or name.split(".")[1] in diagonal
-    ]
+    exponents = [k for k, variable in enumerate(reduction.variables) if not variable.signed]
     k = min(exponents, key=lambda k: change[k])
     return reduction.names[k], float(np.exp(change[k]))
