@@ -47,14 +47,15 @@ from _cvxpy_fit import CvxpyFit, CvxpySolution, Metric
 from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.conic import Solution, solve_conic
+from deltaid.identification.conic import Conic
 from deltaid.identification.demo import mass_matrix_error
-from deltaid.identification.identify import build_objective
+from deltaid.identification.fit import pose
 from deltaid.identification.information import Information, gather, gather_samples, merge
-from deltaid.identification.log_cholesky import solve_log_cholesky
+from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.model import Settings
 from deltaid.identification.objective import default_gamma
 from deltaid.identification.reduction import build_reduction
+from deltaid.identification.solver import Solution
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
@@ -121,26 +122,26 @@ class Problem:
     def __init__(
         self, robot: RobotDescription, information: Information, settings: Settings
     ) -> None:
-        self.robot, self.information, self._settings = robot, information, settings
+        self.robot, self.information, self.settings = robot, information, settings
         self.reduction = build_reduction(robot, information.columns)
         self._theirs = CvxpyFit(robot, information.columns)
         if tuple(self._theirs.names) != self.reduction.names:
             raise ValueError("the free variables are not the same")
-        self.objective = build_objective(information, self.reduction, settings)
+        self.objective = pose(information, self.reduction, settings)
 
     def conic(self) -> Solution:
         """From the factors to the global optimum."""
-        objective = build_objective(self.information, self.reduction, self._settings)
-        return solve_conic(objective, self.reduction)
+        objective = pose(self.information, self.reduction, self.settings)
+        return Conic().solve(objective)
 
     def log_cholesky(self) -> Solution:
         """From the factors to the publication's kind of solution."""
-        objective = build_objective(self.information, self.reduction, self._settings)
-        return solve_log_cholesky(objective, self.reduction)
+        objective = pose(self.information, self.reduction, self.settings)
+        return LogCholesky().solve(objective)
 
     def cvxpy(self, solver: str) -> CvxpySolution:
         """The same by CVXPY; its status says what its warning would."""
-        settings = self._settings
+        settings = self.settings
         gamma = settings.gamma or default_gamma(self.information, settings.prior_spread)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
@@ -244,7 +245,7 @@ def _print_table(problem: Problem, truth: Truth, runs: list[Run]) -> None:
     """One line a solver, and the publication's figures below."""
     objective, reduction = problem.objective, problem.reduction
     best, conic = objective.value(runs[0].x), runs[0].seconds
-    print(f"\n  {objective.regularizer.name}, γ = {objective.gamma:.3e}")
+    print(f"\n  {problem.settings.regularizer}, γ = {objective.gamma:.3e}")
     print(
         f"  {'':26} {'ms':>8} {'/conic':>7} {'solver':>7} {'J':>13} {'ΔJ/γ':>9} "
         f"{'M on %':>8} {'M off %':>8} {'friction %':>10}  status"

@@ -10,16 +10,18 @@ from hypothesis import strategies as st
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError
 from deltaid.identification import conic
+from deltaid.identification.conic import Conic
+from deltaid.identification.fit import METRICS
 from deltaid.identification.information import Information, active_columns, gather_samples
-from deltaid.identification.log_cholesky import LogCholesky, Unconstrained, solve_log_cholesky
+from deltaid.identification.log_cholesky import LogCholesky, Unconstrained
+from deltaid.identification.log_cholesky_map import LogCholeskyMap
 from deltaid.identification.objective import (
     Objective,
     data_term,
     default_gamma,
     noise_level,
 )
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import build_regularizer
+from deltaid.identification.reduction import INTERIOR, build_reduction
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
@@ -47,16 +49,15 @@ def information(dynamics: Dynamics, truth: np.ndarray, noise: float, seed: int =
 
 def problem(
     name: str = "irb360-6-1600", regularizer="euclidean", noise: float = 0.02, gamma=None
-) -> tuple[Objective, Reduction]:
+) -> Objective:
     robot = load_robot(name)
     dynamics = compiled(robot)
     truth = surrogate_parameters(robot, np.random.default_rng(5))
     data = information(dynamics, truth, noise)
     reduction = build_reduction(robot, data.columns)
     weight = gamma or default_gamma(data, 0.5)
-    return Objective(
-        data_term(data, reduction), build_regularizer(regularizer, reduction), weight
-    ), (reduction)
+    metric = METRICS[regularizer].regularizer(reduction)
+    return Objective(reduction, data_term(data, reduction), metric, weight)
 
 
 def freed(robot: RobotDescription, body: str, entries: tuple[str, ...]) -> RobotDescription:
@@ -69,11 +70,10 @@ def freed(robot: RobotDescription, body: str, entries: tuple[str, ...]) -> Robot
 def test_log_cholesky_of_a_free_body_is_equation_14(pi: list[float]) -> None:
     """Against the closed form (14) with its misprints mended, typed here and nowhere else."""
     chart = free_body_chart()
-    names = [n for n in chart.reduction.names if n.startswith("EE.")]
-    at = [chart.reduction.names.index(n) for n in names]
+    at = [k for k, v in enumerate(chart.reduction.variables) if v.owner == "EE"]
     full = chart.pi(chart.reduction.prior)
     full[at] = pi
-    x = chart.x(full) - conic.INTERIOR * chart.reduction.prior
+    x = chart.x(full) - INTERIOR * chart.reduction.prior
     a, t1, t2, t3, d1, d2, d3, s12, s23, s13 = pi
     e1, e2, e3 = np.exp([d1, d2, d3])
     p = np.exp(2 * a) * np.array(
@@ -95,18 +95,18 @@ def test_log_cholesky_of_a_free_body_is_equation_14(pi: list[float]) -> None:
     assert np.allclose(ours, p, rtol=1e-10, atol=1e-12 * np.abs(p).max())
 
 
-def free_body_chart() -> LogCholesky:
+def free_body_chart() -> LogCholeskyMap:
     robot = load_robot("irb360-6-1600")
     everything = ("m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz")
     robot = freed(robot, "EE", everything)
-    return LogCholesky(build_reduction(robot, active_columns(compiled(robot))))
+    return LogCholeskyMap(build_reduction(robot, active_columns(compiled(robot))))
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
 def test_log_cholesky_is_one_to_one_and_always_consistent(seed: int) -> None:
-    _, reduction = PROBLEM
-    chart = LogCholesky(reduction)
+    reduction = PROBLEM.reduction
+    chart = LogCholeskyMap(reduction)
     rng = np.random.default_rng(seed)
     pi = chart.pi(reduction.prior) + rng.uniform(-1, 1, reduction.size)
     x = chart.x(pi)
@@ -121,18 +121,19 @@ PROBLEM = problem()
 
 
 def test_optimisation_variables_are_those_of_section_vi() -> None:
-    _, reduction = PROBLEM
-    of = [name.split(".")[0] for name in reduction.names]
+    reduction = PROBLEM.reduction
+    of = [variable.owner for variable in reduction.variables]
     counts = {body: of.count(body) for body in reduction.layout.bodies}
     assert counts == {"U": 4, "S": 5, "P": 1, "TU": 5, "TL": 5, "EE": 5}
-    assert of.count("rotor") == 1
-    assert of.count("viscous") + of.count("coulomb") == 10
+    kinds = [variable.kind for variable in reduction.variables]
+    assert kinds.count("rotor") == 1
+    assert kinds.count("friction") == 10
     assert reduction.size == 36
 
 
 def test_log_cholesky_derivatives_are_exact() -> None:
-    _, reduction = PROBLEM
-    chart, rng = LogCholesky(reduction), np.random.default_rng(0)
+    reduction = PROBLEM.reduction
+    chart, rng = LogCholeskyMap(reduction), np.random.default_rng(0)
     pi = chart.pi(reduction.prior) + 0.3 * rng.standard_normal(reduction.size)
     weights, step = rng.standard_normal(reduction.size), 1e-5
     _, J, H = chart.derivatives(pi, weights)
@@ -149,8 +150,9 @@ def test_log_cholesky_derivatives_are_exact() -> None:
 @pytest.mark.filterwarnings("error")
 def test_where_an_exponential_overflows_the_objective_is_infinite() -> None:
     # A line search may try steps of any length; NaN would pass every "not larger than" it asks.
-    objective, reduction = problem()
-    chart = LogCholesky(reduction)
+    objective = problem()
+    reduction = objective.reduction
+    chart = LogCholeskyMap(reduction)
     start, rng = chart.pi(reduction.prior), np.random.default_rng(0)
     function = Unconstrained(objective, chart)
     for length in (1e3, 1e6, 1e300):
@@ -160,9 +162,9 @@ def test_where_an_exponential_overflows_the_objective_is_infinite() -> None:
 
 @pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])
 def test_regulariser_derivatives_are_exact(name) -> None:
-    _, reduction = PROBLEM
-    regularizer = build_regularizer(name, reduction)
-    chart, rng = LogCholesky(reduction), np.random.default_rng(1)
+    reduction = PROBLEM.reduction
+    regularizer = METRICS[name].regularizer(reduction)
+    chart, rng = LogCholeskyMap(reduction), np.random.default_rng(1)
     x = chart.x(chart.pi(reduction.prior) + 0.2 * rng.standard_normal(reduction.size))
     _, g, H = regularizer.evaluate(x)
     for k in range(reduction.size):
@@ -176,10 +178,10 @@ def test_regulariser_derivatives_are_exact(name) -> None:
 
 @pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])
 def test_regularisers_agree_for_a_small_common_scale(name) -> None:
-    _, reduction = PROBLEM
-    regularizer = build_regularizer(name, reduction)
+    reduction = PROBLEM.reduction
+    regularizer = METRICS[name].regularizer(reduction)
     assert regularizer.evaluate(reduction.prior)[0] == pytest.approx(0, abs=1e-15)
-    friction = [i for i, n in enumerate(reduction.names) if n.startswith("viscous")]
+    friction = [i for i, v in enumerate(reduction.variables) if v.symbol == "viscous"]
     x = reduction.prior.copy()
     x[friction] *= 1.001
     assert regularizer.evaluate(x)[0] == pytest.approx(1e-6 * len(friction), rel=2e-3)
@@ -187,10 +189,11 @@ def test_regularisers_agree_for_a_small_common_scale(name) -> None:
 
 @pytest.mark.parametrize("regularizer", ["euclidean", "entropic"])
 def test_no_consistent_neighbour_is_better_than_the_conic_optimum(regularizer) -> None:
-    objective, reduction = problem(regularizer=regularizer, gamma=1e-7)
-    best = conic.solve_conic(objective, reduction)
+    objective = problem(regularizer=regularizer, gamma=1e-7)
+    reduction = objective.reduction
+    best = Conic().solve(objective)
     assert best.duality_gap <= 1e-6 * best.objective
-    chart, rng = LogCholesky(reduction), np.random.default_rng(2)
+    chart, rng = LogCholeskyMap(reduction), np.random.default_rng(2)
     pi = chart.pi(best.x + 1e-3 * (reduction.prior - best.x))
     for size in (1e-4, 1e-3, 1e-2, 0.1):
         for _ in range(20):
@@ -201,18 +204,19 @@ def test_no_consistent_neighbour_is_better_than_the_conic_optimum(regularizer) -
 @pytest.mark.parametrize("regularizer", ["euclidean", "entropic"])
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600"])
 def test_both_solvers_find_the_same_optimum(name: str, regularizer) -> None:
-    objective, reduction = problem(name, regularizer, gamma=1e-5)
-    certified = conic.solve_conic(objective, reduction)
-    paper = solve_log_cholesky(objective, reduction)
+    objective = problem(name, regularizer, gamma=1e-5)
+    certified = Conic().solve(objective)
+    paper = LogCholesky().solve(objective)
     assert paper.objective == pytest.approx(certified.objective, rel=1e-6)
     assert paper.objective >= certified.bound - 1e-9 * abs(certified.bound)
 
 
 def test_an_interior_optimum_needs_no_cone_and_the_cone_program_agrees() -> None:
-    objective, reduction = problem(gamma=100.0)
-    direct = conic.solve_conic(objective, reduction)
+    objective = problem(gamma=100.0)
+    reduction = objective.reduction
+    direct = Conic().solve(objective)
     assert direct.status == "interior optimum"
-    program = conic._Program(objective, reduction, conic._stacked(objective, reduction))
+    program = conic._Program(objective, conic._stacked(objective), Conic())
     solution = program.solve()
     assert solution.objective == pytest.approx(direct.objective, rel=1e-7)
     assert np.allclose(solution.x / reduction.scale, direct.x / reduction.scale, atol=0.1)
@@ -220,11 +224,12 @@ def test_an_interior_optimum_needs_no_cone_and_the_cone_program_agrees() -> None
 
 def test_a_binding_cone_is_respected_and_certified() -> None:
     """A prior far off and little weight on it drives a strut's second moments to the edge."""
-    objective, reduction = problem(noise=0.2, gamma=1e-9)
-    unconstrained = conic._unconstrained(conic._stacked(objective, reduction))
+    objective = problem(noise=0.2, gamma=1e-9)
+    reduction = objective.reduction
+    unconstrained = conic._unconstrained(conic._stacked(objective))
     assert unconstrained is not None
     assert not all(conic._interior(block, unconstrained) for block in reduction.blocks)
-    best = conic.solve_conic(objective, reduction)
+    best = Conic().solve(objective)
     assert objective.value(unconstrained) < best.objective
     assert best.duality_gap <= 1e-5 * best.objective
     p = reduction.parameters(best.x)
@@ -233,20 +238,20 @@ def test_a_binding_cone_is_respected_and_certified() -> None:
 
 
 def test_the_riemannian_distance_has_no_conic_program() -> None:
-    objective, reduction = problem(regularizer="riemannian")
+    objective = problem(regularizer="riemannian")
     with pytest.raises(IdentificationError, match="not convex"):
-        conic.solve_conic(objective, reduction)
+        Conic().solve(objective)
 
 
 def test_patterns_that_a_cholesky_factor_fills_in_are_refused() -> None:
     robot = freed(load_robot("irb360-6-1600"), "S", ("m", "mcx", "Sxx", "Syy", "Szz", "Sxy"))
     reduction = build_reduction(robot, active_columns(compiled(robot)))
     with pytest.raises(IdentificationError, match="mcy"):
-        LogCholesky(reduction)
+        LogCholeskyMap(reduction)
 
 
 def test_a_mass_that_torques_cannot_see_grows_until_the_body_is_consistent() -> None:
-    _, reduction = PROBLEM
+    reduction = PROBLEM.reduction
     x = reduction.prior.copy()
     x[reduction.names.index("U.mcx")] *= 4
     p = reduction.parameters(x)
@@ -298,10 +303,11 @@ def test_noise_level_is_the_noise_put_in(noise: float) -> None:
 
 
 def test_more_weight_on_the_prior_moves_the_result_towards_it() -> None:
-    objective, reduction = PROBLEM
+    objective = PROBLEM
+    reduction = objective.reduction
     distances = []
     for gamma in (1e-8, 1e-4, 1.0, 1e4):
-        x = conic.solve_conic(replace(objective, gamma=gamma), reduction).x
+        x = Conic().solve(replace(objective, gamma=gamma)).x
         distances.append(np.linalg.norm((x - reduction.prior) / reduction.scale))
     assert distances == sorted(distances, reverse=True)
     assert distances[-1] < 1e-3

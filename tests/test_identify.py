@@ -126,7 +126,7 @@ def test_two_logs_together_are_more_certain_than_one(tmp_path) -> None:
     robot = load_robot(tmp_path / "robot.yaml")
     one = identify(robot, [tmp_path / "identify.csv"])
     both = identify(robot, [tmp_path / "identify.csv", tmp_path / "verify.csv"])
-    assert both.information.samples > 1.9 * one.information.samples
+    assert both.problem.information.samples > 1.9 * one.problem.information.samples
     # Standard deviations are estimates themselves, so a single one may come out larger.
     ratios = [
         b.std / a.std

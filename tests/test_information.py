@@ -8,7 +8,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.base_parameters import base_parameters, symbol
+from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.information import (
     BLOCKS,
     gather,
@@ -111,11 +111,12 @@ def test_groups_do_not_depend_on_the_motion() -> None:
 
 
 def test_formulas_read_as_the_mechanism_says() -> None:
-    formulas = random_motion_base(compiled(load_robot(ROBOT))).formulas
+    base = random_motion_base(compiled(load_robot(ROBOT)))
+    formulas = base.formulas
     assert "m_P + 5.08475·mcx_S + m_TL + m_EE" in formulas  # 6 struts, mass at 1/1.18 m
     assert "Izz_EE + rotor.drive4" in formulas
     assert "Ixx_TL + Ixx_TU" in formulas
-    assert symbol("S.mcx") == "mcx_S"
+    assert base.layout.parameters[base.layout.names.index("S.mcx")].label == "mcx_S"
 
 
 def test_equal_coefficients_are_factored() -> None:

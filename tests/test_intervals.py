@@ -94,9 +94,9 @@ def test_model_file_keeps_intervals_and_base_parameters(case, tmp_path: Path) ->
     loaded = IdentifiedModel.load(tmp_path / "model.yaml")
     assert loaded.parameters == result.model.parameters
     assert loaded.base_parameters == result.model.base_parameters
-    assert [b.formula for b in loaded.base_parameters] == list(result.base.formulas)
+    assert [b.formula for b in loaded.base_parameters] == list(result.problem.base.formulas)
     half = [0.5 * (b.high - b.low) for b in loaded.base_parameters]
-    assert np.allclose(half, result.base_estimate.interval)
+    assert np.allclose(half, result.problem.estimate.interval)
 
 
 def test_model_file_of_an_earlier_version_loads(case, tmp_path: Path) -> None:

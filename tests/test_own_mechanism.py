@@ -10,9 +10,15 @@ from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
 from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.identification.conic import Conic
 from deltaid.identification.demo import mass_matrix_error
+from deltaid.identification.fit import pose
 from deltaid.identification.identify import identify
-from deltaid.identification.model import IdentifiedModel
+from deltaid.identification.information import gather_samples
+from deltaid.identification.least_squares import random_motion_base
+from deltaid.identification.log_cholesky import LogCholesky
+from deltaid.identification.model import IdentifiedModel, Settings
+from deltaid.identification.reduction import build_reduction
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.motion.random_motion import random_motion
@@ -79,14 +85,19 @@ def heli4() -> RobotDescription:
     return load_robot(HELI4)
 
 
-def own_delta(folder: Path) -> RobotDescription:
+def own_delta(
+    folder: Path, arm: str = "arm", rod: str = "rod", plate: str = "plate"
+) -> RobotDescription:
     """The catalogue's Delta with its geometry as a function, saved and loaded again."""
-    (folder / "delta.py").write_text(DELTA)
+    code = DELTA
+    for name, body in (("arm", arm), ("rod", rod), ("plate", plate)):
+        code = code.replace(f'BodyPose("{name}"', f'BodyPose("{body}"')
+    (folder / "delta.py").write_text(code)
     deltaid.use_mechanism(folder / "delta.py")
     data = load_robot("clavel-delta3").model_dump(exclude_none=True)
     for key in ("limbs", "platform", "strut_swing_deg"):
         data.pop(key, None)
-    names = {"U": "arm", "S": "rod", "P": "plate"}
+    names = {"U": arm, "S": rod, "P": plate}
     data["bodies"] = {names[name]: body for name, body in data["bodies"].items()}
     data["mechanism"] = {"drives": ["rotary"] * 3, "bodies": list(names.values())}
     return bound(RobotDescription.model_validate(data), "delta.yaml")
@@ -108,6 +119,33 @@ def test_a_function_of_ones_own_is_the_same_robot_as_the_composition(tmp_path):
     )
     M = composed.mass_matrix(q, p)
     np.testing.assert_allclose(own.mass_matrix(q, p), M, atol=1e-10 * np.abs(M).max())
+
+
+def test_bodies_may_be_called_like_kinds_of_parameters(tmp_path):
+    """Whatever tells parameters apart by their names takes these bodies for coefficients."""
+    robot = own_delta(tmp_path, arm="rotor", rod="viscous", plate="load")
+    dynamics, rng = Dynamics(robot), np.random.default_rng(3)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1000, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    truth = surrogate_parameters(robot, rng)
+    truth[dynamics.layout.friction] *= 3.0
+    tau = dynamics.torque(z, qd, qdd, truth)
+    tau = tau + 0.01 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    information = gather_samples(dynamics, z, qd, qdd, tau)
+    sizes = np.linalg.norm(information.factors[:, :, :-1], axis=(0, 1))
+    visible = information.columns[sizes > 1e-9 * sizes.max()]
+    objective = pose(information, build_reduction(robot, visible), Settings())
+    conic, paper = Conic().solve(objective), LogCholesky().solve(objective)
+    assert conic.duality_gap <= 1e-6 * conic.objective
+    assert paper.objective == pytest.approx(conic.objective, rel=1e-6)
+    np.testing.assert_allclose(
+        paper.x / objective.reduction.scale, conic.x / objective.reduction.scale, atol=1e-5
+    )
+    p, friction = objective.reduction.parameters(paper.x), dynamics.layout.friction
+    np.testing.assert_allclose(p[friction], truth[friction], rtol=0.1)
+    expected = {"mcx_rotor + 0.84·m_viscous + 0.14·m_load", "viscous.drive1"}
+    assert expected <= set(random_motion_base(dynamics).formulas)
 
 
 def test_the_example_runs_the_whole_pipeline(heli4, tmp_path):

@@ -1,23 +1,16 @@
 """`deltaid base`: which combinations of parameters torques can tell."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.identification.options import LeastSquaresMethod
+
 if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.identification.base_parameters import BaseParameters
     from deltaid.identification.least_squares import BaseEstimate
-
-
-class Method(StrEnum):
-    """Weight of the least squares."""
-
-    ORDINARY = "ordinary"
-    WEIGHTED = "weighted"
-    GAUSS_MARKOV = "gauss-markov"
 
 
 def register(app: typer.Typer) -> None:
@@ -31,8 +24,8 @@ def base(
         list[Path] | None, typer.Argument(help="Recordings, to estimate the values as well.")
     ] = None,
     method: Annotated[
-        Method, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
-    ] = Method.WEIGHTED,
+        LeastSquaresMethod, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
+    ] = "weighted",
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,
@@ -55,9 +48,7 @@ def base(
     with progress(as_json) as say:
         if logs:
             say("reading logs")
-            result, estimate = identify_base(
-                dynamics, logs, method.value, columns=mapping, cutoff=cutoff
-            )
+            result, estimate = identify_base(dynamics, logs, method, columns=mapping, cutoff=cutoff)
         else:
             say("trying a random motion")
             result, estimate = random_motion_base(dynamics, seed), None

@@ -1,38 +1,23 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from deltaid.identification.options import (
+    GAMMA_LIMITS,
+    SPREAD_LIMITS,
+    FrictionLaws,
+    Method,
+    RegularizerName,
+)
 
 if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import TorqueError
     from deltaid.recording.log import Log
-
-
-class Method(StrEnum):
-    """How the fit is solved."""
-
-    CONIC = "conic"
-    LOG_CHOLESKY = "log-cholesky"
-
-
-class Metric(StrEnum):
-    """What pulls towards the prior."""
-
-    EUCLIDEAN = "euclidean"
-    ENTROPIC = "entropic"
-    RIEMANNIAN = "riemannian"
-
-
-class Laws(StrEnum):
-    """Where the friction laws come from."""
-
-    DESCRIBED = "described"
-    CHOOSE = "choose"
 
 
 def register(app: typer.Typer) -> None:
@@ -54,10 +39,10 @@ def identify(
     ] = None,
     method: Annotated[
         Method, typer.Option(help="conic: certified optimum; log-cholesky: the paper's.")
-    ] = Method.CONIC,
+    ] = "conic",
     regularizer: Annotated[
-        Metric, typer.Option(help="Distance that pulls towards the prior.")
-    ] = Metric.EUCLIDEAN,
+        RegularizerName, typer.Option(help="Distance that pulls towards the prior.")
+    ] = "euclidean",
     gamma: Annotated[
         float | None, typer.Option(help="γ_p/γ_τ of eq. (15). Default: from the data's noise.")
     ] = None,
@@ -71,8 +56,9 @@ def identify(
         Path | None, typer.Option(help="HTML page with figures of all results, works offline.")
     ] = None,
     friction: Annotated[
-        Laws, typer.Option(help="Friction laws: as described, or chosen by cross-validation.")
-    ] = Laws.DESCRIBED,
+        FrictionLaws,
+        typer.Option(help="Friction laws: as described, or chosen by cross-validation."),
+    ] = "described",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
@@ -85,7 +71,7 @@ def identify(
         require_outputs,
     )
     from deltaid.identification.identify import identify as run
-    from deltaid.identification.model import GAMMA_LIMITS, SPREAD_LIMITS, Settings
+    from deltaid.identification.model import Settings
     from deltaid.identification.validation import misfit, validate
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.source import opened
@@ -95,12 +81,12 @@ def identify(
     positive("--prior-spread", prior_spread, SPREAD_LIMITS)
     positive("--cutoff", cutoff)
     settings = Settings(
-        method=method.value,
-        regularizer=regularizer.value,
+        method=method,
+        regularizer=regularizer,
         gamma=gamma,
         prior_spread=prior_spread,
         cutoff=cutoff,
-        friction=friction.value,
+        friction=friction,
     )
     inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
     require_outputs(inputs, {"--output": output}, report)
@@ -164,7 +150,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         "base_parameters": fit.base_parameters,
         "base_condition": fit.base_condition,
         "noise_level": fit.noise_level,
-        "samples": result.information.samples,
+        "samples": result.problem.information.samples,
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
         "rms": list(fit.rms),
         "nrmse": list(fit.nrmse),
@@ -232,6 +218,8 @@ def parameter_table(model: "IdentifiedModel") -> object:
 
 def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
+    from deltaid.identification.fit import SOLVERS
+
     fit, model = result.model.fit, result.model
     lines = []
     for source in model.sources:
@@ -245,7 +233,7 @@ def summary(result: "Identification") -> list[str]:
         )
     if fit.duality_gap is None:
         certificate = "no certificate: this regulariser is not convex"
-    elif model.settings.method == "conic":
+    elif SOLVERS[model.settings.method].certifies:
         certificate = f"global optimum, duality gap {fit.duality_gap:.1e}"
     else:
         share = fit.duality_gap / fit.objective

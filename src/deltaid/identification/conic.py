@@ -13,6 +13,7 @@ The entropic part needs −log det A of the normalised block A: with Z lower tri
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import clarabel
 import numpy as np
@@ -23,59 +24,46 @@ from scipy.linalg import solve_triangular
 from deltaid.errors import IdentificationError
 from deltaid.identification.information import triangle
 from deltaid.identification.objective import Objective
-from deltaid.identification.reduction import Block, Reduction
-from deltaid.identification.regularizer import Vector
-
-# ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
-# above rounding, so that results are strictly consistent.
-INTERIOR = 1e-6
-# The solver stops at its own tolerances; a result with a larger gap, as a share of J plus the
-# regulariser's unit γ, is refused.
-_TOLERANCE, _LARGEST_GAP = 1e-9, 1e-5
+from deltaid.identification.reduction import INTERIOR, Block
+from deltaid.identification.regularizer import LogDet, Vector
+from deltaid.identification.solver import Solution
 
 
 @dataclass(frozen=True)
-class Solution:
-    """A minimiser of the objective and how good it is.
+class Conic:
+    """The global optimum of (15) for a regulariser that is convex, with its certificate.
 
     Attributes:
-        x: the free variables.
-        objective: J(x).
-        bound: no consistent x has a smaller J.
-        iterations: of the solver.
-        status: what the solver said.
+        tolerance: of the interior-point method, in gap and feasibility.
+        largest_gap: a result with a larger gap, as a share of J plus the regulariser's unit γ, is
+            refused.
     """
 
-    x: Vector
-    objective: float
-    bound: float
-    iterations: int
-    status: str
+    tolerance: float = 1e-9
+    largest_gap: float = 1e-5
+    certifies: ClassVar[bool] = True
 
-    @property
-    def duality_gap(self) -> float:
-        """J(x) minus its lower bound, never negative."""
-        return max(0.0, self.objective - self.bound)
+    def solve(self, objective: Objective) -> Solution:
+        """The global optimum.
 
-
-def solve_conic(objective: Objective, reduction: Reduction) -> Solution:
-    """The global optimum of (15) for a euclidean or entropic regulariser.
-
-    Raises:
-        IdentificationError: the regulariser is not convex, or the solver did not converge.
-    """
-    if objective.regularizer.name == "riemannian":
-        raise IdentificationError(
-            "the Riemannian distance is not convex in the parameters, so it has no conic program",
-            cure="use --method log-cholesky with it, or the entropic regulariser, which is close",
-        )
-    quadratic = _stacked(objective, reduction)
-    if objective.regularizer.spectral is None:
-        x = _unconstrained(quadratic)
-        if x is not None and all(_interior(block, x) for block in reduction.blocks):
-            value = objective.value(x)
-            return Solution(x, value, value, 0, "interior optimum")
-    return _Program(objective, reduction, quadratic).solve()
+        Raises:
+            IdentificationError: the regulariser has no conic program, or the solver did not
+                converge.
+        """
+        spectral, reduction = objective.regularizer.spectral, objective.reduction
+        if not (spectral is None or isinstance(spectral.divergence, LogDet)):
+            raise IdentificationError(
+                "this regulariser is not convex in the parameters, so it has no conic program",
+                cure="use --method log-cholesky with it, or the entropic regulariser, which is "
+                "close to the Riemannian",
+            )
+        quadratic = _stacked(objective)
+        if spectral is None:
+            x = _unconstrained(quadratic)
+            if x is not None and all(_interior(block, x) for block in reduction.blocks):
+                value = objective.value(x)
+                return Solution(x, value, value, 0, "interior optimum")
+        return _Program(objective, quadratic, self).solve()
 
 
 @dataclass(frozen=True)
@@ -87,8 +75,9 @@ class _Quadratic:
     c: float
 
 
-def _stacked(objective: Objective, reduction: Reduction) -> _Quadratic:
-    data, prior, n = objective.data, objective.regularizer.quadratic, reduction.size
+def _stacked(objective: Objective) -> _Quadratic:
+    data, prior = objective.data, objective.regularizer.quadratic
+    n = objective.reduction.size
     K = np.vstack([data.R / np.sqrt(objective.gamma), prior.D])
     k = np.append(data.b / np.sqrt(objective.gamma), prior.D @ prior.x_reg)
     rows = np.vstack([np.column_stack([K, k]), np.zeros((1, n + 1))])
@@ -117,11 +106,11 @@ def _normalised(block: Block, M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, 
 class _Program:
     """Assembles min ½ uᵀP u + qᵀu s.t. A u + s = b, s in cones, for u = [x/scale, y, Z, t]."""
 
-    def __init__(self, objective: Objective, reduction: Reduction, quadratic: _Quadratic) -> None:
-        self._objective, self._reduction, self._quadratic = objective, reduction, quadratic
-        n = reduction.size
-        self._scale = reduction.scale
-        self._size = 2 * n
+    def __init__(self, objective: Objective, quadratic: _Quadratic, asked: Conic) -> None:
+        self._objective, self._quadratic, self._asked = objective, quadratic, asked
+        self._reduction = objective.reduction
+        self._scale = objective.reduction.scale
+        self._size = 2 * objective.reduction.size
         self._rows: list[sparse.csc_matrix] = []
         self._right: list[np.ndarray] = []
         self._cones: list = []
@@ -149,7 +138,7 @@ class _Program:
         A = sparse.vstack([_widened(rows, size) for rows in self._rows], format="csc")
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = self._asked.tolerance
         solver = clarabel.DefaultSolver(
             sparse.diags(diagonal, format="csc"),
             q,
@@ -164,7 +153,7 @@ class _Program:
         value = self._objective.value(x) if np.all(np.isfinite(x)) else np.inf
         bound = gamma * (solution.obj_val_dual + constant)
         status = str(solution.status)
-        if not value - bound <= _LARGEST_GAP * (abs(value) + gamma):
+        if not value - bound <= self._asked.largest_gap * (abs(value) + gamma):
             raise IdentificationError(
                 f"the conic solver stopped without a certificate ({status}, objective "
                 f"{value:.3g}, bound {bound:.3g})",

@@ -28,13 +28,12 @@ from deltaid.identification.information import (
     triangle,
     whitened,
 )
+from deltaid.identification.options import LeastSquaresMethod
 from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.windows import FilteredLog, open_logs
-
-LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 
 @dataclass(frozen=True)

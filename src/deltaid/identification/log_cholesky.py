@@ -1,179 +1,20 @@
-"""The paper's parametrisation (Sec. V): x(π) is consistent for every π, so nothing constrains π.
-
-For each body M̄ = e^{2α} UᵀU with U upper triangular, its diagonal (e^{d₁}, e^{d₂}, e^{d₃}, 1),
-products s and last column t, eqs. (12)–(14); friction and rotor coefficients are e^β, and
-constant offsets of friction, which may have either sign, are β times their size. The map is
-built as that product and read off, entry by entry; nothing of (14) is typed again. A completed
-diagonal entry (a mass that torques cannot see) has its factor fixed to one, as the paper does with
-α of the upper arm. Rows are ordered so that completed ones come last. A small share of the prior is
-added, x = (…)(π) + ε x_reg, which keeps x as far from the edge as the conic program does: both
-search the same set.
-"""
+"""The paper's route to a minimum of (15): without constraints, over π of the log-Cholesky map."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
-import casadi as ca
 import numpy as np
-from jaxtyping import Float
 from scipy import optimize
 
-from deltaid.errors import IdentificationError
-from deltaid.identification.conic import INTERIOR, Solution
+from deltaid.identification.log_cholesky_map import LogCholeskyMap
 from deltaid.identification.objective import Objective
-from deltaid.identification.reduction import Reduction
 from deltaid.identification.regularizer import Vector
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
-
-# Where the relaxation of the regulariser starts, Newton iterations for each of its steps and for
-# the last one, and the gradient of J/γ at which a step ends.
-_STRONG, _ITERATIONS, _LAST_ITERATIONS, _GRADIENT = 1e-2, 15, 500, 1e-6
+from deltaid.identification.solver import Solution
 
 
+@dataclass(frozen=True)
 class LogCholesky:
-    """The map x(π), one to one from Rⁿ onto the consistent x, with exact derivatives.
-
-    Raises:
-        IdentificationError: the entries left free do not form a pattern that a Cholesky factor has.
-    """
-
-    def __init__(self, reduction: Reduction) -> None:
-        self.reduction = reduction
-        self._pi = ca.SX.sym("pi", reduction.size)
-        entries = ca.SX(reduction.size, 1)
-        for body in reduction.layout.bodies:
-            for name, value in self._body_entries(body).items():
-                entries[reduction.names.index(name)] = value
-        scale = self._signed()
-        for i, name in enumerate(reduction.names):
-            if name.split(".")[0] not in reduction.layout.bodies:
-                entries[i] = scale[name] * self._pi[i] if name in scale else ca.exp(self._pi[i])
-        self._x = entries + INTERIOR * ca.DM(reduction.prior)
-
-    def x(self, pi: Vector) -> Vector:
-        """x(π)."""
-        return np.asarray(self._functions(pi, np.zeros(len(pi)))[0]).ravel()
-
-    def derivatives(self, pi: Vector, weights: Vector) -> tuple[Vector, np.ndarray, np.ndarray]:
-        """x, ∂x/∂π and Σ_i weights_i ∂²x_i/∂π²."""
-        x, J, H = (np.asarray(value) for value in self._functions(pi, weights))
-        return x.ravel(), J, H
-
-    def pi(self, x: Vector) -> Vector:
-        """The inverse map: π(x), by Cholesky factorisation.
-
-        Raises:
-            IdentificationError: x is not consistent.
-        """
-        reduction, pi = self.reduction, np.empty(len(x))
-        inner, scale = x - INTERIOR * reduction.prior, self._signed()
-        p = reduction.A @ inner + reduction.p_0
-        for body in reduction.layout.bodies:
-            for name, value in self._body_coordinates(body, p).items():
-                pi[reduction.names.index(name)] = value
-        for i, name in enumerate(reduction.names):
-            if name.split(".")[0] not in reduction.layout.bodies:
-                pi[i] = inner[i] / scale[name] if name in scale else np.log(inner[i])
-        return pi
-
-    def _signed(self) -> dict[str, float]:
-        """Coefficients of either sign, linear in π, with their typical size."""
-        layout = self.reduction.layout
-        return {layout.names[i]: size for i, size in layout.signed.items()}
-
-    @cached_property
-    def _functions(self) -> ca.Function:
-        weights = ca.SX.sym("w", self.reduction.size)
-        H, _ = ca.hessian(ca.dot(weights, self._x), self._pi)
-        J = ca.jacobian(self._x, self._pi)
-        return ca.Function("map", [self._pi, weights], [ca.densify(e) for e in (self._x, J, H)])
-
-    def _free(self, body: str) -> dict[tuple[int, int], int]:
-        """Position in π of each free entry of a body's M̄, by its place (i ≤ j)."""
-        names = self.reduction.names
-        return {
-            _sorted(*place): names.index(f"{body}.{entry}")
-            for entry, place in PSEUDO_INERTIA_ENTRIES.items()
-            if f"{body}.{entry}" in names
-        }
-
-    def _order(self, body: str) -> list[int]:
-        completed = self.reduction.completed[body]
-        return [i for i in range(4) if i not in completed] + list(completed)
-
-    def _body_entries(self, body: str) -> dict[str, ca.SX]:
-        """Free entries of M̄(π) of one body."""
-        free, order = self._free(body), self._order(body)
-        if not free:
-            return {}
-        alpha = self._pi[free[3, 3]] if (3, 3) in free else ca.SX(0)
-        U = ca.SX(4, 4)
-        for a, i in enumerate(order):
-            d = self._pi[free[i, i]] if (i, i) in free and i != 3 else ca.SX(0)
-            U[a, a] = ca.exp(d)
-            for b in range(a + 1, 4):
-                place = _sorted(i, order[b])
-                if place in free:
-                    U[a, b] = self._pi[free[place]]
-        M = ca.exp(2 * alpha) * (U.T @ U)
-        place_in = {i: a for a, i in enumerate(order)}
-        entries = {}
-        for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            value = M[place_in[i], place_in[j]]
-            if _sorted(i, j) in free:
-                entries[f"{body}.{entry}"] = value
-            elif i != j and ca.sparsify(value).nnz():
-                raise IdentificationError(
-                    f"log-cholesky cannot hold {entry} at zero while its neighbours are free",
-                    where=f"bodies.{body}.free",
-                    cure=f"free {entry} too, or use --method conic",
-                )
-            elif i == j and i not in self.reduction.completed[body]:
-                raise IdentificationError(
-                    f"log-cholesky cannot hold {entry}, which torques show, at its prior",
-                    where=f"bodies.{body}.free",
-                    cure=f"free {entry} too, or use --method conic",
-                )
-        return entries
-
-    def _body_coordinates(self, body: str, p: Float[np.ndarray, " parameters"]) -> dict[str, float]:
-        """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row.
-
-        Completed rows take no part in the factorisation; only their coupling is read.
-        """
-        free, order = self._free(body), self._order(body)
-        if not free:
-            return {}
-        M = pseudo_inertia(p[self.reduction.layout.body(body)])[np.ix_(order, order)]
-        known = 4 - len(self.reduction.completed[body])
-        if np.linalg.eigvalsh(M[:known, :known])[0] <= 0 if known else False:
-            raise IdentificationError(f"body {body} is not consistent, so it has no log-Cholesky")
-        U = np.zeros((4, 4))
-        C = np.linalg.cholesky(M[:known, :known]).T if known else np.zeros((0, 0))
-        U[:known, :known] = C
-        U[:known, known:] = np.linalg.solve(C.T, M[:known, known:]) if known else 0.0
-        alpha = np.log(U[order.index(3), order.index(3)]) if (3, 3) in free else 0.0
-        U *= np.exp(-alpha)
-        coordinates = {}
-        for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            if _sorted(i, j) in free:
-                a, b = sorted((order.index(i), order.index(j)))
-                value = U[a, b] if a != b else (alpha if i == 3 else np.log(U[a, a]))
-                coordinates[f"{body}.{entry}"] = float(value)
-        return coordinates
-
-
-def _sorted(i: int, j: int) -> tuple[int, int]:
-    """The place of an entry in the upper triangle."""
-    return (i, j) if i <= j else (j, i)
-
-
-def solve_log_cholesky(
-    objective: Objective,
-    reduction: Reduction,
-    visit: Callable[[Vector], None] = lambda _: None,
-) -> Solution:
     """A minimum of J(π), eq. (15), by a trust-region Newton method with exact Hessians.
 
     Starts at the prior, π₀ = argmin ‖p(π) − p_reg‖ (Sec. VIII B), which the Cholesky factor gives
@@ -182,35 +23,51 @@ def solve_log_cholesky(
     relaxed tenfold at a time to the γ asked for. The solution's bound is −∞: this route has no
     certificate of its own.
 
-    Args:
+    Attributes:
+        strong: γ where the relaxation starts.
+        iterations, last_iterations: of Newton's method for each of its steps and for the last one.
+        gradient: of J/γ, at which a step ends.
         visit: called with π after every iteration.
-
-    Raises:
-        IdentificationError: the pattern of free entries has no Cholesky factor.
     """
-    chart = LogCholesky(reduction)
-    pi, iterations, message = chart.pi(reduction.prior), 0, ""
-    for gamma in _relaxation(objective.gamma):
-        last = gamma == objective.gamma
-        problem = Unconstrained(replace(objective, gamma=gamma), chart)
-        result = optimize.minimize(
-            problem.value,
-            pi,
-            method="trust-exact",
-            jac=problem.gradient,
-            hess=problem.hessian,
-            callback=visit,
-            options={"gtol": _GRADIENT, "maxiter": _LAST_ITERATIONS if last else _ITERATIONS},
-        )
-        pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
-    x = chart.x(pi)
-    return Solution(x, objective.value(x), -np.inf, iterations, message.rstrip("."))
 
+    strong: float = 1e-2
+    iterations: int = 15
+    last_iterations: int = 500
+    gradient: float = 1e-6
+    visit: Callable[[Vector], None] = lambda _: None
+    certifies: ClassVar[bool] = False
 
-def _relaxation(gamma: float) -> list[float]:
-    """Tenfold steps from a strong regulariser down to γ."""
-    steps = max(0, int(np.ceil(np.log10(_STRONG / gamma))))
-    return [gamma * 10.0**k for k in range(steps, -1, -1)]
+    def solve(self, objective: Objective) -> Solution:
+        """A minimum near the path of relaxed regularisers.
+
+        Raises:
+            IdentificationError: the pattern of free entries has no Cholesky factor.
+        """
+        chart = LogCholeskyMap(objective.reduction)
+        pi, iterations, message = chart.pi(objective.reduction.prior), 0, ""
+        for gamma in self._relaxation(objective.gamma):
+            last = gamma == objective.gamma
+            problem = Unconstrained(replace(objective, gamma=gamma), chart)
+            result = optimize.minimize(
+                problem.value,
+                pi,
+                method="trust-exact",
+                jac=problem.gradient,
+                hess=problem.hessian,
+                callback=self.visit,
+                options={
+                    "gtol": self.gradient,
+                    "maxiter": self.last_iterations if last else self.iterations,
+                },
+            )
+            pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
+        x = chart.x(pi)
+        return Solution(x, objective.value(x), -np.inf, iterations, message.rstrip("."))
+
+    def _relaxation(self, gamma: float) -> list[float]:
+        """Tenfold steps from a strong regulariser down to γ."""
+        steps = max(0, int(np.ceil(np.log10(self.strong / gamma))))
+        return [gamma * 10.0**k for k in range(steps, -1, -1)]
 
 
 class Unconstrained:
@@ -220,7 +77,7 @@ class Unconstrained:
     compares as false and would be taken for a step down.
     """
 
-    def __init__(self, objective: Objective, chart: LogCholesky) -> None:
+    def __init__(self, objective: Objective, chart: LogCholeskyMap) -> None:
         self._objective, self._chart = objective, chart
         self._at: bytes = b""
         self._last: tuple[float, Vector, np.ndarray] = (np.nan, np.zeros(0), np.zeros((0, 0)))

@@ -9,17 +9,20 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.identification.friction_record import FrictionChoice
+from deltaid.identification.options import (
+    GAMMA_LIMITS,
+    SPREAD_LIMITS,
+    FrictionLaws,
+    Method,
+    RegularizerName,
+)
 from deltaid.identification.reduction import least_margin
-from deltaid.identification.regularizer import RegularizerName
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import pseudo_inertia, why_inconsistent
+from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, load_yaml, save_yaml
 from deltaid.robot.quantities import Coordinate
 
-Method = Literal["conic", "log-cholesky"]
 FORMAT = 1
-# Beyond these the fit only sees the data's rounding, or only the prior.
-GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
 
 
 class _Part(BaseModel):
@@ -43,7 +46,7 @@ class Settings(_Part):
     gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
     prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
     cutoff: Annotated[float, Field(gt=0)] | None = None
-    friction: Literal["described", "choose"] = "described"
+    friction: FrictionLaws = "described"
 
 
 class Parameter(_Part):
@@ -206,16 +209,3 @@ def _why_inconsistent(
         bound = f"between 0 and {high:g}" if np.isfinite(high) else "positive"
         text = f"{worst} must be {bound}, not {value:.4g}"
     return f"{text}; if the file was edited by hand, take back what `deltaid identify` wrote"
-
-
-def eigenvalues(
-    layout: ParameterLayout, p: Float[np.ndarray, " parameters"]
-) -> tuple[Consistency, ...]:
-    """Eigenvalues of M̄ of every body."""
-    return tuple(
-        Consistency(
-            body=body,
-            eigenvalues=tuple(np.linalg.eigvalsh(pseudo_inertia(p[layout.body(body)])).tolist()),
-        )
-        for body in layout.bodies
-    )

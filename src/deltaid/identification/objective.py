@@ -25,11 +25,23 @@ class DataTerm:
 
 @dataclass(frozen=True)
 class Objective:
-    """J(x) = data term + γ_p · regulariser, eq. (15) with γ_τ = 1. Without unit."""
+    """J(x) = data term + γ_p · regulariser, eq. (15) with γ_τ = 1. Without unit.
 
+    Attributes:
+        reduction: what x means, and where it is consistent.
+        data, regularizer: the two terms.
+        gamma: γ_p.
+    """
+
+    reduction: Reduction
     data: DataTerm
     regularizer: Regularizer
     gamma: float
+
+    @property
+    def convex(self) -> bool:
+        """Whether J is convex in x, so that a certificate of its optimum exists."""
+        return self.regularizer.convex
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian with respect to x."""

@@ -9,6 +9,7 @@ completed afterwards, because they can always be made large enough.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,14 +19,18 @@ from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior
 from deltaid.errors import IdentificationError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
+    INERTIA_UNITS,
     PSEUDO_INERTIA_ENTRIES,
     consistency,
     entry_map,
     inertia_parameters,
     pseudo_inertia,
 )
+from deltaid.robot.parameter import Parameter
 
-_ENTRY_NAMES = tuple(PSEUDO_INERTIA_ENTRIES)
+# ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
+# above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
+INTERIOR = 1e-6
 # A completed mass or second moment exceeds the least that keeps its body consistent by this share.
 _COMPLETION_MARGIN = 0.05
 
@@ -57,29 +62,49 @@ class Reduction:
 
     Attributes:
         layout: the layout of p.
-        names: name of each free variable, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'.
+        variables: what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj),
+            or a coefficient of a joint.
         A, p_0: p = A x + p_0.
         blocks: what must be positive definite.
-        prior: x at the prior.
-        scale: a typical size of each variable: its prior, √(M̄_ii M̄_jj) for an off-diagonal entry.
         p_reg: p at the prior, reduced.
         completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
     """
 
     layout: ParameterLayout
-    names: tuple[str, ...]
+    variables: tuple[Parameter, ...]
     A: Float[np.ndarray, "parameters n"]
     p_0: Float[np.ndarray, " parameters"]
     blocks: tuple[Block, ...]
-    prior: Float[np.ndarray, " n"]
-    scale: Float[np.ndarray, " n"]
     p_reg: Float[np.ndarray, " parameters"]
     completed: dict[str, tuple[int, ...]]
 
     @property
     def size(self) -> int:
         """Number of optimisation variables."""
-        return len(self.names)
+        return len(self.variables)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Name of each free variable, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
+        return tuple(variable.name for variable in self.variables)
+
+    @cached_property
+    def prior(self) -> Float[np.ndarray, " n"]:
+        """x at the prior."""
+        return np.array([variable.prior for variable in self.variables])
+
+    @cached_property
+    def scale(self) -> Float[np.ndarray, " n"]:
+        """A typical size of each variable."""
+        return np.array([variable.scale for variable in self.variables])
+
+    def entries(self, body: str) -> dict[tuple[int, int], int]:
+        """Position in x of each free entry of a body's M̄, by its place (i ≤ j)."""
+        return {
+            PSEUDO_INERTIA_ENTRIES[variable.symbol]: k
+            for k, variable in enumerate(self.variables)
+            if variable.kind == "inertia" and variable.owner == body
+        }
 
     def parameters(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " parameters"]:
         """p for free variables x, with the completed entries of every body made consistent.
@@ -119,7 +144,7 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
         IdentificationError: the prior is not consistent after the reduction.
     """
     layout, p_reg = parameter_layout(robot), prior_parameters(robot)
-    names, columns, values, scale, blocks = [], [], [], [], []
+    variables, columns, blocks = [], [], []
     p_0, completed = np.zeros(len(p_reg)), {}
     to_p = entry_map()
     is_visible = np.isin(np.arange(len(p_reg)), visible)
@@ -137,10 +162,8 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
         hidden = []
         for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
             if entry in robot.bodies[body].free:
-                index[i, j] = index[j, i] = len(names)
-                names.append(f"{body}.{entry}")
-                values.append(M[i, j])
-                scale.append(np.sqrt(M[i, i] * M[j, j]))
+                index[i, j] = index[j, i] = len(variables)
+                variables.append(_entry(body, entry, M))
                 column = np.zeros(len(p_reg))
                 column[part] = to_p[:, k]
                 columns.append(column)
@@ -150,26 +173,30 @@ def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"
                     hidden.append(i)
         completed[body] = tuple(sorted(hidden))
         blocks += _body_blocks(body, index, M, completed[body])
-    for i in range(10 * len(layout.bodies), len(p_reg)):
-        size = layout.signed[i] if i in layout.signed else float(p_reg[i])
-        if i not in layout.signed:
-            at = np.array([[len(names)]])
-            blocks.append(Block(layout.names[i], at, np.zeros((1, 1)), size * np.eye(1)))
-        names.append(layout.names[i])
-        values.append(p_reg[i])
-        scale.append(size)
+    for i in range(len(p_reg))[layout.coefficients]:
+        coefficient = layout.parameters[i]
+        if not coefficient.signed:
+            at, prior = np.array([[len(variables)]]), coefficient.prior * np.eye(1)
+            blocks.append(Block(coefficient.name, at, np.zeros((1, 1)), prior))
+        variables.append(coefficient)
         columns.append(np.eye(len(p_reg))[i])
     return Reduction(
         layout=layout,
-        names=tuple(names),
+        variables=tuple(variables),
         A=np.column_stack(columns),
         p_0=p_0,
         blocks=tuple(blocks),
-        prior=np.array(values),
-        scale=np.array(scale),
         p_reg=p_reg,
         completed=completed,
     )
+
+
+def _entry(body: str, entry: str, M: Float[np.ndarray, "4 4"]) -> Parameter:
+    """One entry of a body's M̄ as a free variable."""
+    i, j = PSEUDO_INERTIA_ENTRIES[entry]
+    unit = INERTIA_UNITS[tuple(PSEUDO_INERTIA_ENTRIES).index(entry)]
+    low, scale = (0.0 if i == j else -np.inf), float(np.sqrt(M[i, i] * M[j, j]))
+    return Parameter("inertia", body, entry, unit, low, np.inf, float(M[i, j]), scale)
 
 
 def _body_blocks(

@@ -5,7 +5,7 @@ itself: ε². Gradients and Hessians are exact.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +13,9 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
 from deltaid.identification.reduction import Block, Reduction
 
-RegularizerName = Literal["euclidean", "entropic", "riemannian"]
-
 Vector = Float[np.ndarray, " n"]
 Matrix = Float[np.ndarray, "n n"]
+Eigenvalues = Float[np.ndarray, " k"]
 
 
 @dataclass(frozen=True)
@@ -32,22 +31,56 @@ class QuadraticTerm:
         return float(r @ r), 2 * self.D.T @ r, 2 * self.D.T @ self.D
 
 
-@dataclass(frozen=True)
-class SpectralTerm:
-    """Σ φ(λ_i) over the eigenvalues λ of M_reg⁻¹ M(x) of every block, by name of the metric.
+@runtime_checkable
+class Divergence(Protocol):
+    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only.
 
-    entropic:   φ = 2 (λ − 1 − log λ), the log-det Bregman divergence [35], twice; convex in x.
-    riemannian: φ = log² λ, the squared affine-invariant distance [36]; not convex in x.
+    Attributes:
+        convex: whether it is convex in the matrix that has these eigenvalues.
     """
 
-    metric: Literal["entropic", "riemannian"]
+    convex: ClassVar[bool]
+
+    def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
+        """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
+        ...
+
+
+@dataclass(frozen=True)
+class LogDet:
+    """φ = 2 (λ − 1 − log λ), the log-det Bregman divergence [35], twice."""
+
+    convex: ClassVar[bool] = True
+
+    def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
+        """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
+        return float(np.sum(2 * (lam - 1 - np.log(lam)))), 2 * (1 - 1 / lam), 2 / lam**2
+
+
+@dataclass(frozen=True)
+class AffineInvariant:
+    """φ = log² λ, the squared affine-invariant distance [36]."""
+
+    convex: ClassVar[bool] = False
+
+    def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
+        """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
+        log = np.log(lam)
+        return float(np.sum(log**2)), 2 * log / lam, 2 * (1 - log) / lam**2
+
+
+@dataclass(frozen=True)
+class SpectralTerm:
+    """A divergence of the eigenvalues of M_reg⁻¹ M(x), over all blocks."""
+
+    divergence: Divergence
     blocks: tuple[Block, ...]
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian; infinite outside the cone."""
         value, gradient, hessian = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         for block in self.blocks:
-            v, g, H, at = _spectral_block(self.metric, block, x)
+            v, g, H, at = _spectral_block(self.divergence, block, x)
             value += v
             gradient[at] += g
             hessian[np.ix_(at, at)] += H
@@ -58,9 +91,13 @@ class SpectralTerm:
 class Regularizer:
     """A regulariser: a quadratic and, except for the paper's, a spectral term."""
 
-    name: RegularizerName
     quadratic: QuadraticTerm
     spectral: SpectralTerm | None
+
+    @property
+    def convex(self) -> bool:
+        """Whether it is convex in x."""
+        return self.spectral is None or self.spectral.divergence.convex
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian."""
@@ -71,30 +108,51 @@ class Regularizer:
         return value, gradient, hessian
 
 
-def build_regularizer(name: RegularizerName, reduction: Reduction) -> Regularizer:
-    """The regulariser of a reduction.
+@runtime_checkable
+class Metric(Protocol):
+    """What distance to the prior is measured with."""
 
-    euclidean: ‖p − p_reg‖² with W_p = diag(p_reg)⁻² as in (15), over all entries of p that x can
-    change. An entry with p_reg = 0 has the scale m·ℓ (first moments) or m·ℓ² (products), where ℓ
-    is the body's radius of gyration about the link frame, ℓ² = tr Σ / m.
+    def regularizer(self, reduction: Reduction) -> Regularizer:
+        """The regulariser of a reduction."""
+        ...
 
-    entropic, riemannian: over the blocks that must be positive definite. First moments of a body
-    whose mass is completed stand in no block and are pulled as in the Euclidean case.
+
+@dataclass(frozen=True)
+class Euclidean:
+    """‖p − p_reg‖² with W_p = diag(p_reg)⁻² as in (15), over all entries of p that x can change.
+
+    An entry with p_reg = 0 has the scale m·ℓ (first moments) or m·ℓ² (products), where ℓ is the
+    body's radius of gyration about the link frame, ℓ² = tr Σ / m.
     """
-    reg = prior_scale(reduction)
-    if name == "euclidean":
+
+    def regularizer(self, reduction: Reduction) -> Regularizer:
+        """The regulariser of a reduction."""
         changed = np.any(reduction.A != 0, axis=1)
-        D = reduction.A[changed] / reg[changed][:, None]
-        return Regularizer(name, QuadraticTerm(D, reduction.prior), None)
-    in_block = np.unique(np.concatenate([b.index[b.index >= 0] for b in reduction.blocks]))
-    free = np.setdiff1d(np.arange(reduction.size), in_block)
-    D = reduction.A[:, free]
-    rows = np.any(D != 0, axis=1)
-    full = np.zeros((rows.sum(), reduction.size))
-    full[:, free] = D[rows] / reg[rows][:, None]
-    return Regularizer(
-        name, QuadraticTerm(full, reduction.prior), SpectralTerm(name, reduction.blocks)
-    )
+        D = reduction.A[changed] / prior_scale(reduction)[changed][:, None]
+        return Regularizer(QuadraticTerm(D, reduction.prior), None)
+
+
+@dataclass(frozen=True)
+class Spectral:
+    """A divergence over the blocks that must be positive definite.
+
+    First moments of a body whose mass is completed stand in no block and are pulled as in the
+    Euclidean case.
+    """
+
+    divergence: Divergence
+
+    def regularizer(self, reduction: Reduction) -> Regularizer:
+        """The regulariser of a reduction."""
+        in_block = np.unique(np.concatenate([b.index[b.index >= 0] for b in reduction.blocks]))
+        free = np.setdiff1d(np.arange(reduction.size), in_block)
+        D = reduction.A[:, free]
+        rows = np.any(D != 0, axis=1)
+        full = np.zeros((rows.sum(), reduction.size))
+        full[:, free] = D[rows] / prior_scale(reduction)[rows][:, None]
+        return Regularizer(
+            QuadraticTerm(full, reduction.prior), SpectralTerm(self.divergence, reduction.blocks)
+        )
 
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
@@ -116,7 +174,7 @@ def parameter_scale(
 
 
 def _spectral_block(
-    metric: str, block: Block, x: Vector
+    divergence: Divergence, block: Block, x: Vector
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Value, gradient and Hessian of one block with respect to its own variables.
 
@@ -130,12 +188,7 @@ def _spectral_block(
     if lam[0] <= 0:
         at = np.unique(block.index[block.index >= 0])
         return np.inf, np.full(len(at), np.nan), np.full((len(at), len(at)), np.nan), at
-    if metric == "entropic":
-        value = float(np.sum(2 * (lam - 1 - np.log(lam))))
-        slope, curvature = 2 * (1 - 1 / lam), 2 / lam**2
-    else:
-        value = float(np.sum(np.log(lam) ** 2))
-        slope, curvature = 2 * np.log(lam) / lam, 2 * (1 - np.log(lam)) / lam**2
+    value, slope, curvature = divergence.evaluate(lam)
     difference = lam[:, None] - lam[None, :]
     close = np.abs(difference) < 1e-7 * lam[-1]
     middle = 0.5 * (curvature[:, None] + curvature[None, :])

@@ -15,7 +15,7 @@ from deltaid.report.page import Figure, Section, Table, Text
 
 def information_section(result: Identification) -> Section:
     """Base parameters with their intervals, singular values and correlations."""
-    base = result.base
+    base = result.problem.base
     R = _scaled_factor(result)
     visible = len(base.layout.names) - len(base.invisible)
     return Section(
@@ -56,8 +56,8 @@ def base_table(model: IdentifiedModel) -> Table:
 
 def _scaled_factor(result: Identification) -> Float[np.ndarray, "base base"]:
     """Triangular factor of the weighted base regressor, columns of unit length."""
-    information = result.information
-    columns = [group.representative for group in result.base.groups]
+    information = result.problem.information
+    columns = [group.representative for group in result.problem.base.groups]
     at = np.searchsorted(information.columns, columns)
     Y = information.weighted(information.torque_max**-2.0)[:, at]
     return triangle(Y / np.linalg.norm(Y, axis=0))
@@ -89,9 +89,9 @@ def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> 
     """Correlations (RᵀR)⁻¹ of the estimates, scaled to a unit diagonal."""
     inverse = solve_triangular(R, np.eye(len(R)))
     rows = inverse / np.linalg.norm(inverse, axis=1, keepdims=True)
-    layout = result.base.layout
+    base = result.problem.base
     names = [
-        style.label(layout.parameters[group.representative].label) for group in result.base.groups
+        style.label(base.layout.parameters[group.representative].label) for group in base.groups
     ]
     figure = go.Figure(
         go.Heatmap(

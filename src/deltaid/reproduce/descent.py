@@ -17,13 +17,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy import optimize
 
-from deltaid.identification.conic import Solution, solve_conic
-from deltaid.identification.log_cholesky import LogCholesky, Unconstrained, solve_log_cholesky
+from deltaid.identification.conic import Conic
+from deltaid.identification.log_cholesky import LogCholesky, Unconstrained
+from deltaid.identification.log_cholesky_map import LogCholeskyMap
 from deltaid.identification.objective import Objective
 from deltaid.identification.reduction import Reduction
 from deltaid.identification.regularizer import Vector
+from deltaid.identification.solver import Solution
 from deltaid.reproduce.accuracy import Accuracy
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]
 WAYS: tuple[Way, ...] = ("newton", "levenberg-marquardt", "bfgs", "relaxed")
@@ -72,7 +73,6 @@ class Descents:
 
 def descend(
     objective: Objective,
-    reduction: Reduction,
     judge: Callable[[Vector], Accuracy],
     iterations: int = 1000,
 ) -> Descents:
@@ -86,10 +86,12 @@ def descend(
         IdentificationError: the conic program did not converge.
     """
     began = time.perf_counter()
-    best = solve_conic(objective, reduction)
+    best = Conic().solve(objective)
     seconds = time.perf_counter() - began
-    chart = LogCholesky(reduction)
-    chart.x(chart.pi(reduction.prior))  # builds the map, which no method shall be charged for
+    chart = LogCholeskyMap(objective.reduction)
+    chart.x(
+        chart.pi(objective.reduction.prior)
+    )  # builds the map, which no method shall be charged for
     ways = tuple(_watched(way, objective, chart, best, judge, iterations) for way in WAYS)
     return Descents(objective.gamma, best, seconds, ways)
 
@@ -97,7 +99,7 @@ def descend(
 def _watched(
     way: Way,
     objective: Objective,
-    chart: LogCholesky,
+    chart: LogCholeskyMap,
     best: Solution,
     judge: Callable[[Vector], Accuracy],
     iterations: int,
@@ -133,12 +135,12 @@ def _watched(
 
 
 def _run(
-    way: Way, objective: Objective, chart: LogCholesky, iterations: int, visit: _Visit
+    way: Way, objective: Objective, chart: LogCholeskyMap, iterations: int, visit: _Visit
 ) -> None:
     """Minimise J/γ from π(p_reg), calling `visit` after every step."""
     problem, start = Unconstrained(objective, chart), chart.pi(chart.reduction.prior)
     if way == "relaxed":
-        solve_log_cholesky(objective, chart.reduction, visit)
+        LogCholesky(visit=visit).solve(objective)
     elif way == "levenberg-marquardt":
         _levenberg_marquardt(objective, chart, iterations, visit)
     else:
@@ -155,7 +157,7 @@ def _run(
 
 
 def _levenberg_marquardt(
-    objective: Objective, chart: LogCholesky, iterations: int, visit: _Visit
+    objective: Objective, chart: LogCholeskyMap, iterations: int, visit: _Visit
 ) -> None:
     """J/γ as a sum of squares, ‖L x(π) − l‖² and a constant."""
     data, prior, weight = objective.data, objective.regularizer.quadratic, objective.gamma**-0.5
@@ -181,12 +183,6 @@ def _levenberg_marquardt(
 
 def _smallest(reduction: Reduction, change: Vector) -> tuple[str, float]:
     """The exponential of π that has shrunk most since the start, and to which share."""
-    diagonal = {name for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items() if i == j}
-    bodies = reduction.layout.bodies
-    exponents = [
-        k
-        for k, name in enumerate(reduction.names)
-        if name.split(".")[0] not in bodies or name.split(".")[1] in diagonal
-    ]
+    exponents = [k for k, variable in enumerate(reduction.variables) if not variable.signed]
     k = min(exponents, key=lambda k: change[k])
     return reduction.names[k], float(np.exp(change[k]))

@@ -163,7 +163,7 @@ def _candidates(
     progress("choosing friction laws")
     chosen = identify(priors["RG geom"], [log], settings=Settings(friction="choose"))
     return (
-        Candidate(BASE, geom.model.robot, geom.base_estimate.full, None),
+        Candidate(BASE, geom.model.robot, geom.problem.estimate.full, None),
         *found.values(),
         Candidate(RETUNED_4, geom.model.robot, _retuned(found[GEOM]), None),
         Candidate(CHOSEN, chosen.model.robot, chosen.model.p, chosen),

@@ -8,7 +8,7 @@ objective stop; and how all of it depends on γ.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,8 +20,9 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.excitation.run import Run
-from deltaid.identification.identify import build_objective, identify
-from deltaid.identification.model import Method, Settings
+from deltaid.identification.identify import identify
+from deltaid.identification.model import Settings
+from deltaid.identification.options import Method
 from deltaid.identification.reduction import Reduction
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.reproduce.accuracy import (
@@ -194,11 +195,9 @@ def _descents(
         if fit.noisy or fit.method != "conic":
             continue
         progress(f"watching other minimisers from {fit.prior}")
-        result = fit.identification
-        asked = Settings(gamma=settings.descent_gamma)
-        objective = build_objective(result.information, result.reduction, asked)
-        judge = partial(_judged, scene, result.reduction)
-        descents[fit.prior] = descend(objective, result.reduction, judge, settings.iterations)
+        objective = replace(fit.identification.problem.objective, gamma=settings.descent_gamma)
+        judge = partial(_judged, scene, objective.reduction)
+        descents[fit.prior] = descend(objective, judge, settings.iterations)
     return descents
 
 

@@ -24,13 +24,13 @@ def identified(prior: str) -> str:
 
 def parameters_figure(result: Reproduction) -> Figure:
     """Fig. 3: regularisations and identified values of all free parameters, over the true ones."""
-    reduction = result.fits[0].identification.reduction
+    reduction = result.fits[0].identification.problem.reduction
     free = np.flatnonzero(np.any(reduction.A != 0, axis=1) & (result.truth != 0))
     names, truth = [result.dynamics.layout.names[i] for i in free], result.truth[free]
     figure = go.Figure()
     for prior, symbol in (("RG1", "triangle-left"), ("RG2", "triangle-right")):
         fits = [result.fit(prior, noisy=noisy) for noisy in (False, True)]
-        p_reg = fits[0].identification.reduction.p_reg[free]
+        p_reg = fits[0].identification.problem.reduction.p_reg[free]
         figure.add_scatter(
             x=p_reg / truth,
             y=names,

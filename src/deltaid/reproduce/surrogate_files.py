@@ -79,7 +79,7 @@ def as_dictionary(result: Reproduction) -> dict:
     names, units = result.dynamics.layout.names, result.dynamics.layout.units
     columns = {"nominal": result.truth}
     for fit in result.fits:
-        reduction = fit.identification.reduction
+        reduction = fit.identification.problem.reduction
         if fit.method == "conic":
             columns[fit.prior] = reduction.p_reg
             columns[model_name(fit).removesuffix(".yaml")] = fit.identification.model.p

@@ -180,14 +180,14 @@ def _effort(fit: Fit) -> tuple[str, ...]:
 
 
 def _parameters(result: Reproduction) -> Section:
-    reduction = result.fits[0].identification.reduction
+    reduction = result.fits[0].identification.problem.reduction
     free = np.flatnonzero(np.any(reduction.A != 0, axis=1) & (result.truth != 0))
     fits = [result.fit(prior, noisy=noisy) for prior in result.priors for noisy in (False, True)]
     heads, columns = ["nominal"], [result.truth]
     for fit in fits:
         if not fit.noisy:
             heads.append(fit.prior)
-            columns.append(fit.identification.reduction.p_reg)
+            columns.append(fit.identification.problem.reduction.p_reg)
         heads.append(f"{identified(fit.prior)}{', noise' if fit.noisy else ''}")
         columns.append(fit.identification.model.p)
     layout = result.dynamics.layout

@@ -8,7 +8,7 @@ import polars as pl
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.excitation.run import Run
 from deltaid.identification.identify import Identification
-from deltaid.identification.model import Method
+from deltaid.identification.options import Method
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, MotionTerms
 from deltaid.reproduce.descent import Descents
 from deltaid.reproduce.sweep import SweepPoint

@@ -6,8 +6,8 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.conic import solve_conic
-from deltaid.identification.identify import Identification, build_objective
+from deltaid.identification.conic import Conic
+from deltaid.identification.identify import Identification
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, accuracy
 
 
@@ -28,15 +28,14 @@ def sweep(
     gammas: np.ndarray,
 ) -> tuple[SweepPoint, ...]:
     """The same data and prior fitted with other γ. A γ without a certified optimum is left out."""
-    settings, reduction = identification.model.settings, identification.reduction
-    objective = build_objective(identification.information, reduction, settings)
+    objective = identification.problem.objective
     points = []
     for gamma in gammas:
         try:
-            solution = solve_conic(replace(objective, gamma=float(gamma)), reduction)
+            solution = Conic().solve(replace(objective, gamma=float(gamma)))
         except IdentificationError:
             continue
-        p = reduction.parameters(solution.x)
+        p = objective.reduction.parameters(solution.x)
         result = accuracy(dynamics, along, truth, p)
         points.append(SweepPoint(float(gamma), solution.objective, result))
     return tuple(points)

@@ -1,0 +1,79 @@
+"""What in a fit contradicts the data or the prior: wrong signs, units, geometry, priors."""
+
+import numpy as np
+
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.objective import NOISE_FLOOR
+
+# A consistent fit contradicts the data when it leaves so many times the torque error of parameters
+# without constraints and more than this share of the largest torque, or when a mass that torques
+# cannot see had to grow to so many times its prior.
+_WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
+# A base parameter of the fit contradicts the recording when it lies so many half widths of its 95 %
+# interval away from what the recording alone gives.
+_APART = 3.0
+
+
+def doubts(problem: FittedProblem) -> tuple[str, ...]:
+    """A sentence for each contradiction, with what to check."""
+    return (*_misfit(problem), *_grown(problem))
+
+
+def _misfit(problem: FittedProblem) -> list[str]:
+    """Torques that no consistent parameters explain; else base parameters that the fit misses."""
+    noise = max(problem.noise, NOISE_FLOOR)
+    rows = len(problem.information.torque_max)
+    left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
+    if left > max(_WORSE * noise, _SHARE):
+        return [
+            f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
+            "without physical consistency: check sign, unit, torque constant and gear of torques "
+            "and positions, and the robot's lengths"
+        ]
+    return _contradictions(problem)
+
+
+def _grown(problem: FittedProblem) -> list[str]:
+    """Entries that no torque shows and that consistency has made much larger than the prior."""
+    reduction, p = problem.reduction, problem.p
+    held = ~np.any(reduction.A, axis=1)
+    grown = held & (reduction.p_reg > 0) & (p > _GREW * reduction.p_reg)
+    return [
+        f"{reduction.layout.names[i]} had to grow from {reduction.p_reg[i]:.3g} to {p[i]:.3g} "
+        f"{reduction.layout.units[i]} to keep its body consistent: check the scale of torques and "
+        "the prior"
+        for i in np.flatnonzero(grown)
+    ]
+
+
+def _contradictions(problem: FittedProblem) -> list[str]:
+    """The base parameter that a fit holds farthest from what the recording alone gives.
+
+    With the truth within the prior, the two differ by less than the noise of the estimate. Where
+    they do not, parameters that hang together with this one are pulled along, out of intervals
+    that take the prior at its word.
+    """
+    base, estimate = problem.base, problem.estimate
+    fitted, half = base.values(problem.p), _excess(problem) * estimate.interval
+    apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
+    k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))
+    if not count:
+        return []
+    unit = base.layout.units[base.groups[k].representative]
+    others = f"; {count - 1} more are as far apart" if count > 1 else ""
+    return [
+        f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
+        f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: prior, entries that 'free' "
+        "leaves out or consistency contradict the recording, and other parameters of these bodies "
+        "may lie outside of their intervals; check the prior and what is free"
+    ]
+
+
+def _excess(problem: FittedProblem) -> float:
+    """How many times larger than the data's own the noise is that γ stands for.
+
+    γ is what a noise of this level would have got (`objective.default_gamma`).
+    """
+    gamma, samples = problem.objective.gamma, problem.information.samples
+    assumed = problem.settings.prior_spread * np.sqrt(gamma * samples)
+    return max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))

@@ -1,0 +1,167 @@
+"""A fit: posed from recordings, solved, and kept with all that judging it needs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
+from deltaid.errors import IdentificationError
+from deltaid.identification.base_parameters import BaseParameters, base_parameters
+from deltaid.identification.conic import Conic
+from deltaid.identification.information import Information, gather, merge, places_of
+from deltaid.identification.least_squares import BaseEstimate, estimate_base
+from deltaid.identification.log_cholesky import LogCholesky
+from deltaid.identification.model import Settings
+from deltaid.identification.objective import Objective, data_term, default_gamma, noise_level
+from deltaid.identification.options import Method, RegularizerName
+from deltaid.identification.reduction import Reduction, build_reduction
+from deltaid.identification.regularizer import (
+    AffineInvariant,
+    Euclidean,
+    LogDet,
+    Metric,
+    Spectral,
+)
+from deltaid.identification.scatter import Groups
+from deltaid.identification.solver import Solution, Solver
+from deltaid.recording.windows import FilteredLog
+
+Progress = Callable[[str], None]
+
+# What the names that users write stand for.
+SOLVERS: dict[Method, Solver] = {"conic": Conic(), "log-cholesky": LogCholesky()}
+METRICS: dict[RegularizerName, Metric] = {
+    "euclidean": Euclidean(),
+    "entropic": Spectral(LogDet()),
+    "riemannian": Spectral(AffineInvariant()),
+}
+
+# How often load-dependent friction is fitted again at most, and when its shares have settled.
+_LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-6
+
+
+@dataclass(frozen=True)
+class FittedProblem:
+    """A fit, what it was posed from, and its result.
+
+    Attributes:
+        dynamics: of the robot that was fitted.
+        settings: what was asked for.
+        information: what all recordings together say.
+        groups: the same in stretches of time and in places of the platform.
+        used: how many samples each recording gave after its filter.
+        objective: what was minimised, over which free variables.
+        solution: its minimiser and certificate.
+        base: which combinations of parameters the motion determines.
+        estimate: their weighted least-squares values, without prior and consistency.
+    """
+
+    dynamics: Dynamics
+    settings: Settings
+    information: Information
+    groups: Groups
+    used: tuple[int, ...]
+    objective: Objective
+    solution: Solution
+    base: BaseParameters
+    estimate: BaseEstimate
+
+    @property
+    def reduction(self) -> Reduction:
+        """The free variables."""
+        return self.objective.reduction
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Names and places of the parameters."""
+        return self.reduction.layout
+
+    @cached_property
+    def p(self) -> Float[np.ndarray, " parameters"]:
+        """The fitted parameters."""
+        return self.reduction.parameters(self.solution.x)
+
+    @cached_property
+    def noise(self) -> float:
+        """Level of the torques' noise, as a share of the largest torque."""
+        return noise_level(self.information)
+
+
+def fit(
+    dynamics: Dynamics,
+    filtered: Sequence[FilteredLog],
+    settings: Settings,
+    progress: Progress = lambda _: None,
+) -> FittedProblem:
+    """Fit a robot's parameters to recordings.
+
+    Friction that depends on load sees the torques of the fit before, beginning with the prior,
+    until its coefficients stay as they are.
+
+    Raises:
+        IdentificationError: they do not, or the fit fails.
+    """
+    robot, layout = dynamics.robot, dynamics.layout
+    first = layout.friction.start
+    shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
+    load = prior_parameters(robot) if shares else None
+    for _ in range(_LOAD_ROUNDS):
+        parts, places = [], places_of(dynamics, [log for log, _ in filtered])
+        for log, low_pass in filtered:
+            progress(f"evaluating {log.samples} samples of {log.path}")
+            parts.append(gather(dynamics, log, low_pass, places, load))
+        blocks = tuple(block for part in parts for block in part)
+        information = merge(blocks)
+        progress("fitting")
+        objective = pose(information, build_reduction(robot, information.columns), settings)
+        solution = minimise(objective, SOLVERS[settings.method])
+        p = objective.reduction.parameters(solution.x)
+        if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+            break
+        load = p
+    else:
+        raise IdentificationError(
+            "friction that depends on load does not settle: the recording cannot tell it from the "
+            "rest",
+            where=f"friction of {', '.join(robot.load_drives)}",
+            cure="leave the load term out of the friction law",
+        )
+    groups, base = Groups(blocks, places.sums), base_parameters(information, layout)
+    return FittedProblem(
+        dynamics=dynamics,
+        settings=settings,
+        information=information,
+        groups=groups,
+        used=tuple(sum(block.samples for block in part) for part in parts),
+        objective=objective,
+        solution=solution,
+        base=base,
+        estimate=estimate_base(base, information, groups=groups),
+    )
+
+
+def pose(information: Information, reduction: Reduction, settings: Settings) -> Objective:
+    """Objective (15) for some information, with γ given or by maximum a posteriori."""
+    return Objective(
+        reduction,
+        data_term(information, reduction),
+        METRICS[settings.regularizer].regularizer(reduction),
+        settings.gamma or default_gamma(information, settings.prior_spread),
+    )
+
+
+def minimise(objective: Objective, solver: Solver) -> Solution:
+    """Minimise J by a solver; one that does not certify borrows the bound of one that does.
+
+    Raises:
+        IdentificationError: a solver did not reach its end.
+    """
+    solution = solver.solve(objective)
+    if solver.certifies or not objective.convex:
+        return solution
+    bound = Conic().solve(objective).bound
+    return Solution(solution.x, solution.objective, bound, solution.iterations, solution.status)

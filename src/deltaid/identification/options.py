@@ -1,0 +1,11 @@
+"""What a user may ask of a fit by name, and within which limits; imports nothing that is slow."""
+
+from typing import Literal
+
+Method = Literal["conic", "log-cholesky"]
+RegularizerName = Literal["euclidean", "entropic", "riemannian"]
+FrictionLaws = Literal["described", "choose"]
+LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
+
+# Beyond these the fit only sees the data's rounding, or only the prior.
+GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
