@@ -100,7 +100,7 @@ def test_bodies_that_cannot_exist_are_refused(entry: int, value: float, reason: 
     robot = load_robot("clavel-delta3")
     p = prior_parameters(robot)
     p[entry] = value
-    with pytest.raises(DeltaidError, match=f"body U cannot be exported.*{reason}"):
+    with pytest.raises(DeltaidError, match=f"body U cannot exist.*{reason}"):
         Model(robot, p, "a model")
 
 

@@ -1,5 +1,6 @@
 """A robot with its parameters: loaded from a name, a robot file, a model file; taken everywhere."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 import deltaid
 from command import refused, run
+from deltaid.dynamics.prior import with_prior
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.load import save_yaml
@@ -81,6 +83,51 @@ def test_commands_take_a_robot_and_say_so(command: str, folder: Path, tmp_path: 
     outcome = run(command, folder / "model.yaml", folder / "other.csv", *options.get(command, ()))
     assert outcome.code == 0, outcome.err
     assert "stands for its prior" not in outcome.err
+
+
+def test_identify_takes_the_robot_of_a_model_and_says_so(folder: Path, tmp_path: Path) -> None:
+    outcome = run(
+        "identify", folder / "model.yaml", folder / "other.csv", "-o", tmp_path / "m.yaml"
+    )
+    assert outcome.code == 0, outcome.err
+    assert "model.yaml is a model: its robot is identified anew, from its prior" in outcome.err
+    again = deltaid.identify(NAME, [folder / "other.csv"]).model
+    assert deltaid.IdentifiedModel.load(new).parameters == again.parameters
+
+
+def test_excite_plans_with_the_identified_parameters(folder: Path) -> None:
+    outcome = run("excite", folder / "model.yaml", "--starts", 1, "--harmonics", 2, "--json")
+    assert outcome.code == 0, outcome.err
+    assert "model.yaml is a model: planned with its masses and friction" in outcome.err
+    known = deltaid.load(folder / "model.yaml")
+    values = [each["prior"] for each in json.loads(outcome.out)["predictions"]]
+    problem = deltaid.identify(NAME, [folder / "log.csv"]).problem
+    assert sorted(values) == pytest.approx(sorted(problem.base.values(known.p)), rel=1e-6)
+
+
+def test_a_model_as_description_has_its_parameters_as_prior() -> None:
+    robot = laws_of_all_kinds()
+    p = surrogate_parameters(robot, np.random.default_rng(1))
+    prior = deltaid.prior_parameters(with_prior(robot, p))
+    layout = deltaid.load(robot).layout
+    signed = [layout.names.index("offset.drive2")]
+    np.testing.assert_allclose(np.delete(prior, signed), np.delete(p, signed), rtol=1e-12)
+    assert prior[signed] == 0
+
+
+def laws_of_all_kinds() -> deltaid.RobotDescription:
+    """A Delta with every term of friction, a spring and a rotor."""
+    data = deltaid.load_robot(NAME).model_dump()
+    plain = {"viscous": 1.5, "coulomb": 4.0}
+    stribeck = {"coefficient": 1.0, "speed": 0.3, "exponent": 2.0}
+    data["friction"] = {
+        "drive1": plain | {"viscous_back": 1.2, "coulomb_back": 3.0, "load": 0.05},
+        "drive2": plain | {"offset": 0.4, "power": {"coefficient": 0.7, "exponent": 0.5}},
+        "drive3": plain | {"stribeck": stribeck},
+    }
+    data["springs"] = {"drive1": {"stiffness": 2.0, "rest_deg": 10.0}}
+    data["rotor_inertia"] = {"drive3": 0.01}
+    return deltaid.RobotDescription.model_validate(data)
 
 
 def test_a_report_of_a_prior_says_so(folder: Path, tmp_path: Path) -> None:

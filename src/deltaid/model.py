@@ -12,6 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
+from deltaid.dynamics.prior import with_prior
 from deltaid.errors import DescriptionError
 from deltaid.identification.model import IdentifiedModel
 from deltaid.robot.description import RobotDescription
@@ -98,6 +99,10 @@ class Model:
         p = self.p.copy()
         p[self.layout.friction] = 0.0
         return replace(self, p=p)
+
+    def as_description(self) -> RobotDescription:
+        """The robot with these parameters as its prior."""
+        return self.robot if self.identified is None else with_prior(self.robot, self.p)
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:

@@ -35,7 +35,7 @@ def register(app: typer.Typer) -> None:
 
 
 def excite(
-    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
+    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="CSV file for the motion.")
     ] = None,
@@ -74,12 +74,11 @@ def excite(
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.cli.output import positive, print_json, progress, require_outputs
-    from deltaid.dynamics.dynamics import compiled
+    from deltaid.cli.output import positive, print_json, print_note, progress, require_outputs
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.excitation.motion_file import write_run
-    from deltaid.robot.load import load_robot
+    from deltaid.model import load
 
     positive("--duration", duration, (0.1, 3600.0))
     positive("--torque-noise", torque_noise, (1e-9, 10.0))
@@ -101,10 +100,12 @@ def excite(
     )
     asked = {"--output": output, "--verify-out": verify_out, "--plot": plot}
     require_outputs([Path(robot)], asked, report)
-    description = load_robot(robot)
+    model = load(robot)
+    if model.identified is not None:
+        print_note(f"{model.source} is a model: planned with its masses and friction")
     with progress(as_json) as say, _stop_on_interrupt() as stop:
         say("preparing the robot")
-        exciter = Exciter(compiled(description), settings)
+        exciter = Exciter(model, settings)
         say(f"optimising from {starts} starts, Ctrl-C keeps the best so far")
         result = exciter.optimise(
             stop, lambda done: say(f"start {done.seed}: {done.before:.3f} → {done.after:.3f}")

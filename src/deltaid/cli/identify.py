@@ -26,7 +26,7 @@ def register(app: typer.Typer) -> None:
 
 
 def identify(
-    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
+    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     logs: Annotated[list[Path], typer.Argument(help="Recordings, CSV or Parquet.")],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Where to save the model (YAML).")
@@ -66,6 +66,7 @@ def identify(
         console,
         positive,
         print_json,
+        print_note,
         print_warnings,
         progress,
         require_outputs,
@@ -73,9 +74,9 @@ def identify(
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import Settings
     from deltaid.identification.validation import misfit, validate
+    from deltaid.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.source import opened
-    from deltaid.robot.load import load_robot
 
     positive("--gamma", gamma, GAMMA_LIMITS)
     positive("--prior-spread", prior_spread, SPREAD_LIMITS)
@@ -93,10 +94,12 @@ def identify(
     if verify is not None:
         with opened(verify):
             pass  # to miss it now, not after the fit
-    description = load_robot(robot)
+    model = load(robot)
+    if model.identified is not None:
+        print_note(f"{model.source} is a model: its robot is identified anew, from its prior")
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
-        result = run(description, logs, columns=mapping, settings=settings, progress=say)
+        result = run(model, logs, columns=mapping, settings=settings, progress=say)
         verification, log, doubts = None, None, list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")

@@ -63,8 +63,12 @@ def print_warnings(warnings: Sequence[str]) -> None:
 def print_origin(model: "Model") -> None:
     """Say on standard error that a robot stands for its prior, where a model is expected."""
     if model.identified is None:
-        text = f"{model.source} is a robot: it stands for its prior parameters"
-        error_console.print(styled("note:", "dim"), text)
+        print_note(f"{model.source} is a robot: it stands for its prior parameters")
+
+
+def print_note(text: str) -> None:
+    """A remark on standard error that is no warning."""
+    error_console.print(styled("note:", "dim"), text)
 
 
 def styled(text: str, style: str = "bold") -> Text:

@@ -20,7 +20,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.identification.model import IdentifiedModel
-from deltaid.model import Model
+from deltaid.model import Model, ModelLike, load
 
 # M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
 # feedback of a computed torque is a hundred times weaker in one direction than it was tuned for.
@@ -54,11 +54,12 @@ class Run:
     why_not: str = ""
 
 
-def candidates(model: Model) -> tuple[Candidate, ...]:
+def candidates(model: ModelLike) -> tuple[Candidate, ...]:
     """The description's prior, the base parameters (if the file has them), the consistent model.
 
     A robot at its prior has only that.
     """
+    model = load(model)
     vectors = {"prior": prior_parameters(model.robot)}
     if model.identified is not None:
         if model.identified.base_parameters:

@@ -8,7 +8,7 @@ here.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -55,6 +55,10 @@ class JointColumn(ABC):
     def effort(self, motion: JointMotion) -> ca.SX:
         """e: torque or force that the motion takes for a coefficient of one."""
 
+    @abstractmethod
+    def describe(self, data: dict[str, Any], value: float) -> None:
+        """Put a value of the coefficient where a description has it, as keys and values."""
+
     def potential(self, position: ca.SX) -> ca.SX:
         """Energy that a coefficient of one stores [J]."""
         return ca.SX(0)
@@ -69,6 +73,9 @@ class FrictionColumn(JointColumn):
     def effort(self, motion: JointMotion) -> ca.SX:
         return self.term.h(motion.speed, motion.sign(motion.speed), motion.load)
 
+    def describe(self, data: dict[str, Any], value: float) -> None:
+        data["friction"][self.joint] |= self.term.in_law(value)
+
 
 @dataclass(frozen=True)
 class SpringColumn(JointColumn):
@@ -78,6 +85,9 @@ class SpringColumn(JointColumn):
 
     def effort(self, motion: JointMotion) -> ca.SX:
         return motion.position - self.rest
+
+    def describe(self, data: dict[str, Any], value: float) -> None:
+        data["springs"][self.joint]["stiffness"] = value
 
     def potential(self, position: ca.SX) -> ca.SX:
         return 0.5 * (position - self.rest) ** 2
@@ -91,6 +101,9 @@ class RotorColumn(JointColumn):
 
     def effort(self, motion: JointMotion) -> ca.SX:
         return motion.acceleration
+
+    def describe(self, data: dict[str, Any], value: float) -> None:
+        data["rotor_inertia"][self.joint] = value
 
 
 def joint_columns(robot: RobotDescription) -> tuple[JointColumn, ...]:

@@ -6,7 +6,7 @@ from threading import Event
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
@@ -19,6 +19,7 @@ from deltaid.excitation.series import Series
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.least_squares import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
+from deltaid.model import ModelLike, load
 
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
 # the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
@@ -108,9 +109,16 @@ class Excitation:
 
 
 class Exciter:
-    """A robot prepared for excitation: kernels, base parameters, reference motions, scaling."""
+    """A robot prepared for excitation: kernels, base parameters, reference motions, scaling.
 
-    def __init__(self, dynamics: Dynamics, settings: ExcitationSettings) -> None:
+    Args:
+        robot: its dynamics, for the prior; or a model or a robot, by value, name or file. An
+            identified model has its masses and friction in place of the prior.
+        settings: what to optimise.
+    """
+
+    def __init__(self, robot: Dynamics | ModelLike, settings: ExcitationSettings) -> None:
+        dynamics = robot if isinstance(robot, Dynamics) else compiled(load(robot).as_description())
         self.dynamics, self.settings = dynamics, settings
         self.base: BaseParameters = random_motion_base(dynamics)
         heads = np.array([group.representative for group in self.base.groups])

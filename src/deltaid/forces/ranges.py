@@ -25,7 +25,7 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import DescriptionError, IdentificationError, RecordingError
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
@@ -35,7 +35,7 @@ from deltaid.identification.least_squares import BaseEstimate, estimate_base, ra
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile
-from deltaid.model import Model
+from deltaid.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log
 from deltaid.recording.windows import open_logs
@@ -111,14 +111,15 @@ class Determinacy:
         return Openness(_REACH * left, tuple(self.unknowns.names[k] for k in order))
 
 
-def structural_determinacy(model: Model) -> Determinacy:
+def structural_determinacy(model: ModelLike) -> Determinacy:
     """What a generic motion would determine; needs no recording."""
-    return Determinacy(model, random_motion_base(compiled(model.robot)))
+    model = load(model)
+    return Determinacy(model, random_motion_base(model.dynamics))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def evidence(
-    model: Model,
+    model: ModelLike,
     logs: Sequence[str | Path],
     *,
     columns: ColumnMapping | None = None,
@@ -130,16 +131,17 @@ def evidence(
         RecordingError: a log cannot be used, or is not one that the model comes from.
         IdentificationError: the motion does not determine base parameters.
     """
+    model = load(model)
     known = _identification(model)
     dynamics: Dynamics = model.dynamics
     filtered = open_logs(logs, dynamics.kinematics, columns, known.settings.cutoff, progress)
     _require_sources(known, [log for log, _ in filtered])
     places = places_of(dynamics, [log for log, _ in filtered])
-    load = model.p if model.robot.load_drives else None
+    predicted_by = model.p if model.robot.load_drives else None
     blocks = []
     for log, low_pass in filtered:
         progress(f"evaluating {log.samples} samples of {log.path}")
-        blocks += gather(dynamics, log, low_pass, places, load)
+        blocks += gather(dynamics, log, low_pass, places, predicted_by)
     information = merge(blocks)
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=Groups(tuple(blocks), places.sums))

@@ -19,7 +19,7 @@ from deltaid.forces.ranges import (
     evidence,
     structural_determinacy,
 )
-from deltaid.model import Model
+from deltaid.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
@@ -57,12 +57,13 @@ class Study:
     extremes: Extremes
 
 
-def with_struts(model: Model, spacing: float | None, socket_force: float | None) -> Model:
+def with_struts(model: ModelLike, spacing: float | None, socket_force: float | None) -> Model:
     """A model whose robot has this strut spacing [m] and socket force [N] in place of its own.
 
     Raises:
         DescriptionError: limbs of one strut have neither.
     """
+    model = load(model)
     limbs = model.robot.limbs
     given = {"strut_spacing": spacing, "socket_force": socket_force}
     given = {key: value for key, value in given.items() if value is not None}
@@ -75,7 +76,7 @@ def with_struts(model: Model, spacing: float | None, socket_force: float | None)
 
 
 def study(
-    model: Model,
+    model: ModelLike,
     forces: ConstraintForces,
     log: Log,
     low_pass: LowPass | None,
@@ -97,6 +98,7 @@ def study(
         RecordingError: a recording cannot be used, or the motion has no samples.
         IdentificationError: the recordings determine no base parameters, or a range was not found.
     """
+    model = load(model)
     progress(f"computing forces along {log.path}")
     motion = motion_of(log, forces.kinematics, low_pass)
     found = extremes(forces, model.p, motion, [viewer.add for viewer in viewers])

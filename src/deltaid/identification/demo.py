@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.dynamics.prior import with_prior
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
@@ -15,7 +16,6 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,
-    surrogate_description,
     surrogate_parameters,
     write_recording,
 )
@@ -65,7 +65,9 @@ def demonstrate(
     motions = [random_motion(dynamics.kinematics, rng) for _ in range(2)]
     noise = SensorNoise(torque=torque_noise)
     save_yaml(robot, folder / "robot.yaml")
-    save_yaml(surrogate_description(robot, truth), folder / "truth.yaml")
+    save_yaml(
+        with_prior(robot, truth, name=f"{robot.name}-truth", sources={}), folder / "truth.yaml"
+    )
     for name, motion in zip(("identify", "verify"), motions, strict=True):
         recording = simulate_recording(dynamics, truth, motion, rng, duration=20.0, noise=noise)
         write_recording(recording, folder / f"{name}.csv")

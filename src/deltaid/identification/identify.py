@@ -24,7 +24,7 @@ from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.recording.windows import FilteredLog, open_logs
-from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Identification:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def identify(
-    robot: RobotDescription,
+    robot: RobotLike,
     logs: Sequence[str | Path],
     *,
     columns: ColumnMapping | None = None,
@@ -54,7 +54,8 @@ def identify(
     """Identify a robot's dynamic parameters from recordings of the same machine.
 
     Args:
-        robot: the description with geometry, priors and reductions.
+        robot: the description with geometry, priors and reductions; or what has one, a catalogue
+            name, a file of a robot or of a model.
         logs: CSV or Parquet files.
         columns: names and units of their columns, if not the default ones.
         settings: method, regulariser, γ, filter, friction laws.
@@ -64,7 +65,7 @@ def identify(
         RecordingError: a log cannot be used.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    settings = settings or Settings()
+    settings, robot = settings or Settings(), described(robot)
     filtered = open_logs(logs, compiled(robot).kinematics, columns, settings.cutoff, progress)
     choice = None
     if settings.friction == "choose":

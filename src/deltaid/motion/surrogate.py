@@ -13,9 +13,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
-from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
@@ -70,47 +68,6 @@ def surrogate_parameters(
     p[more] *= np.exp(spread * rng.uniform(-1, 1, more.stop - more.start))
     p[layout.rotor] *= np.exp(spread * rng.uniform(-1, 1, len(robot.rotor_drives)))
     return p
-
-
-def surrogate_description(robot: RobotDescription, p: Parameters) -> RobotDescription:
-    """The same robot with given parameters as its prior, so that it can be saved and simulated.
-
-    Constant offsets of friction are left out: their prior is zero in any description.
-    """
-    layout = parameter_layout(robot)
-    value = dict(zip(layout.names, p.tolist(), strict=True))
-    bodies = {
-        name: body.model_copy(update={"prior": ExplicitInertia.of(p[layout.body(name)])})
-        for name, body in robot.bodies.items()
-    }
-    friction = {joint: _law(law, joint, value) for joint, law in robot.friction.items()}
-    springs = {
-        joint: spring.model_copy(update={"stiffness": value[f"spring.{joint}"]})
-        for joint, spring in robot.springs.items()
-    }
-    return robot.model_copy(
-        update={
-            "name": f"{robot.name}-truth",
-            "bodies": bodies,
-            "friction": friction,
-            "springs": springs,
-            "rotor_inertia": {drive: value[f"rotor.{drive}"] for drive in robot.rotor_inertia},
-            "sources": {},
-        }
-    )
-
-
-def _law(law: Friction, joint: str, value: dict[str, float]) -> Friction:
-    """A joint's law with other coefficients."""
-    plain = ("viscous", "coulomb", "viscous_back", "coulomb_back", "load")
-    changed: dict[str, object] = {
-        kind: value[f"{kind}.{joint}"] for kind in plain if getattr(law, kind) is not None
-    }
-    for kind in ("power", "stribeck"):
-        term = getattr(law, kind)
-        if term is not None:
-            changed[kind] = term.model_copy(update={"coefficient": value[f"{kind}.{joint}"]})
-    return law.model_copy(update=changed)
 
 
 def simulate_recording(

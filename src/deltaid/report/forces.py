@@ -7,7 +7,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.forces.constraint_forces import ConstraintForces, Motion
 from deltaid.forces.study import Study
-from deltaid.model import Model
+from deltaid.model import ModelLike, load
 from deltaid.report import style
 from deltaid.report.force_rows import places, tables, what_is_open
 from deltaid.report.numbers import number
@@ -43,9 +43,10 @@ class Envelope:
 
 
 def forces_page(
-    model: Model, forces: ConstraintForces, name: str, study: Study, envelope: Envelope
+    model: ModelLike, forces: ConstraintForces, name: str, study: Study, envelope: Envelope
 ) -> Page:
     """Everything about the forces of a model along a motion."""
+    model = load(model)
     found = (*tables(study, forces.socket_force), places(study))
     worst = tuple(Table(t.columns, t.rows, f"{t.title}.") for t in found)
     return Page(

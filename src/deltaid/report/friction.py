@@ -36,12 +36,13 @@ def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> S
 
 
 def law(
-    model: Model,
+    model: ModelLike,
     joint: str,
     speed: Float[np.ndarray, " samples"],
     p: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " samples"]:
     """Friction of one joint over its speed for parameters p, without what depends on load."""
+    model = load(model)
     v, total = ca.SX.sym("v"), ca.SX(0)
     for term in model.robot.friction_terms:
         if term.joint == joint and not term.of_load:

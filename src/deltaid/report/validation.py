@@ -3,7 +3,7 @@
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import misfit
-from deltaid.model import Model
+from deltaid.model import ModelLike, load
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
 from deltaid.report.comparison import compare
@@ -16,8 +16,11 @@ from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import provenance_section
 
 
-def validation_page(model: Model, log: Log, low_pass: LowPass | None, error: TorqueError) -> Page:
+def validation_page(
+    model: ModelLike, log: Log, low_pass: LowPass | None, error: TorqueError
+) -> Page:
     """How well a model predicts a recording, and where the model comes from."""
+    model = load(model)
     dynamics, known = model.dynamics, model.identified
     comparison = compare(dynamics, model.p, log, low_pass)
     torques = torque_section(model.robot, comparison, "Torques")

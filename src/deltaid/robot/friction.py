@@ -16,7 +16,7 @@ key of `Friction` and one class here, listed in `TERMS`.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -149,6 +149,10 @@ class FrictionTerm(ABC):
         bounds = (self.low, self.high)
         return Parameter("friction", self.joint, self.kind, self.unit, *bounds, prior, self.size)
 
+    def in_law(self, coefficient: float) -> dict[str, Any]:
+        """What a law says of this term where its coefficient is another one."""
+        return {self.kind: coefficient}
+
     @property
     def name(self) -> str:
         """Name of the coefficient, such as 'viscous.drive1'."""
@@ -227,6 +231,9 @@ class _Offset(FrictionTerm):
     def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
         return ca.SX(1)
 
+    def in_law(self, coefficient: float) -> dict[str, Any]:
+        return {self.kind: self.size}  # the prior of an offset is zero, whatever it was found to be
+
 
 class _Power(FrictionTerm):
     """s |v|^exponent."""
@@ -242,6 +249,9 @@ class _Power(FrictionTerm):
 
     def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
         return s * _size(v) ** self.exponent
+
+    def in_law(self, coefficient: float) -> dict[str, Any]:
+        return {self.kind: {"coefficient": coefficient, "exponent": self.exponent}}
 
     @property
     def words(self) -> str:
@@ -262,6 +272,10 @@ class _Stribeck(FrictionTerm):
 
     def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
         return s * ca.exp(-((_size(v) / self.speed) ** self.exponent))
+
+    def in_law(self, coefficient: float) -> dict[str, Any]:
+        constants = {"speed": self.speed, "exponent": self.exponent}
+        return {self.kind: {"coefficient": coefficient, **constants}}
 
     @property
     def words(self) -> str:
