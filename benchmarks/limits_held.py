@@ -25,7 +25,7 @@ HEAD = ("robot", "limits", "motions", "largest use of a limit", "motions beyond 
 
 def main() -> int:
     """Optimise, count, write the table."""
-    seeds, rows = int(sys.argv[1]) if len(sys.argv) > 1 else 50, []
+    seeds, rows = int(sys.argv[1]) if len(sys.argv) > 1 else 25, []
     for name in ROBOTS:
         problem = Exciter(compiled(load_robot(name)), ExcitationSettings()).problem
         optima = [optimise(problem, range(seed, seed + 1)).x for seed in range(seeds)]

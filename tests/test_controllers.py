@@ -27,6 +27,7 @@ from deltaid.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.report.page import Table, Text
 from deltaid.report.tracking import comparison_page
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
 ROBOT = "clavel-delta3"
@@ -41,6 +42,33 @@ def resting(trajectory: MotionTrajectory, time: np.ndarray) -> Desired:
     """The first pose, held."""
     d = trajectory.at(np.zeros(len(time)))
     return Desired(d.z, d.q, 0 * d.qd, 0 * d.qdd)
+
+
+# --- the model of a law -------------------------------------------------------------------------
+
+
+def test_model_of_a_law_has_the_torques_of_inverse_dynamics_with_all_friction() -> None:
+    """Friction that depends on load too: each way more torque when driving, less when driven."""
+    data = load_robot(ROBOT).model_dump(mode="json", exclude_none=True)
+    shares = np.array([0.07, 0.11, 0.16])
+    for i, share in enumerate(shares):
+        data["friction"][f"drive{i + 1}"] |= {"load": share, "offset": 0.4}
+    robot = RobotDescription.model_validate(data)
+    dynamics, p = compiled(robot), prior_parameters(robot)
+    made = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    z, zd, zdd = made.evaluate(np.linspace(0, made.period, 200))
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    model, unloaded = ControlModel(robot, p), p.copy()
+    unloaded[[dynamics.layout.names.index(f"load.drive{i + 1}") for i in range(3)]] = 0
+    for rubbing in (qd, -qd):
+        found = model.torque(z, q, qd, qd, qdd, rubbing)
+        without = ControlModel(robot, unloaded).torque(z, q, qd, qd, qdd, rubbing)
+        towards = np.sign(rubbing) * np.sign(without)  # 1 where the drive works against friction
+        assert {-1.0, 1.0} <= set(towards.ravel())
+        np.testing.assert_allclose(found, without / (1 - shares * towards), rtol=1e-9, atol=1e-9)
+    expected = dynamics.torque(z, qd, qdd, p)
+    found = model.torque(z, q, qd, qd, qdd, qd)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 # --- laws -----------------------------------------------------------------------------------------

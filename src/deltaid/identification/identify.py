@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import FittedProblem, Progress, fit
 from deltaid.identification.friction_choice import choose_friction
@@ -40,6 +41,11 @@ class Identification:
     model: IdentifiedModel
     problem: FittedProblem
     recordings: tuple[FilteredLog, ...]
+
+    @property
+    def base(self) -> BaseParameters:
+        """Which combinations of parameters the motion determines."""
+        return self.problem.base
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait

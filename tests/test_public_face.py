@@ -1,0 +1,124 @@
+"""What users of Python meet: `import deltaid` and nothing below it."""
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import deltaid
+from sessions import ROOT, blocks
+
+NAME = "clavel-delta3"
+
+
+@pytest.mark.parametrize("name", deltaid.__all__)
+def test_every_name_exists_and_says_what_it_is(name: str) -> None:
+    thing = getattr(deltaid, name)
+    assert inspect.getdoc(thing), f"{name} has no docstring"
+    assert name in dir(deltaid)
+
+
+def test_other_names_are_refused_as_python_does() -> None:
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = deltaid.no_such_name
+
+
+def recording(path: Path, p: np.ndarray) -> Path:
+    """Two seconds of the robot at 500 Hz with parameters p: joint angles that are sums of sines."""
+    dynamics, time = deltaid.Dynamics(deltaid.load_robot(NAME)), np.arange(1000) / 500
+    w = 2 * np.pi * 0.5 * np.arange(1, 6)
+    amplitude, phase = np.random.default_rng(0).uniform(-1, 1, (2, 3, 5, 1))
+    size = 0.3 / np.abs(amplitude).sum(axis=1, keepdims=True) * amplitude
+    wave = w[:, None] * time + np.pi * phase
+    q = 0.3 + np.sum(size * np.sin(wave), axis=1).T
+    qd = np.sum(size * w[:, None] * np.cos(wave), axis=1).T
+    qdd = np.sum(-size * w[:, None] ** 2 * np.sin(wave), axis=1).T
+    tau = dynamics.inverse_dynamics(q, qd, qdd, p)
+    header = ["t", *(f"{kind}{i}" for kind in ("q", "qd", "qdd", "tau") for i in (1, 2, 3))]
+    rows = np.column_stack([time, q, qd, qdd, tau])
+    np.savetxt(path, rows, delimiter=",", header=",".join(header), comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def truth() -> np.ndarray:
+    """Parameters a quarter above the prior."""
+    return 1.25 * deltaid.prior_parameters(deltaid.load_robot(NAME))
+
+
+@pytest.fixture(scope="module")
+def log(truth: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recording(tmp_path_factory.mktemp("log") / "log.csv", truth)
+
+
+@pytest.fixture(scope="module")
+def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A robot file of one's own; JSON is YAML."""
+    path = tmp_path_factory.mktemp("robot") / "robot.yaml"
+    text = deltaid.load_robot(NAME).model_dump_json(exclude_none=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def model_file(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.yaml"
+    deltaid.identify(deltaid.load_robot(NAME), [log]).model.save(path)
+    return path
+
+
+def test_identify_save_load_predict_export(
+    truth: np.ndarray, log: Path, model_file: Path, tmp_path: Path
+) -> None:
+    model = deltaid.load(model_file)
+    assert model.identified is not None
+    assert model.robot == deltaid.load_robot(NAME)
+    data = np.genfromtxt(log, delimiter=",", names=True)
+    q, qd, qdd, tau = (
+        np.column_stack([data[f"{kind}{i}"] for i in (1, 2, 3)])
+        for kind in ("q", "qd", "qdd", "tau")
+    )
+    predicted = model.dynamics.inverse_dynamics(q, qd, qdd, model.p)
+    np.testing.assert_allclose(predicted, tau, atol=1e-4 * np.abs(tau).max())
+    assert model.value("coulomb.drive2") == pytest.approx(
+        truth[model.layout.names.index("coulomb.drive2")], rel=1e-3
+    )
+    error, _ = deltaid.validate(model, log)
+    assert np.all(error.rms < 1e-4 * np.abs(tau).max())
+    written = deltaid.write_export(model, "c", tmp_path)
+    assert {path.suffix for path in written.paths} == {".c", ".h"}
+    assert set(written.paths) == set(tmp_path.iterdir())
+
+
+def test_a_name_a_robot_file_and_a_model_file_are_taken_alike(
+    truth: np.ndarray, log: Path, robot_file: Path, model_file: Path
+) -> None:
+    prior = deltaid.prior_parameters(deltaid.load_robot(NAME))
+    for source in (NAME, robot_file):
+        model = deltaid.load(source)
+        assert model.identified is None
+        assert "prior" in model.origin
+        np.testing.assert_array_equal(model.p, prior)
+    rms = {}
+    for source in (NAME, robot_file, model_file):
+        error, _ = deltaid.validate(source, log)
+        rms[source] = error.rms
+    np.testing.assert_array_equal(rms[NAME], rms[robot_file])
+    assert np.all(rms[model_file] < 0.01 * rms[NAME])
+
+
+def test_the_block_of_the_readme_runs(
+    truth: np.ndarray, log: Path, robot_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ((_, code),) = blocks((ROOT / "README.md").read_text(encoding="utf-8"), "python")
+    (tmp_path / "my-robot.yaml").write_bytes(robot_file.read_bytes())
+    (tmp_path / "log.csv").write_bytes(log.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    q = np.full((4, 3), 0.3)
+    space = {"q": q, "qd": 0 * q, "qdd": 0 * q}
+    exec(compile(code, "README.md", "exec"), space)
+    assert (tmp_path / "model.yaml").is_file()
+    at_rest = deltaid.Dynamics(deltaid.load_robot(NAME)).inverse_dynamics(q, 0 * q, 0 * q, truth)
+    np.testing.assert_allclose(space["tau"], at_rest, rtol=1e-3)
+    np.testing.assert_allclose(space["terms"].g, at_rest, rtol=1e-3)
