@@ -7,7 +7,6 @@ No C compiler is needed: LLVM comes with llvmlite. Arrays hold samples in column
 import ctypes
 import ctypes.util
 import functools
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import casadi as ca
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
+from deltaid.parallel import cores
 
 # Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
 # and no power of two, because rows a power of two apart fight for the same lines of it.
@@ -54,14 +54,13 @@ class BatchKernel:
         uniform: Float[np.ndarray, " n_uniform"] | None = None,
         threads: int | None = None,
     ) -> Float[np.ndarray, "n_out samples"]:
-        """Evaluate all samples, on all cores unless `threads` says otherwise."""
+        """Evaluate all samples, on all cores unless `threads` says otherwise or they are in use."""
         x, shared = np.asarray(x, dtype=float), self._uniform(uniform)
         if x.shape[0] != self.n_in:
             raise ValueError(f"the kernel has {self.n_in} inputs, not {x.shape[0]}")
         out = np.empty((self.n_out, x.shape[1]))
         starts = range(0, x.shape[1], BLOCK)
-        # Asking for the cores takes half the time of a call for one sample.
-        workers = 1 if len(starts) <= 1 else min(threads or os.cpu_count() or 1, len(starts))
+        workers = min(threads or cores(), len(starts))
         if workers <= 1:
             self._blocks(x, shared, out, starts)
         else:
