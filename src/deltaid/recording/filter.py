@@ -10,11 +10,11 @@ short filter (`lead`) leads to a rate still far above cut-off and friction's ste
 torques are evaluated; the low-pass itself works there.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy import signal
 
 from deltaid.errors import RecordingError
 
@@ -28,6 +28,7 @@ _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 
 _LOWEST, _HIGHEST = 1e-6, 0.1
 _LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
 _SEGMENT = 4096
+_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 # The rate at which motion and torques are evaluated at least [Hz], and as a multiple of the
 # cut-off; and the stop-band attenuation [dB] of the filter that leads there.
 _EVALUATED, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 100.0
@@ -103,7 +104,7 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
             where=where,
             cure=f"choose one between {_LOWEST * rate:g} and {_HIGHEST * rate:g} Hz",
         )
-    taps, _ = _kaiser(cutoff, rate)
+    taps, _ = _kaiser(_ATTENUATION, _TRANSITION * cutoff / rate)
     return 8 * ((taps + len(_FIRST) - 1) // 2)
 
 
@@ -120,8 +121,8 @@ def design_low_pass(cutoff: float, rate: float, *, every_row: bool = False) -> L
     enough = max(_EVALUATED, _OVERSAMPLED * cutoff)
     stride = 1 if every_row else max(1, int(rate / enough))
     evaluated = rate / stride
-    taps, beta = _kaiser(cutoff, evaluated)
-    smooth = signal.firwin(taps, cutoff, window=("kaiser", beta), fs=evaluated)
+    taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff / evaluated)
+    smooth = _sinc(taps, beta, cutoff / evaluated)
     highest = _highest(cutoff)
     return LowPass(
         cutoff=cutoff,
@@ -148,14 +149,30 @@ def _lead(highest: float, rate: float, stride: int) -> Float[np.ndarray, " lead"
     if stride == 1:
         return np.ones(1)
     middle, width = 0.5 * rate / stride, rate / stride - 2 * highest
-    taps, beta = signal.kaiserord(_LEAD_ATTENUATION, width / (0.5 * rate))
-    return signal.firwin(int(taps) | 1, middle, window=("kaiser", beta), fs=rate)
+    taps, beta = _kaiser(_LEAD_ATTENUATION, width / rate)
+    return _sinc(taps, beta, middle / rate)
 
 
-def _kaiser(cutoff: float, rate: float) -> tuple[int, float]:
-    """Odd number of taps and shape of the Kaiser window."""
-    taps, beta = signal.kaiserord(_ATTENUATION, _TRANSITION * cutoff / (0.5 * rate))
-    return int(taps) | 1, float(beta)
+def _kaiser(attenuation: float, width: float) -> tuple[int, float]:
+    """Odd number of taps and shape β of a Kaiser window, by Kaiser's formulas.
+
+    Args:
+        attenuation: of the stop band, above 50 dB.
+        width: of the transition, as a share of the sampling rate.
+    """
+    taps = math.ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width) + 1)
+    return taps | 1, 0.1102 * (attenuation - 8.7)
+
+
+def _sinc(taps: int, beta: float, cutoff: float) -> Float[np.ndarray, " taps"]:
+    """The ideal low-pass within a Kaiser window, of gain 1 at rest.
+
+    Args:
+        cutoff: as a share of the sampling rate.
+    """
+    n = np.arange(taps) - taps // 2
+    h = np.sinc(2 * cutoff * n) * np.kaiser(taps, beta)
+    return h / h.sum()
 
 
 def apply(
@@ -235,9 +252,13 @@ class SpectrumEstimate:
 
     def _add_segment(self, q: Float[np.ndarray, "samples dof"]) -> None:
         # Curvature suppresses the leakage of the slow, large motion into the noise floor.
-        window = signal.windows.blackmanharris(len(q), sym=False)
-        centred = signal.detrend(q, axis=0) * window[:, None]
-        self._power += np.abs(np.fft.rfft(centred, _SEGMENT, axis=0).T) ** 2
+        k = np.arange(len(q))
+        turns = np.cos(2 * np.pi / len(q) * np.outer(k, np.arange(len(_BLACKMAN_HARRIS))))
+        t = k - k.mean()
+        level = q - q.mean(axis=0)
+        level -= np.outer(t, t @ level / (t @ t))  # without its straight line
+        windowed = level.T * (turns @ _BLACKMAN_HARRIS)
+        self._power += np.abs(np.fft.rfft(windowed, _SEGMENT, axis=1)) ** 2
         self._segments += 1
 
     def cutoff(self, rate: float) -> float | None:
