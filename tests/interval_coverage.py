@@ -15,8 +15,8 @@ from scipy.signal import lfilter
 from deltaid.dynamics.dynamics import Dynamics, SparseRegressor, compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.base_parameters import base_parameters
-from deltaid.identification.information import Information, merge
 from deltaid.identification.gathering import gather_all
+from deltaid.identification.information import Information, merge
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.scatter import Groups, Noise, inverse
 from deltaid.mechanism.kinematics import Kinematics
