@@ -50,7 +50,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.conic import Conic
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.fit import pose
-from deltaid.identification.information import Information, gather, gather_samples, merge
+from deltaid.identification.gathering import gather
+from deltaid.identification.information import Information, gather_samples, merge
 from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.model import Settings
 from deltaid.identification.objective import default_gamma
@@ -65,7 +66,7 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.recording.log import open_log
-from deltaid.recording.windows import choose_filter
+from deltaid.recording.recording import with_filter
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
@@ -193,7 +194,7 @@ def _information(
         path = Path(folder) / "recording.csv"
         write_recording(recording, path)
         log = open_log(path, dynamics.kinematics)
-        return merge(gather(dynamics, log, choose_filter(log)))
+        return merge(gather(dynamics, with_filter(log)))
 
 
 def _impossible(dynamics: Dynamics, p: np.ndarray, motion: FourierMotion) -> Information:

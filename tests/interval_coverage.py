@@ -15,12 +15,13 @@ from scipy.signal import lfilter
 from deltaid.dynamics.dynamics import Dynamics, SparseRegressor, compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.base_parameters import base_parameters
+from deltaid.identification.gathering import gather_all
 from deltaid.identification.information import Information, merge
-from deltaid.identification.least_squares import BaseEstimate, estimate_base, gather_groups
+from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.scatter import Groups, Noise, inverse
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
-from deltaid.recording.windows import open_logs
+from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
 
 RATE = 1000.0
@@ -100,9 +101,10 @@ def estimates(
     columns = {"t": time} | {f"q{i + 1}": np.round(x / step) * step for i, x in enumerate(q.T)}
     columns |= {f"tau{i + 1}": x for i, x in enumerate(count.T)}
     pl.DataFrame(columns).write_parquet(folder / "log.parquet")
-    filtered = open_logs([folder / "log.parquet"], dynamics.kinematics)
+    recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
     wide = NoiseBesideRegressor(dynamics, np.concatenate([tau[None], noise]))
-    _, groups = gather_groups(wide, filtered)
+    gathered = gather_all(wide, recordings)
+    groups = Groups(gathered.blocks, gathered.places)
     limits = np.abs(tau).max(axis=1)
     base, found = None, []
     for seed in range(seeds):

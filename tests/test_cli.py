@@ -16,7 +16,7 @@ from deltaid.cli.app import app
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import predict
-from deltaid.identification.validation import model_filter
+from deltaid.identification.validation import model_filtered
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.log import open_log
@@ -155,7 +155,7 @@ def test_torque_of_positions(folder: Path, tmp_path: Path, clavel: Dynamics) -> 
     assert "positions low-passed" in outcome.out
     model = IdentifiedModel.load(folder / "model.yaml")
     log = open_log(folder / "log.csv", clavel.kinematics)
-    parts = list(predict(clavel, model.p, log, model_filter(model, log)))
+    parts = list(predict(clavel, model.p, model_filtered(model, log)))
     written = pl.read_csv(out)
     np.testing.assert_array_equal(written["t"], np.concatenate([p.time for p in parts]))
     expected = np.concatenate([p.predicted for p in parts])

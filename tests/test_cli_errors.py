@@ -16,7 +16,7 @@ from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
 from deltaid.identification.model import IdentifiedModel
 from deltaid.recording.log import open_log
-from deltaid.recording.windows import choose_filter, windows
+from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text
 from logs import names, recorded, text, write
 
@@ -277,7 +277,7 @@ def test_damaged_logs(folder: Path, clavel: Dynamics, changes) -> None:
     path = write(folder.parent / "damaged.csv", apply_damages(good, changes))
     try:
         log = open_log(path, clavel.kinematics)
-        for _ in windows(log, clavel.kinematics, choose_filter(log, 60.0)):
+        for _ in with_filter(log, 60.0).windows(clavel.kinematics):
             pass
     except DeltaidError as error:
         assert str(path) in str(error)  # noqa: PT017 - both ends are right

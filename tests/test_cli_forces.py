@@ -11,7 +11,7 @@ from command import refused, run
 from deltaid.forces.constraint_forces import ConstraintForces, motion_of
 from deltaid.forces.study import with_struts
 from deltaid.identification.model import IdentifiedModel
-from deltaid.identification.validation import model_filter
+from deltaid.identification.validation import model_filtered
 from deltaid.recording.log import open_log
 
 SPACING, SPRING = 0.12, 60.0
@@ -37,7 +37,7 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
     identified = with_struts(IdentifiedModel.load(model), SPACING, SPRING)
     forces = ConstraintForces(identified.robot)
     log = open_log(motion, forces.kinematics)
-    parts = list(motion_of(log, forces.kinematics, model_filter(identified, log)))
+    parts = list(motion_of(model_filtered(identified, log), forces.kinematics))
     assert len(parts) > 2
     values = np.vstack([forces.evaluate(m.z, m.qd, m.qdd, identified.p) for m in parts])
     np.testing.assert_allclose(rows.to_numpy()[:, 1:], values, rtol=1e-12, atol=1e-12)

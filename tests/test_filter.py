@@ -8,9 +8,10 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording import windows as windowing
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import LowPass, SpectrumEstimate, apply, design_low_pass
-from deltaid.recording.log import Log, open_log
-from deltaid.recording.windows import Window, choose_filter, windows
+from deltaid.recording.filter import SpectrumEstimate, apply, design_low_pass
+from deltaid.recording.log import open_log
+from deltaid.recording.recording import Recording, with_filter
+from deltaid.recording.windows import Window
 from logs import names, recorded, write
 
 RATE = 1000.0
@@ -113,18 +114,15 @@ def test_a_line_counts_where_it_stands_20_decibels_over_the_noise(level: float, 
     assert found > 6
 
 
-def together(log: Log, dynamics: Dynamics, low_pass: LowPass | None) -> list[np.ndarray]:
-    """Time, motion and decimated torques of all windows, without what overlaps."""
-    half = len(low_pass.smooth) // 2 if low_pass else 0
-    decimation = low_pass.decimation if low_pass else 1
-    h = low_pass.smooth if low_pass else np.ones(1)
+def together(recording: Recording, dynamics: Dynamics) -> list[np.ndarray]:
+    """Time, motion, torques and decimated torques of all windows."""
 
     def parts(w: Window) -> list[np.ndarray]:
-        inner = slice(half, len(w.time) - half)
-        thinned = apply(h, w.tau.T, decimation).T
-        return [w.time[inner], w.z[inner], w.qd[inner], w.qdd[inner], w.tau[inner], thinned]
+        own, thinned = w.own, w.filtered(w.wide.tau.T).T
+        np.testing.assert_array_equal(w.trimmed(w.wide.z), own.z)
+        return [own.time, own.z, own.qd, own.qdd, own.tau, thinned]
 
-    pieces = [parts(w) for w in windows(log, dynamics.kinematics, low_pass)]
+    pieces = list(recording.evaluate(dynamics.kinematics, parts))
     return [np.concatenate(column) for column in zip(*pieces, strict=True)]
 
 
@@ -139,10 +137,10 @@ def test_windows_equal_the_whole(
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
     for low_pass in [design_low_pass(60.0, RATE)] + [None] * log.has_derivatives:
         monkeypatch.setattr(windowing, "WINDOW", 10**6)
-        whole = together(log, clavel, low_pass)
+        whole = together(Recording(log, low_pass), clavel)
         monkeypatch.setattr(windowing, "WINDOW", window)
-        pieces = together(log, clavel, low_pass)
-        lost = 2 * (low_pass.margin + len(low_pass.smooth) // 2) if low_pass else 0
+        pieces = together(Recording(log, low_pass), clavel)
+        lost = 2 * (low_pass.margin + low_pass.half) if low_pass else 0
         kept = len(whole[0])
         assert kept == samples - lost
         assert len(whole[-1]) == -(-kept // (low_pass.decimation if low_pass else 1))
@@ -157,28 +155,26 @@ def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates
     columns = names("t", "q", *recorded_rates.split(), "tau")
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
     low_pass = design_low_pass(60.0, RATE)
-    (window,) = windows(log, clavel.kinematics, low_pass)
-    inner = slice(low_pass.margin, len(frame) - low_pass.margin)
+    (window,) = Recording(log, low_pass).windows(clavel.kinematics)
+    lost = low_pass.margin + low_pass.half
+    inner, found = slice(lost, len(frame) - lost), window.own
     z = clavel.kinematics.forward(frame.select(names("q")).to_numpy())
     truth = [z, *(frame.select(names(kind)).to_numpy() for kind in ("qd", "qdd"))]
-    for found, true in zip((window.z, window.qd, window.qdd), truth, strict=True):
-        assert np.abs(found - true[inner]).max() < 1e-3 * np.abs(true).max()
-    np.testing.assert_array_equal(window.time, frame["t"].to_numpy()[inner])
-    np.testing.assert_array_equal(window.tau, frame.select(names("tau")).to_numpy()[inner])
+    for mine, true in zip((found.z, found.qd, found.qdd), truth, strict=True):
+        assert np.abs(mine - true[inner]).max() < 1e-3 * np.abs(true).max()
+    np.testing.assert_array_equal(found.time, frame["t"].to_numpy()[inner])
+    np.testing.assert_array_equal(found.tau, frame.select(names("tau")).to_numpy()[inner])
 
 
 def test_filter_is_chosen_by_what_is_recorded(tmp_path, clavel: Dynamics) -> None:
     frame = recorded(1500, derivatives=True)
     path = write(tmp_path / "log.parquet", frame)
     log = open_log(path, clavel.kinematics)
-    assert choose_filter(log) is None
-    forced = choose_filter(log, 30.0)
-    assert forced is not None
-    assert forced.cutoff == 30.0
+    assert with_filter(log).low_pass is None
+    assert with_filter(log, 30.0).cutoff == 30.0
     positions = write(tmp_path / "positions.parquet", frame.select(names("t", "q", "tau")))
     log = open_log(positions, clavel.kinematics)
-    chosen = choose_filter(log)
-    assert chosen is not None
+    chosen = with_filter(log)
     assert chosen.cutoff == log.suggested_cutoff
 
 
@@ -195,7 +191,7 @@ def test_logs_that_no_filter_fits(tmp_path, clavel: Dynamics, samples, cutoff, r
     path = write(tmp_path / "log.parquet", recorded(samples))
     log = open_log(path, clavel.kinematics)
     with pytest.raises(RecordingError) as caught:
-        choose_filter(log, cutoff)
+        with_filter(log, cutoff)
     assert str(caught.value).startswith(f"{path}: {reason}")
 
 

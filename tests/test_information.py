@@ -9,13 +9,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import base_parameters
-from deltaid.identification.information import (
-    BLOCKS,
-    gather,
-    gather_samples,
-    merge,
-    places_of,
-)
+from deltaid.identification.gathering import BLOCKS, gather, places_of
+from deltaid.identification.information import gather_samples, merge
 from deltaid.identification.least_squares import (
     estimate_base,
     identify_base,
@@ -30,7 +25,7 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.recording.log import open_log
-from deltaid.recording.windows import choose_filter
+from deltaid.recording.recording import Recording, with_filter
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"
@@ -199,10 +194,9 @@ def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) ->
     motion = random_motion(dynamics.kinematics, rng)
     recording = simulate_recording(dynamics, truth, motion, rng, noise=SensorNoise())
     write_recording(recording, tmp_path / "log.csv")
-    log = open_log(tmp_path / "log.csv", dynamics.kinematics)
-    low_pass = choose_filter(log)
-    information = merge(gather(dynamics, log, low_pass))
-    streamed = torque_error(dynamics, truth, log, low_pass)
+    one = with_filter(open_log(tmp_path / "log.csv", dynamics.kinematics))
+    information = merge(gather(dynamics, one))
+    streamed = torque_error(dynamics, truth, one)
     # The information is thinned, the stream is not, so the two are estimates of the same number.
     assert np.allclose(information.rms(truth), streamed.rms, rtol=0.1)
     largest = np.abs(recording.select(["tau1", "tau2", "tau3"]).to_numpy()).max(axis=0)
@@ -217,7 +211,7 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
     recording = simulate_recording(dynamics, p, motion, rng, duration=20.3, rate=997.0)
     write_recording(recording, tmp_path / "log.csv")
     log = open_log(tmp_path / "log.csv", dynamics.kinematics, None)
-    blocks = gather(dynamics, log, None)
+    blocks = gather(dynamics, Recording(log, None))
     length = -(-log.samples // BLOCKS)
     assert [b.samples for b in blocks[:-1]] == [length] * (len(blocks) - 1)
     assert sum(b.samples for b in blocks) == log.samples
@@ -242,9 +236,9 @@ def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filt
     recording = simulate_recording(dynamics, p, motion, rng, duration=20.0)
     write_recording(recording, tmp_path / "log.csv")
     log = open_log(tmp_path / "log.csv", dynamics.kinematics, None)
-    low_pass = choose_filter(log, 20.0) if filtered else None
-    places = places_of(dynamics, [log])
-    whole = merge(gather(dynamics, log, low_pass, places))
+    one = with_filter(log, 20.0 if filtered else None)
+    places = places_of(dynamics, [one])
+    whole = merge(gather(dynamics, one, places))
     grams = np.swapaxes(whole.factors, 1, 2) @ whole.factors
     np.testing.assert_allclose(places.sums.sum(axis=0), grams, atol=1e-9 * np.abs(grams).max())
     if filtered:

@@ -18,6 +18,7 @@ from deltaid.identification.validation import validate
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.log import open_log
+from deltaid.recording.recording import with_filter
 from deltaid.report.bodies import ellipsoid
 from deltaid.report.comparison import Comparison, compare
 from deltaid.report.friction import law
@@ -110,11 +111,11 @@ def test_a_page_is_one_file_that_loads_nothing(result: Identification) -> None:
 
 
 def test_names_from_files_stay_text(result: Identification) -> None:
-    log, low_pass = result.recordings[0]
-    error, _ = validate(result.model, log.path)
+    recording = result.recordings[0]
+    error, _ = validate(result.model, recording.path)
     pages = (
-        identification_page(result, Verification(log, low_pass, error)),
-        validation_page(result.model, log, low_pass, error),
+        identification_page(result, Verification(recording, error)),
+        validation_page(result.model, recording, error),
     )
     for page in pages:
         document = Document(render(page))
@@ -151,9 +152,9 @@ def test_hostile_text_in_every_part_of_a_page() -> None:
 
 
 def test_sections(result: Identification) -> None:
-    log, low_pass = result.recordings[0]
-    error, _ = validate(result.model, log.path)
-    page = identification_page(result, Verification(log, low_pass, error))
+    recording = result.recordings[0]
+    error, _ = validate(result.model, recording.path)
+    page = identification_page(result, Verification(recording, error))
     titles = [section.title for section in page.sections]
     assert titles == [
         "Torques", "Verification", "Motion", "Parameters", "Friction", "Bodies", "Base parameters",
@@ -187,13 +188,12 @@ def test_only_the_data_gives_intervals(result: Identification) -> None:
 
 
 def test_what_is_drawn_is_the_torque_error(result: Identification, comparison: Comparison) -> None:
-    log, low_pass = result.recordings[0]
-    error = torque_error(compiled(result.model.robot), result.model.p, log, low_pass)
+    recording = result.recordings[0]
+    error = torque_error(compiled(result.model.robot), result.model.p, recording)
     drawn = comparison.measured - comparison.predicted
     np.testing.assert_allclose(np.sqrt(np.mean(drawn**2, axis=0)), error.rms, rtol=0.1)
     np.testing.assert_array_equal(drawn, comparison.residual)
-    assert low_pass is not None
-    step = low_pass.decimation / low_pass.rate
+    step = recording.thinned / recording.log.rate
     np.testing.assert_allclose(np.diff(comparison.time), step, rtol=1e-6)
     # Parseval: the spectrum holds the power of what was recorded, but for its slowest part.
     bandwidth = comparison.frequency[1] - comparison.frequency[0]
@@ -210,7 +210,7 @@ def test_a_long_recording_is_thinned_and_keeps_its_outlier(tmp_path: Path) -> No
     robot = load_robot("clavel-delta3")
     dynamics = compiled(robot)
     p = identify(robot, [path]).model.p
-    c = compare(dynamics, p, open_log(path, dynamics.kinematics), None)
+    c = compare(dynamics, p, with_filter(open_log(path, dynamics.kinematics)))
     assert c.stretch == 3
     assert len(c.time) == len(c.residual) == -(-50_000 // 3)
     worst = np.argmax(np.abs(c.measured - c.predicted)[:, 1])

@@ -64,7 +64,7 @@ def forces(
     )
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import study, with_struts
-    from deltaid.identification.validation import model_filter
+    from deltaid.identification.validation import model_filtered
     from deltaid.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
@@ -84,8 +84,7 @@ def forces(
         result = study(
             known,
             computed,
-            surveyed,
-            model_filter(known, surveyed),
+            model_filtered(known, surveyed),
             recordings=tuple(logs or ()),
             columns=log_mapping,
             viewers=tuple(viewers),

@@ -123,13 +123,13 @@ def write_report(
     result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
 ) -> None:
     """The page of a result, with a recording that it has been verified on."""
-    from deltaid.identification.validation import model_filter
+    from deltaid.identification.validation import model_filtered
     from deltaid.report.identification import Verification, identification_page
     from deltaid.report.page import write_page
 
     verification = None
     if log is not None and error is not None:
-        verification = Verification(log, model_filter(result.model, log), error)
+        verification = Verification(model_filtered(result.model, log), error)
     write_page(identification_page(result, verification), path)
 
 

@@ -29,7 +29,7 @@ def torque(
     from deltaid.cli.output import console, print_origin, print_warnings, progress
     from deltaid.files import require_writable, written_whole
     from deltaid.identification.torque_error import predict, prediction_csv
-    from deltaid.identification.validation import model_filter
+    from deltaid.identification.validation import model_filtered
     from deltaid.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
@@ -43,12 +43,13 @@ def torque(
     with progress(False) as say:
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
-        low_pass = model_filter(known, surveyed)
+        recording = model_filtered(known, surveyed).at_every_row()
         print_warnings([f"{log}: {text}" for text in surveyed.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:
-            for part in predict(dynamics, known.p, surveyed, low_pass):
+            for part in predict(dynamics, known.p, recording):
                 file.write(prediction_csv(part, header=rows == 0))
                 rows += len(part.time)
-    filtered = f", positions low-passed at {low_pass.cutoff:.3g} Hz" if low_pass else ""
+    cutoff = recording.cutoff
+    filtered = f", positions low-passed at {cutoff:.3g} Hz" if cutoff else ""
     console.print(f"wrote {rows} of {surveyed.samples} samples to {output}{filtered}")

@@ -66,11 +66,11 @@ def validate(
 
 def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -> None:
     """The page of a comparison."""
-    from deltaid.identification.validation import model_filter
+    from deltaid.identification.validation import model_filtered
     from deltaid.report.page import write_page
     from deltaid.report.validation import validation_page
 
-    write_page(validation_page(model, log, model_filter(model, log), error), path)
+    write_page(validation_page(model, model_filtered(model, log), error), path)
 
 
 def error_dictionary(error: "TorqueError") -> dict:

@@ -13,7 +13,7 @@ from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.motion.surrogate import Motion
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log, open_log
-from deltaid.recording.windows import choose_filter, windows
+from deltaid.recording.recording import with_filter
 
 # Through samples, so that q̈ has no corners.
 _DEGREE = 5
@@ -111,11 +111,8 @@ def open_trajectory(
         RecordingError: the file cannot be used, or has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
-    low_pass = choose_filter(log)
-    parts = [(w.time, kinematics.inverse(w.z)) for w in windows(log, kinematics, low_pass)]
-    if low_pass is not None:  # windows stand over by half a filter at either end
-        half = len(low_pass.smooth) // 2
-        parts = [(time[half : len(time) - half], q[half : len(q) - half]) for time, q in parts]
+    windows = with_filter(log).at_every_row().windows(kinematics)
+    parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in windows]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
     if len(time) <= _DEGREE:
         raise RecordingError(

@@ -1,7 +1,6 @@
 """Forces in struts, joints and bearings of a robot along a motion, for many samples."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -13,9 +12,8 @@ from deltaid.errors import DescriptionError
 from deltaid.forces.equations import ForceEquations, build_forces, splits
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
-from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log
-from deltaid.recording.windows import windows
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples as Motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.platform import H4Platform, RigidPlatform
@@ -90,22 +88,9 @@ class ConstraintForces:
         return ca.Function("C", [e.z, e.qd, e.qdd], [C])
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Consecutive samples of a motion."""
-
-    time: Float[np.ndarray, " samples"]
-    z: Samples
-    qd: Samples
-    qdd: Samples
-
-
-def motion_of(log: Log, kinematics: Kinematics, low_pass: LowPass | None) -> Iterator[Motion]:
+def motion_of(recording: Recording, kinematics: Kinematics) -> Iterator[Motion]:
     """A recording's motion, window by window; with a filter, its length is lost at both ends."""
-    half = len(low_pass.smooth) // 2 if low_pass is not None else 0
-    for w in windows(log, kinematics, low_pass):
-        inner = slice(half, len(w.time) - half)
-        yield Motion(w.time[inner], w.z[inner], w.qd[inner], w.qdd[inner])
+    return recording.evaluate(kinematics, lambda window: window.own)
 
 
 def _why_sums(robot: RobotDescription) -> str:

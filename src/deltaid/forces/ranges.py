@@ -30,15 +30,15 @@ from deltaid.errors import DescriptionError, IdentificationError, RecordingError
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import svec
-from deltaid.identification.information import Information, gather, merge, places_of, triangle
+from deltaid.identification.gathering import gather_all
+from deltaid.identification.information import Information, triangle
 from deltaid.identification.least_squares import BaseEstimate, estimate_base, random_motion_base
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile
 from deltaid.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.log import Log
-from deltaid.recording.windows import open_logs
+from deltaid.recording.recording import Recording, open_recordings
 
 # Half the width of a 95 % interval in standard deviations.
 _REACH = 1.959963984540054
@@ -134,17 +134,14 @@ def evidence(
     model = load(model)
     known = _identification(model)
     dynamics: Dynamics = model.dynamics
-    filtered = open_logs(logs, dynamics.kinematics, columns, known.settings.cutoff, progress)
-    _require_sources(known, [log for log, _ in filtered])
-    places = places_of(dynamics, [log for log, _ in filtered])
+    cutoff = known.settings.cutoff
+    recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff, progress)
+    _require_sources(known, recordings)
     predicted_by = model.p if model.robot.load_drives else None
-    blocks = []
-    for log, low_pass in filtered:
-        progress(f"evaluating {log.samples} samples of {log.path}")
-        blocks += gather(dynamics, log, low_pass, places, predicted_by)
-    information = merge(blocks)
+    gathered = gather_all(dynamics, recordings, predicted_by, progress)
+    information = gathered.information
     base = base_parameters(information, dynamics.layout)
-    estimate = estimate_base(base, information, groups=Groups(tuple(blocks), places.sums))
+    estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
     return Evidence(information, estimate), Determinacy(model, base)
 
 
@@ -158,14 +155,14 @@ def _identification(model: Model) -> IdentifiedModel:
     return model.identified
 
 
-def _require_sources(model: IdentifiedModel, logs: Sequence[Log]) -> None:
+def _require_sources(model: IdentifiedModel, recordings: Sequence[Recording]) -> None:
     """Another recording may be of another robot: its range would hold neither truth nor model."""
     own = {source.sha256 for source in model.sources}
-    for log in logs:
-        if log.sha256 not in own:
+    for recording in recordings:
+        if recording.log.sha256 not in own:
             raise RecordingError(
                 "is not a recording that the model was identified from",
-                where=str(log.path),
+                where=str(recording.path),
                 cure="give those that the model names, unchanged: "
                 + ", ".join(source.log for source in model.sources),
             )

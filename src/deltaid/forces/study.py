@@ -21,8 +21,7 @@ from deltaid.forces.ranges import (
 )
 from deltaid.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log
+from deltaid.recording.recording import Recording
 
 
 @runtime_checkable
@@ -78,8 +77,7 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
 def study(
     model: ModelLike,
     forces: ConstraintForces,
-    log: Log,
-    low_pass: LowPass | None,
+    moving: Recording,
     *,
     recordings: Sequence[str | Path] = (),
     columns: ColumnMapping | None = None,
@@ -89,7 +87,7 @@ def study(
     """Worst cases of a model along a motion.
 
     Args:
-        log, low_pass: the motion and its filter.
+        moving: the motion.
         recordings: logs that the model was identified from, to find ranges.
         columns: of the recordings.
         viewers: see every window of the motion with its forces.
@@ -99,8 +97,8 @@ def study(
         IdentificationError: the recordings determine no base parameters, or a range was not found.
     """
     model = load(model)
-    progress(f"computing forces along {log.path}")
-    motion = motion_of(log, forces.kinematics, low_pass)
+    progress(f"computing forces along {moving.path}")
+    motion = motion_of(moving.at_every_row(), forces.kinematics)
     found = extremes(forces, model.p, motion, [viewer.add for viewer in viewers])
     ranges = None
     if recordings:

@@ -12,7 +12,8 @@ from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import Conic
-from deltaid.identification.information import Information, gather, merge, places_of
+from deltaid.identification.gathering import gather_all
+from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.model import Settings
@@ -28,7 +29,7 @@ from deltaid.identification.regularizer import (
 )
 from deltaid.identification.scatter import Groups
 from deltaid.identification.solver import Solution, Solver
-from deltaid.recording.windows import FilteredLog
+from deltaid.recording.recording import Recording
 
 Progress = Callable[[str], None]
 
@@ -93,7 +94,7 @@ class FittedProblem:
 
 def fit(
     dynamics: Dynamics,
-    filtered: Sequence[FilteredLog],
+    recordings: Sequence[Recording],
     settings: Settings,
     progress: Progress = lambda _: None,
 ) -> FittedProblem:
@@ -110,12 +111,8 @@ def fit(
     shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
     load = prior_parameters(robot) if shares else None
     for _ in range(_LOAD_ROUNDS):
-        parts, places = [], places_of(dynamics, [log for log, _ in filtered])
-        for log, low_pass in filtered:
-            progress(f"evaluating {log.samples} samples of {log.path}")
-            parts.append(gather(dynamics, log, low_pass, places, load))
-        blocks = tuple(block for part in parts for block in part)
-        information = merge(blocks)
+        gathered = gather_all(dynamics, recordings, load, progress)
+        information = gathered.information
         progress("fitting")
         objective = pose(information, build_reduction(robot, information.columns), settings)
         solution = minimise(objective, SOLVERS[settings.method])
@@ -130,13 +127,13 @@ def fit(
             where=f"friction of {', '.join(robot.load_drives)}",
             cure="leave the load term out of the friction law",
         )
-    groups, base = Groups(blocks, places.sums), base_parameters(information, layout)
+    groups, base = Groups(gathered.blocks, gathered.places), base_parameters(information, layout)
     return FittedProblem(
         dynamics=dynamics,
         settings=settings,
         information=information,
         groups=groups,
-        used=tuple(sum(block.samples for block in part) for part in parts),
+        used=tuple(sum(block.samples for block in part) for part in gathered.parts),
         objective=objective,
         solution=solution,
         base=base,

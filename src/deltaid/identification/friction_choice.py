@@ -29,7 +29,7 @@ from deltaid.identification.friction_search import (
     term_key,
 )
 from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.recording.windows import FilteredLog
+from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import EXPONENTS, Friction, FrictionTerm, PowerLaw, Stribeck
 
@@ -60,7 +60,7 @@ class _Trial:
 
 def choose_friction(
     robot: RobotDescription,
-    filtered: Sequence[FilteredLog],
+    recordings: Sequence[Recording],
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[RobotDescription, FrictionChoice]:
     """The robot with the friction laws that its recordings ask for, and how they were chosen.
@@ -74,16 +74,16 @@ def choose_friction(
     """
     plain = _with_laws(robot, {j: _plain(law) for j, law in robot.friction.items()})
     progress("preparing friction laws")
-    speeds, p = first_look(plain, filtered)
+    speeds, p = first_look(plain, recordings)
     options = {
         j: _options(law, speeds[j], drive=j in robot.drives) for j, law in plain.friction.items()
     }
     tried = [(j, law) for j, kinds in options.items() for laws in kinds.values() for law in laws]
-    search = prepare(plain, filtered, _further_terms(plain, tried), p)
+    search = prepare(plain, recordings, _further_terms(plain, tried), p)
     progress(f"trying {len(tried)} friction laws")
     steps, first = _extend(search, plain, options)
     laws = dict(plain.friction) | {step.joint: step.law for step in steps}
-    search, laws = _refine(plain, filtered, laws, p, search, progress)
+    search, laws = _refine(plain, recordings, laws, p, search, progress)
     kept = _thin_out(search, plain, laws, steps)
     laws = dict(plain.friction) | {j: _only(laws[j], kept[j]) for j in kept}
     choice = FrictionChoice(
@@ -238,7 +238,7 @@ def _errors(
 
 def _refine(
     robot: RobotDescription,
-    filtered: Sequence[FilteredLog],
+    recordings: Sequence[Recording],
     laws: Laws,
     p: Parameters,
     search: FrictionSearch,
@@ -251,7 +251,7 @@ def _refine(
         progress(f"refining the constants of friction, {turn + 1} of {_TURNS}")
         near = {j: _near(laws[j], spacing) for j in curved}
         everything = [(j, law) for j in laws for law in (*near.get(j, ()), laws[j])]
-        search = prepare(robot, filtered, _further_terms(robot, everything), p)
+        search = prepare(robot, recordings, _further_terms(robot, everything), p)
         for joint, variants in near.items():
             columns = [search.combination({**laws, joint: law}, robot) for law in variants]
             laws[joint] = variants[search.best(columns)]

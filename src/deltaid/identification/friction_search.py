@@ -11,8 +11,9 @@ from scipy.optimize import nnls
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.dynamics.friction_dictionary import FrictionDictionary
 from deltaid.identification.base_parameters import base_parameters
-from deltaid.identification.information import Information, gather, merge, triangle
-from deltaid.recording.windows import FilteredLog
+from deltaid.identification.gathering import gather
+from deltaid.identification.information import Information, merge, triangle
+from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, FrictionTerm
 
@@ -104,7 +105,7 @@ class FrictionSearch:
 
 def prepare(
     robot: RobotDescription,
-    filtered: Sequence[FilteredLog],
+    recordings: Sequence[Recording],
     terms: Sequence[FrictionTerm],
     load: Parameters,
 ) -> FrictionSearch:
@@ -118,7 +119,7 @@ def prepare(
     """
     dynamics = compiled(robot)
     dictionary = FrictionDictionary(dynamics, tuple(terms))
-    blocks = [block for one in filtered for block in gather(dictionary, *one, load=load)]
+    blocks = [block for one in recordings for block in gather(dictionary, one, load=load)]
     together = merge(blocks)
     layout, own = dynamics.layout, dictionary.own_columns
     base = base_parameters(_first_columns(together, own), layout)
@@ -160,7 +161,7 @@ def prepare(
 
 
 def first_look(
-    robot: RobotDescription, filtered: Sequence[FilteredLog]
+    robot: RobotDescription, recordings: Sequence[Recording]
 ) -> tuple[dict[str, float], Parameters]:
     """Speed of each friction joint [rad/s or m/s], and parameters that predict the torques.
 
@@ -168,7 +169,7 @@ def first_look(
     times |ϑ̇|, so their sizes tell.
     """
     dynamics = compiled(robot)
-    information = merge([block for one in filtered for block in gather(dynamics, *one)])
+    information = merge([block for one in recordings for block in gather(dynamics, one)])
     factor = information.weighted(information.torque_max**-2.0)
     p = np.zeros(len(dynamics.layout.names))
     p[information.columns], *_ = np.linalg.lstsq(factor[:, :-1], factor[:, -1])

@@ -22,9 +22,7 @@ from deltaid.identification.judgement import (
 from deltaid.identification.model import IdentifiedModel, Settings, Source
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log
-from deltaid.recording.windows import FilteredLog, open_logs
+from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described
 
 
@@ -40,7 +38,7 @@ class Identification:
 
     model: IdentifiedModel
     problem: FittedProblem
-    recordings: tuple[FilteredLog, ...]
+    recordings: tuple[Recording, ...]
 
     @property
     def base(self) -> BaseParameters:
@@ -72,14 +70,15 @@ def identify(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings, robot = settings or Settings(), described(robot)
-    filtered = open_logs(logs, compiled(robot).kinematics, columns, settings.cutoff, progress)
+    kinematics = compiled(robot).kinematics
+    recordings = open_recordings(logs, kinematics, columns, settings.cutoff, progress)
     choice = None
     if settings.friction == "choose":
-        robot, choice = choose_friction(robot, filtered, progress)
+        robot, choice = choose_friction(robot, recordings, progress)
     dynamics = compiled(robot)
-    problem = fit(dynamics, filtered, settings, progress)
+    problem = fit(dynamics, recordings, settings, progress)
     progress("comparing torques")
-    errors = [torque_error(dynamics, problem.p, *one) for one in filtered]
+    errors = [torque_error(dynamics, problem.p, one) for one in recordings]
     model = IdentifiedModel(
         deltaid=version("deltaid"),
         robot=robot,
@@ -89,16 +88,13 @@ def identify(
         fit=record(problem, _mean(errors, problem.used)),
         settings=settings,
         friction_choice=choice,
-        sources=tuple(
-            _source(log, low_pass, count)
-            for (log, low_pass), count in zip(filtered, problem.used, strict=True)
-        ),
+        sources=tuple(_source(*one) for one in zip(recordings, problem.used, strict=True)),
         warnings=(
-            *(f"{log.path}: {text}" for log, _ in filtered for text in log.warnings),
+            *(f"{one.path}: {text}" for one in recordings for text in one.log.warnings),
             *doubts(problem),
         ),
     )
-    return Identification(model, problem, tuple(filtered))
+    return Identification(model, problem, tuple(recordings))
 
 
 def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
@@ -115,12 +111,13 @@ def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
     return TorqueError(rms, rms / torque, raw, covariance, errors[0].cutoff)
 
 
-def _source(log: Log, low_pass: LowPass | None, used: int) -> Source:
+def _source(recording: Recording, used: int) -> Source:
+    log = recording.log
     return Source(
         log=log.path.name,
         sha256=log.sha256,
         samples=log.samples,
         rate_hz=log.rate,
-        cutoff_hz=low_pass.cutoff if low_pass else None,
+        cutoff_hz=recording.cutoff,
         used_samples=used,
     )

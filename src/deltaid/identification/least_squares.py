@@ -5,7 +5,7 @@ p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The wei
 (Gauss–Markov, of least variance when the noise is white in time).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -19,21 +19,14 @@ from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
-from deltaid.identification.information import (
-    Information,
-    gather,
-    gather_samples,
-    merge,
-    places_of,
-    triangle,
-    whitened,
-)
+from deltaid.identification.gathering import gather_all, places_of, whitened
+from deltaid.identification.information import Information, gather_samples, triangle
 from deltaid.identification.options import LeastSquaresMethod
 from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.windows import FilteredLog, open_logs
+from deltaid.recording.recording import Recording, open_recordings
 
 
 @dataclass(frozen=True)
@@ -91,13 +84,14 @@ def identify_base(
         RecordingError: a log cannot be used.
         IdentificationError: the motion does not determine the base parameters.
     """
-    filtered = open_logs(logs, dynamics.kinematics, columns, cutoff)
-    information, groups = gather_groups(dynamics, filtered)
+    recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff)
+    gathered = gather_all(dynamics, recordings)
+    information, groups = gathered.information, Groups(gathered.blocks, gathered.places)
     base = base_parameters(information, dynamics.layout)
     if method != "gauss-markov":
         return base, estimate_base(base, information, method, groups)
     first = estimate_base(base, information, "weighted")
-    covariance = _residual_covariance(dynamics, first, filtered)
+    covariance = _residual_covariance(dynamics, first, recordings)
     try:
         L = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -107,25 +101,7 @@ def identify_base(
             cure="use weighted least squares",
         ) from None
     whitening = solve_triangular(L, np.eye(dynamics.dof), lower=True)
-    return base, estimate_gauss_markov(base, information, dynamics, filtered, whitening)
-
-
-def gather_groups(
-    regressor: Regressor,
-    filtered: Sequence[FilteredLog],
-    progress: Callable[[str], None] = lambda _: None,
-) -> tuple[Information, Groups]:
-    """The information of some recordings together, and in groups.
-
-    Raises:
-        IdentificationError: the regressor is not finite somewhere.
-    """
-    places = places_of(regressor, [log for log, _ in filtered])
-    blocks = []
-    for log, low_pass in filtered:
-        progress(f"evaluating {log.samples} samples of {log.path}")
-        blocks += gather(regressor, log, low_pass, places)
-    return merge(blocks), Groups(tuple(blocks), places.sums)
+    return base, estimate_gauss_markov(base, information, dynamics, recordings, whitening)
 
 
 def estimate_base(
@@ -149,17 +125,17 @@ def estimate_gauss_markov(
     base: BaseParameters,
     information: Information,
     regressor: Regressor,
-    filtered: Sequence[FilteredLog],
+    recordings: Sequence[Recording],
     whitening: Float[np.ndarray, "dof dof"],
 ) -> BaseEstimate:
     """Gauss–Markov estimate: W = Σ⁻¹ with the covariance Σ of the drives' residuals.
 
     Args:
-        filtered: the recordings, which are read once more.
+        recordings: which are read once more.
         whitening: Σ^-½.
     """
-    places = places_of(regressor, [log for log, _ in filtered])
-    factors = [f for one in filtered for f in whitened(regressor, *one, whitening, places)]
+    places = places_of(regressor, recordings)
+    factors = [f for one in recordings for f in whitened(regressor, one, whitening, places)]
     sums = {
         "time": np.stack([factor.T @ factor for factor in factors]),
         "place": places.sums.sum(axis=1),
@@ -197,9 +173,9 @@ def _least_squares(
 
 
 def _residual_covariance(
-    dynamics: Dynamics, estimate: BaseEstimate, filtered: Sequence[FilteredLog]
+    dynamics: Dynamics, estimate: BaseEstimate, recordings: Sequence[Recording]
 ) -> Float[np.ndarray, "dof dof"]:
     """Σ: mean of e eᵀ over the samples of all logs, e the drives' torque residuals."""
-    errors = [torque_error(dynamics, estimate.full, *one) for one in filtered]
-    weights = np.array([log.samples for log, _ in filtered], dtype=float)
+    errors = [torque_error(dynamics, estimate.full, one) for one in recordings]
+    weights = np.array([one.log.samples for one in recordings], dtype=float)
     return np.einsum("i,ijk->jk", weights / weights.sum(), np.array([e.covariance for e in errors]))

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.recording.log import Log
+from deltaid.recording.recording import Recording
 
 # Each of the platform's three coordinates is cut into so many parts of its range. Finer places part
 # errors that belong together, coarser ones are too few to see a scatter.
@@ -20,31 +20,47 @@ _PARTS = 3
 # Columns of [Y, τ] and their samples in rows.
 Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 
+# The same columns, and the chunk's product with itself at each place.
+Visits = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "places _ _"]]
+
 
 class Places:
-    """Running sums by place; `add` all samples, then read `sums`.
+    """Running sums by place; `add` the `visits` of all samples, then read `sums`."""
 
-    Attributes:
-        sums: [Y_i, τ_i]ᵀ[Y_i, τ_i] of every place and drive i.
-    """
-
-    def __init__(self, logs: Iterable[Log], drives: int, augmented: int) -> None:
-        reaches = np.array([log.reach for log in logs])
+    def __init__(self, recordings: Iterable[Recording], drives: int, augmented: int) -> None:
+        reaches = np.array([recording.log.reach for recording in recordings])
         self._low = reaches[:, 0].min(axis=0)
         self._size = np.maximum(reaches[:, 1].max(axis=0) - self._low, np.finfo(float).tiny)
-        self.sums: Float[np.ndarray, "places drives augmented augmented"] = np.zeros(
-            (_PARTS**3, drives, augmented, augmented)
-        )
+        self._shape = _PARTS**3, drives, augmented, augmented
+        self._totals: list[Visits] = []
 
-    def add(self, z: Float[np.ndarray, "samples dof"], drives: Iterable[Chunk]) -> None:
-        """Take in some samples: where the robot was, and each drive's rows of [Y, τ]."""
+    def visits(self, z: Float[np.ndarray, "samples dof"], drives: Iterable[Chunk]) -> list[Visits]:
+        """Some samples by place: where the robot was, and each drive's rows of [Y, τ]."""
         parts = ((z[:, :3] - self._low) / self._size * _PARTS).astype(int)
         place = np.clip(parts, 0, _PARTS - 1) @ _PARTS ** np.arange(3)
         order = np.argsort(place, kind="stable")
         ends = np.searchsorted(place[order], np.arange(_PARTS**3 + 1))
-        visited = np.flatnonzero(np.diff(ends))
-        for i, (columns, samples) in enumerate(drives):
-            ordered, at = samples[:, order], np.ix_(columns, columns)
-            for k in visited:
-                visit = ordered[:, ends[k] : ends[k + 1]]
-                self.sums[k, i][at] += visit @ visit.T
+        found = []
+        for columns, samples in drives:
+            products = np.zeros((_PARTS**3, len(columns), len(columns)))
+            ordered = samples[:, order]
+            for k in np.flatnonzero(np.diff(ends)):
+                there = ordered[:, ends[k] : ends[k + 1]]
+                np.matmul(there, there.T, out=products[k])
+            found.append((columns, products))
+        return found
+
+    def add(self, visits: list[Visits]) -> None:
+        """Take in some samples."""
+        if not self._totals:
+            self._totals = [(columns, np.zeros_like(products)) for columns, products in visits]
+        for (_, total), (_, products) in zip(self._totals, visits, strict=True):
+            total += products
+
+    @property
+    def sums(self) -> Float[np.ndarray, "places drives augmented augmented"]:
+        """[Y_i, τ_i]ᵀ[Y_i, τ_i] of every place and drive i."""
+        sums = np.zeros(self._shape)
+        for i, (columns, total) in enumerate(self._totals):
+            sums[:, i, columns[:, None], columns] = total
+        return sums

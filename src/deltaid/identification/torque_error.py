@@ -8,9 +8,8 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.recording.filter import LowPass, apply
-from deltaid.recording.log import Log
-from deltaid.recording.windows import windows
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Window
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,8 @@ class TorqueError:
     Attributes:
         rms: root mean square of measured minus predicted, both through the recording's filter.
         nrmse: rms as a share of the measured torque's own root mean square.
-        rms_unfiltered: the same against the torque as recorded.
+        rms_unfiltered: the same against the torque as recorded, at the samples where the model is
+            evaluated.
         covariance: mean of e eᵀ over the samples, of the filtered errors.
         cutoff: the filter's cut-off [Hz]; None without a filter.
     """
@@ -45,51 +45,47 @@ class Prediction:
     filtered_predicted: Float[np.ndarray, "samples dof"]
 
 
-def predict(
-    dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | None
-) -> Iterator[Prediction]:
+def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator[Prediction]:
     """Predicted torques along a recording, window by window.
 
     With a filter, its length is lost at either end of the recording.
     """
-    for w in windows(log, dynamics.kinematics, low_pass):
-        predicted = dynamics.torque(w.z, w.qd, w.qdd, p)
-        if low_pass is None:
-            yield Prediction(w.time, w.qd, w.tau, predicted, w.tau, predicted)
-            continue
-        half = len(low_pass.smooth) // 2
-        inner = slice(half, len(w.time) - half)
-        filtered = apply(low_pass.smooth, np.hstack([w.tau, predicted]).T).T
-        n = w.tau.shape[1]
-        yield Prediction(
-            w.time[inner],
-            w.qd[inner],
-            w.tau[inner],
-            predicted[inner],
-            filtered[:, :n],
-            filtered[:, n:],
-        )
+    return recording.evaluate(dynamics.kinematics, lambda window: _prediction(dynamics, p, window))
 
 
-def torque_error(
-    dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | None
-) -> TorqueError:
+def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction:
+    own, wide = window.own, window.wide
+    predicted = dynamics.torque(wide.z, wide.qd, wide.qdd, p)
+    smooth = window.smoothed(np.hstack([wide.tau, predicted]).T).T
+    n = wide.tau.shape[1]
+    return Prediction(
+        own.time, own.qd, own.tau, window.trimmed(predicted), smooth[:, :n], smooth[:, n:]
+    )
+
+
+def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueError:
     """The torque errors of parameters p on a recording."""
+
+    def sums(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        part = _prediction(dynamics, p, window)
+        error = part.filtered_measured - part.filtered_predicted
+        raw = np.sum((part.measured - part.predicted) ** 2, axis=0)
+        return error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, len(error)
+
     dof = dynamics.dof
     covariance, power, raw, samples = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), 0
-    for part in predict(dynamics, p, log, low_pass):
-        error = part.filtered_measured - part.filtered_predicted
-        covariance += error.T @ error
-        power += np.sum(part.filtered_measured**2, axis=0)
-        raw += np.sum((part.measured - part.predicted) ** 2, axis=0)
-        samples += len(error)
+    for products, squares, unfiltered, count in recording.evaluate(dynamics.kinematics, sums):
+        covariance += products
+        power += squares
+        raw += unfiltered
+        samples += count
     rms = np.sqrt(np.diag(covariance) / samples)
     return TorqueError(
         rms=rms,
         nrmse=rms / np.sqrt(power / samples),
         rms_unfiltered=np.sqrt(raw / samples),
         covariance=covariance / samples,
-        cutoff=low_pass.cutoff if low_pass else None,
+        cutoff=recording.cutoff,
     )
 
 

@@ -7,9 +7,8 @@ import numpy as np
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model import ModelLike, load
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log, open_log
-from deltaid.recording.windows import choose_filter
+from deltaid.recording.recording import Recording, with_filter
 
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.
@@ -30,8 +29,7 @@ def validate(
     model = load(model)
     dynamics = model.dynamics
     surveyed = open_log(Path(log), dynamics.kinematics, columns)
-    low_pass = model_filter(model, surveyed)
-    return torque_error(dynamics, model.p, surveyed, low_pass), surveyed
+    return torque_error(dynamics, model.p, model_filtered(model, surveyed)), surveyed
 
 
 def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
@@ -58,16 +56,16 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     )
 
 
-def model_filter(model: ModelLike, log: Log) -> LowPass | None:
-    """The filter for a log that a model is compared with: the one of the model's own recordings.
+def model_filtered(model: ModelLike, log: Log) -> Recording:
+    """A log that a model is compared with, with the filter of the model's own recordings.
 
     Raises:
         RecordingError: the cut-off does not go with the log's rate, or the log is too short.
     """
     model = load(model)
     if model.identified is None:
-        return choose_filter(log)
+        return with_filter(log)
     sources = model.identified.sources
     own = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
     forced = model.identified.settings.cutoff is not None
-    return choose_filter(log, own if forced or not log.has_derivatives else None)
+    return with_filter(log, own if forced or not log.has_derivatives else None)

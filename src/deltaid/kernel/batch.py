@@ -7,15 +7,18 @@ No C compiler is needed: LLVM comes with llvmlite. Arrays hold samples in column
 import ctypes
 import ctypes.util
 import functools
-import os
 from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
 
 import casadi as ca
 import llvmlite.binding as llvm
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.kernel import llvm_ir, store
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
+from deltaid.parallel import cores
 
 # Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
 # and no power of two, because rows a power of two apart fight for the same lines of it.
@@ -43,7 +46,7 @@ class BatchKernel:
         self.function = ca.Function("f", [batched, shared], ca.cse([dense]))
         self.n_in, self.n_out, self.n_uniform = batched.numel(), dense.numel(), shared.numel()
         self._width = _vector_width()
-        self._engine = _compile(vector_ir(self.function, self._width))
+        self._engine = _engine(_machine_code(self.function, self._width))
         self._call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
             self._engine.get_function_address(KERNEL_NAME)
         )
@@ -54,14 +57,13 @@ class BatchKernel:
         uniform: Float[np.ndarray, " n_uniform"] | None = None,
         threads: int | None = None,
     ) -> Float[np.ndarray, "n_out samples"]:
-        """Evaluate all samples, on all cores unless `threads` says otherwise."""
+        """Evaluate all samples, on all cores unless `threads` says otherwise or they are in use."""
         x, shared = np.asarray(x, dtype=float), self._uniform(uniform)
         if x.shape[0] != self.n_in:
             raise ValueError(f"the kernel has {self.n_in} inputs, not {x.shape[0]}")
         out = np.empty((self.n_out, x.shape[1]))
         starts = range(0, x.shape[1], BLOCK)
-        # Asking for the cores takes half the time of a call for one sample.
-        workers = 1 if len(starts) <= 1 else min(threads or os.cpu_count() or 1, len(starts))
+        workers = min(threads or cores(), len(starts))
         if workers <= 1:
             self._blocks(x, shared, out, starts)
         else:
@@ -124,15 +126,51 @@ def _initialise() -> None:
         llvm.add_symbol(name, address)
 
 
-def _compile(assembly: str) -> llvm.ExecutionEngine:
+def _machine_code(function: ca.Function, width: int) -> bytes:
+    """The object file of a function: from the store, or compiled and kept there."""
+    name = store.key(function.serialize(), *_circumstances(), f"{width} lanes")
+    known = store.load(name)
+    if known is not None:
+        return known
+    code = _compile(vector_ir(function, width))
+    store.save(name, code)
+    return code
+
+
+@functools.cache
+def _circumstances() -> tuple[str | bytes, ...]:
+    """All that machine code depends on besides its graph."""
+    versions = [version(package) for package in ("deltaid", "casadi", "llvmlite")]
+    return (
+        *versions,
+        str(llvm.llvm_version_info),
+        llvm.get_process_triple(),
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+        Path(llvm_ir.__file__).read_bytes(),
+        Path(__file__).read_bytes(),
+    )
+
+
+def _compile(assembly: str) -> bytes:
     _initialise()
     module = llvm.parse_assembly(assembly)
-    machine = llvm.Target.from_default_triple().create_target_machine(
+    return _machine().emit_object(module)
+
+
+def _engine(code: bytes) -> llvm.ExecutionEngine:
+    """Machine code, loaded and linked with libm."""
+    _initialise()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())  # owns both
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def _machine() -> llvm.TargetMachine:
+    return llvm.Target.from_default_triple().create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=llvm.get_host_cpu_features().flatten(),
         opt=2,
         jit=True,
     )
-    engine = llvm.create_mcjit_compiler(module, machine)  # owns both from here on
-    engine.finalize_object()
-    return engine

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.parallel import ordered
 from deltaid.recording.columns import (
     ColumnMapping,
     Columns,
@@ -100,8 +101,8 @@ def open_log(
             f"has columns of another drive ({', '.join(extra)}), but the robot has "
             f"{kinematics.dof}; is the log of another robot?"
         )
-    for batch in read_batches(table, columns):
-        survey.add(batch)
+    for seen in ordered(survey.look, read_batches(table, columns)):
+        survey.add(seen)
     survey.finish()
     return Log(
         table=table,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics, Regularity
@@ -29,6 +29,16 @@ _KEEP_AWAY = (
 _HIGHEST_RATE = 1e6
 # Time that hardly moves between two rows [s].
 _SHORTEST_STEP = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A batch and what of it can be computed apart from the rows before it: its poses."""
+
+    batch: Batch
+    z: Float[np.ndarray, "rows dof"]
+    good: Bool[np.ndarray, " rows"]
+    regular: Regularity
 
 
 @dataclass
@@ -79,21 +89,30 @@ class Survey:
         n = len(self.columns.torque)
         return np.maximum(np.abs(self.low), np.abs(self.high))[len(self.low) - n :]
 
-    def add(self, batch: Batch) -> None:
+    def look(self, batch: Batch) -> Seen:
+        """A batch with its poses, whatever they are worth; changes nothing here.
+
+        Raises:
+            RecordingError: a number is beyond its bound, so that nothing can be computed from it.
+        """
+        self.bounds.check(batch.values, batch.row)
+        z, good = self.kinematics.forward_unchecked(batch.values[:, 1 : 1 + self.kinematics.dof])
+        return Seen(batch, z, good, self.kinematics.regularity(z))
+
+    def add(self, seen: Seen) -> None:
         """Check consecutive rows.
 
         Raises:
             RecordingError: with the first row that cannot be.
         """
-        values = batch.values
-        self.bounds.check(values, batch.row)
+        batch, values = seen.batch, seen.batch.values
         self._check_time(batch)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
         self._check_angles(q, batch.row)
         self._check_jumps(q, batch.row)
-        self._check_reach(values[:, 0], q, batch.row)
+        self._check_reach(values[:, 0], q, seen)
         self.spectrum.add(q)
         self._compare_derivatives(values)
         self.samples += len(values)
@@ -194,15 +213,14 @@ class Survey:
             )
 
     def _check_reach(
-        self, time: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"], row: int
+        self, time: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"], seen: Seen
     ) -> None:
-        z, good = self.kinematics.forward_unchecked(q)
-        bad = np.flatnonzero(~good)
+        z, regular, row = seen.z, seen.regular, seen.batch.row
+        bad = np.flatnonzero(~seen.good)
         if bad.size:
             self._require_way(time, q, z, int(bad[0]), row)
         self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
         self.farthest = np.maximum(self.farthest, z[:, :3].max(axis=0))
-        regular = self.kinematics.regularity(z)
         singular = np.flatnonzero(~(regular.worst < SINGULAR_CONDITION))
         if singular.size:
             raise RecordingError(

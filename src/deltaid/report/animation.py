@@ -8,9 +8,7 @@ from jaxtyping import Float
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
-from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log
-from deltaid.recording.windows import windows
+from deltaid.recording.recording import Recording
 from deltaid.report import style
 from deltaid.report.members import members
 from deltaid.report.page import Figure
@@ -30,14 +28,12 @@ class Motion:
     z: Float[np.ndarray, "samples dof"]
 
 
-def recorded_motion(kinematics: Kinematics, log: Log, low_pass: LowPass | None) -> Motion:
+def recorded_motion(kinematics: Kinematics, recording: Recording) -> Motion:
     """The first minute of a recording."""
     time, z = [], []
-    margin = len(low_pass.smooth) // 2 if low_pass else 0
-    for window in windows(log, kinematics, low_pass):
-        inner = slice(margin, len(window.time) - margin)
-        time.append(window.time[inner])
-        z.append(window.z[inner])
+    for window in recording.windows(kinematics):
+        time.append(window.own.time)
+        z.append(window.own.z)
         if time[-1][-1] - time[0][0] > _SEEN:
             break
     return Motion(np.concatenate(time), np.concatenate(z))

@@ -14,8 +14,7 @@ from scipy import signal
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import Prediction, predict
-from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log
+from deltaid.recording.recording import Recording
 
 # Points over time that a figure draws quickly and a file holds easily.
 _SHOWN = 20_000
@@ -47,14 +46,15 @@ class Comparison:
     cutoff: float | None
 
 
-def compare(dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | None) -> Comparison:
+def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
-    thinned = low_pass.decimation if low_pass else 1
+    recording = recording.at_every_row()  # spectra go up to half the rate of the log
+    log, thinned = recording.log, recording.thinned
     stretch = max(1, -(-log.samples // (thinned * _SHOWN)))
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
     spectrum = _Spectrum(log.rate)
     shown, counted = [], []
-    for rows in _stretches(_thinned(dynamics, p, log, low_pass, spectrum), stretch):
+    for rows in _stretches(_thinned(dynamics, p, recording, spectrum), stretch):
         residual = np.abs(rows[:, :, 1] - rows[:, :, 2]) / scale
         worst = residual.max(axis=2).argmax(axis=1)
         shown.append(rows[np.arange(len(rows)), worst])
@@ -71,16 +71,16 @@ def compare(dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | Non
         frequency=frequency,
         measured_density=measured,
         residual_density=residual,
-        cutoff=low_pass.cutoff if low_pass else None,
+        cutoff=recording.cutoff,
     )
 
 
 def _thinned(
-    dynamics: Dynamics, p: Parameters, log: Log, low_pass: LowPass | None, spectrum: "_Spectrum"
+    dynamics: Dynamics, p: Parameters, recording: Recording, spectrum: "_Spectrum"
 ) -> Iterator[Float[np.ndarray, "samples 4 dof"]]:
     """Time (in every drive's column), measured, predicted and speed, at the filter's own rate."""
-    step = low_pass.decimation if low_pass else 1
-    for part in predict(dynamics, p, log, low_pass):
+    step = recording.thinned
+    for part in predict(dynamics, p, recording):
         spectrum.add(part)
         time = np.repeat(part.time[:, None], dynamics.dof, axis=1)
         rows = (time, part.filtered_measured, part.filtered_predicted, part.speed)

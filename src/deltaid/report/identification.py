@@ -8,8 +8,8 @@ from deltaid.identification.model import Fit, IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import misfit
 from deltaid.model import ModelLike, load
-from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
+from deltaid.recording.recording import Recording
 from deltaid.report.animation import animation, recorded_motion
 from deltaid.report.bodies import body_section
 from deltaid.report.comparison import Comparison, compare
@@ -27,8 +27,7 @@ from deltaid.robot.description import RobotDescription
 class Verification:
     """A recording that the model has not seen, and the model's torque errors on it."""
 
-    log: Log
-    low_pass: LowPass | None
+    recording: Recording
     error: TorqueError
 
 
@@ -40,28 +39,28 @@ def identification_page(result: Identification, verification: Verification | Non
     model = result.model
     dynamics = compiled(model.robot)
     recordings = result.recordings
-    comparisons = tuple(compare(dynamics, model.p, *recording) for recording in recordings)
+    comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
     sections = [
-        torque_section(model.robot, comparison, _title(log, len(recordings)))
-        for comparison, (log, _) in zip(comparisons, recordings, strict=True)
+        torque_section(model.robot, comparison, _title(recording.log, len(recordings)))
+        for comparison, recording in zip(comparisons, recordings, strict=True)
     ]
     warnings = list(model.warnings)
     if verification is not None:
-        log = verification.log
-        unseen = compare(dynamics, model.p, log, verification.low_pass)
+        log = verification.recording.log
+        unseen = compare(dynamics, model.p, verification.recording)
         sections.append(torque_section(model.robot, unseen, "Verification"))
         texts = (*log.warnings, *misfit(model, verification.error))
         warnings += [f"{log.path.name}: {text}" for text in texts]
     errors = error_table(model, verification.error if verification else None)
     sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))
-    verified = f", verified on {verification.log.path.name}" if verification else ""
+    verified = f", verified on {verification.recording.path.name}" if verification else ""
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Dynamic model identified from {file_names(model)}{verified}",
         facts=(*_error_facts(model, verification), *_fit_facts(model)),
         sections=(
             *sections,
-            motion_section(dynamics, *recordings[0]),
+            motion_section(dynamics, recordings[0]),
             parameter_section(model),
             friction_section(model, comparisons),
             body_section(model, dynamics.kinematics),
@@ -77,14 +76,14 @@ def torque_section(robot: RobotDescription, comparison: Comparison, title: str) 
     return Section(title, torque_blocks(comparison, robot.drive_units))
 
 
-def motion_section(dynamics: Dynamics, log: Log, low_pass: LowPass | None) -> Section:
+def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
     """The robot on a recorded motion."""
     figure = animation(
         dynamics.kinematics,
-        recorded_motion(dynamics.kinematics, log, low_pass),
-        f"The robot on the recorded motion of {log.path.name}, in real time: the liveliest seconds "
-        "of its first minute. Drag to turn the view. The distance of the two struts in a pair is "
-        "not part of the description and drawn as it looks usual.",
+        recorded_motion(dynamics.kinematics, recording),
+        f"The robot on the recorded motion of {recording.path.name}, in real time: the liveliest "
+        "seconds of its first minute. Drag to turn the view. The distance of the two struts in a "
+        "pair is not part of the description and drawn as it looks usual.",
     )
     return Section("Motion", (figure,))
 

@@ -4,8 +4,7 @@ from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import misfit
 from deltaid.model import ModelLike, load
-from deltaid.recording.filter import LowPass
-from deltaid.recording.log import Log
+from deltaid.recording.recording import Recording
 from deltaid.report.comparison import compare
 from deltaid.report.friction import friction_section
 from deltaid.report.identification import error_table, motion_section, torque_section
@@ -16,13 +15,11 @@ from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import provenance_section
 
 
-def validation_page(
-    model: ModelLike, log: Log, low_pass: LowPass | None, error: TorqueError
-) -> Page:
+def validation_page(model: ModelLike, recording: Recording, error: TorqueError) -> Page:
     """How well a model predicts a recording, and where the model comes from."""
     model = load(model)
-    dynamics, known = model.dynamics, model.identified
-    comparison = compare(dynamics, model.p, log, low_pass)
+    dynamics, known, log = model.dynamics, model.identified, recording.log
+    comparison = compare(dynamics, model.p, recording)
     torques = torque_section(model.robot, comparison, "Torques")
     return Page(
         title=model.robot.title or model.robot.name,
@@ -38,7 +35,7 @@ def validation_page(
         ),
         sections=(
             Section(torques.title, (error_table(model, error), *torques.blocks)),
-            motion_section(dynamics, log, low_pass),
+            motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
             *(_parameters(known) if known else ()),
             provenance_section(model, "The model"),

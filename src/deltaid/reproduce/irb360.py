@@ -24,7 +24,7 @@ from deltaid.identification.model import Settings
 from deltaid.identification.torque_error import predict
 from deltaid.mechanism.kinematics import Samples
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
-from deltaid.recording.windows import FilteredLog, open_logs
+from deltaid.recording.recording import Recording, open_recordings
 from deltaid.reproduce.irb360_result import (
     Candidate,
     Irb360,
@@ -109,7 +109,8 @@ def reproduce_irb360(
         tracks, verified = [], []
         for motion in ("slow", "fast"):
             progress(f"verifying on the {motion} motion")
-            (one,) = open_logs([Path(folder) / f"{motion}.csv"], dynamics.kinematics)
+            (one,) = open_recordings([Path(folder) / f"{motion}.csv"], dynamics.kinematics)
+            one = one.at_every_row()
             tracks.append(_track(motion, settings, scene, one))
             verified += [_verify(c, motion, one) for c in candidates]
     return Irb360(
@@ -178,17 +179,17 @@ def _retuned(candidate: Candidate) -> Parameters:
     return p
 
 
-def _verify(candidate: Candidate, motion: str, one: FilteredLog) -> Verified:
-    dynamics, thinned = compiled(candidate.robot), _thinned(one)
-    parts = list(predict(dynamics, candidate.p, *one))
+def _verify(candidate: Candidate, motion: str, one: Recording) -> Verified:
+    dynamics, thinned = compiled(candidate.robot), one.thinned
+    parts = list(predict(dynamics, candidate.p, one))
     error = np.vstack([part.filtered_measured - part.filtered_predicted for part in parts])
     predicted = np.vstack([part.filtered_predicted for part in parts])[::thinned]
     return Verified(candidate.name, motion, np.sqrt(np.mean(error**2, axis=0)), predicted)
 
 
-def _track(motion: str, settings: Irb360Settings, scene: "_Scene", one: FilteredLog) -> Track:
+def _track(motion: str, settings: Irb360Settings, scene: "_Scene", one: Recording) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
-    parts, thinned = list(predict(scene.dynamics, scene.truth, *one)), _thinned(one)
+    parts, thinned = list(predict(scene.dynamics, scene.truth, one)), one.thinned
     run = scene.runs[motion]
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
     _, qd, qdd = scene.dynamics.kinematics.drive_motion(z, zd, zdd)
@@ -199,11 +200,7 @@ def _track(motion: str, settings: Irb360Settings, scene: "_Scene", one: Filtered
         time=np.concatenate([part.time for part in parts])[::thinned],
         speed=np.vstack([part.speed for part in parts])[::thinned],
         measured=np.vstack([part.filtered_measured for part in parts])[::thinned],
-        noise=noise * (np.linalg.norm(one[1].smooth) if one[1] else 1.0),
+        noise=noise * (one.low_pass.noise_gain if one.low_pass else 1.0),
         speed_max=float(np.abs(qd[:, 3]).max()),
         acceleration_max=float(np.abs(qdd[:, 3]).max()),
     )
-
-
-def _thinned(one: FilteredLog) -> int:
-    return one[1].decimation if one[1] else 1

@@ -1,0 +1,205 @@
+"""One pass over recordings that takes in all they say about the parameters, in constant memory.
+
+Windows are condensed to triangles apart from each other, on all cores, and added up in order.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Parameters, Regressor
+from deltaid.identification.information import (
+    Condensed,
+    Information,
+    active_columns,
+    chunks_of_drives,
+    collect,
+    condense,
+    merge,
+    triangle,
+)
+from deltaid.identification.places import Chunk, Places, Visits
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Window
+
+# Blocks that a log is cut into: enough to judge by their scatter, each still much longer than the
+# filter's memory.
+BLOCKS = 40
+
+_Values = Float[np.ndarray, "entries samples"]
+_Torques = Float[np.ndarray, "dof samples"]
+_Chunks = Callable[[_Values, _Torques], Sequence[Chunk]]
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What recordings of one robot say.
+
+    Attributes:
+        parts: for each recording its consecutive blocks of equal length; apart they tell how much
+            results change from one stretch of the recording to the next.
+        places: the same samples place by place.
+    """
+
+    parts: tuple[tuple[Information, ...], ...]
+    places: Float[np.ndarray, "places drives augmented augmented"]
+
+    @property
+    def blocks(self) -> tuple[Information, ...]:
+        """All blocks of all recordings."""
+        return tuple(block for part in self.parts for block in part)
+
+    @cached_property
+    def information(self) -> Information:
+        """Everything together."""
+        return merge(self.blocks)
+
+
+def gather_all(
+    regressor: Regressor,
+    recordings: Sequence[Recording],
+    load: Parameters | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Gathered:
+    """The information of recordings of the same robot, in blocks and by place; as `gather`.
+
+    Raises:
+        IdentificationError: the regressor is not finite somewhere.
+    """
+    places, parts = places_of(regressor, recordings), []
+    for recording in recordings:
+        progress(f"evaluating {recording.log.samples} samples of {recording.path}")
+        parts.append(gather(regressor, recording, places, load))
+    return Gathered(tuple(parts), places.sums)
+
+
+def gather(
+    regressor: Regressor,
+    recording: Recording,
+    places: Places | None = None,
+    load: Parameters | None = None,
+) -> tuple[Information, ...]:
+    """The information of one recording, in consecutive blocks of equal length.
+
+    With a filter, the same filter goes over torques and regressor, and what remains is thinned to
+    the rate that the cut-off allows. `merge` puts the blocks together. `places`, if given, takes in
+    every sample as well.
+
+    Friction that depends on load sees the torques that parameters `load` predict. Without them it
+    sees the measured ones, whose noise then stands on both sides of the equation.
+
+    Raises:
+        IdentificationError: the regressor is not finite somewhere.
+    """
+
+    def chunks(values: _Values, tau: _Torques) -> list[Chunk]:
+        return chunks_of_drives(regressor, values, tau)
+
+    return tuple(
+        collect(regressor, block, str(recording.path))
+        for block in _blocks(regressor, recording, places, chunks, load)
+    )
+
+
+def whitened(
+    regressor: Regressor,
+    recording: Recording,
+    whitening: Float[np.ndarray, "dof dof"],
+    places: Places | None = None,
+) -> tuple[Float[np.ndarray, "rank augmented"], ...]:
+    """Factors of W^½ [Ȳ, τ̄] with W = Σ⁻¹ full over the drives of a sample; `whitening` is Σ^-½.
+
+    One factor a block, as in `gather`. A second pass over the recording, because rows of different
+    drives are mixed.
+    """
+    columns = active_columns(regressor)
+    rows, entries = regressor.regressor_pattern
+    where, everything = np.searchsorted(columns, entries), np.arange(len(columns) + 1)
+
+    def chunks(values: _Values, tau: _Torques) -> list[Chunk]:
+        full = np.zeros((regressor.dof, len(everything), values.shape[1]))
+        full[rows, where] = values
+        full[:, -1] = tau
+        return [(everything, drive) for drive in np.einsum("ij,jks->iks", whitening, full)]
+
+    factors = []
+    for block in _blocks(regressor, recording, places, chunks):
+        factor = np.zeros((0, len(everything)))
+        for part in block:
+            factor = triangle(np.vstack([factor, *(R for _, R in part.triangles)]))
+        factors.append(factor)
+    return tuple(factors)
+
+
+def places_of(regressor: Regressor, recordings: Iterable[Recording]) -> Places:
+    """Empty places over the range that recordings cover together."""
+    return Places(recordings, regressor.dof, len(active_columns(regressor)) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """What one window says: its samples condensed, with the number of their block, and by place."""
+
+    pieces: tuple[tuple[int, Condensed], ...]
+    visits: list[Visits]
+
+
+def _blocks(
+    regressor: Regressor,
+    recording: Recording,
+    places: Places | None,
+    chunks: _Chunks,
+    load: Parameters | None = None,
+) -> Iterator[Iterator[Condensed]]:
+    """The samples of each block of a recording, all blocks of equal length but the last."""
+    length = _block_length(recording)
+
+    def share(window: Window) -> _Share:
+        values, tau, z = _thinned(regressor, window, load)
+        visits = places.visits(z, chunks(values, tau)) if places else []
+        pieces = (
+            (number, condense(chunks(values[:, part], tau[:, part]), tau[:, part]))
+            for number, part in _cuts(window.start // window.decimation, tau.shape[1], length)
+        )
+        return _Share(tuple(pieces), visits)
+
+    def numbered() -> Iterator[tuple[int, Condensed]]:
+        for one in recording.evaluate(regressor.kinematics, share):
+            if places is not None:
+                places.add(one.visits)
+            yield from one.pieces
+
+    for _, block in groupby(numbered(), key=lambda one: one[0]):
+        yield (piece for _, piece in block)
+
+
+def _block_length(recording: Recording) -> int:
+    """Thinned samples of a block."""
+    low_pass = recording.low_pass
+    lost = low_pass.stride * len(low_pass.first) if low_pass else 0
+    return max(1, -(-(recording.log.samples - lost) // (recording.thinned * BLOCKS)))
+
+
+def _thinned(
+    regressor: Regressor, window: Window, load: Parameters | None
+) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
+    """Nonzero regressor entries and torques, both filtered and thinned alike, and z there."""
+    w = window.wide
+    seen = w.tau if load is None else regressor.torque(w.z, w.qd, w.qdd, load)
+    values = regressor.sparse_regressor(w.z, w.qd, w.qdd, seen).values
+    z = window.own.z[:: window.decimation]
+    return window.filtered(values), window.filtered(w.tau.T), z
+
+
+def _cuts(start: int, count: int, length: int) -> Iterator[tuple[int, slice]]:
+    """Samples start … start + count cut where blocks of `length` end: block number and part."""
+    done = 0
+    while done < count:
+        number, inside = divmod(start + done, length)
+        stop = min(count, done + length - inside)
+        yield number, slice(done, stop)
+        done = stop

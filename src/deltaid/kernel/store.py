@@ -1,0 +1,124 @@
+"""Compiled kernels, kept on disk from one run to the next.
+
+An entry is the machine code of one graph for one CPU, under a name that is the checksum of
+everything it follows from. It begins with its own checksum: what was damaged, or written by
+something else, is compiled anew. Nobody has to clean up: the entries used longest ago go.
+"""
+
+import hashlib
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from deltaid.errors import DeltaidError
+from deltaid.files import write_bytes
+
+VARIABLE = "DELTAID_KERNEL_CACHE"
+_OFF, _SUFFIX = "off", ".kernel"
+_DIGEST = hashlib.sha256().digest_size
+# All entries together [bytes]; those of a robot take about one megabyte.
+_LARGEST = 128 << 20
+
+
+def key(*parts: str | bytes) -> str:
+    """The name of an entry that follows from some parts."""
+    whole = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        whole.update(len(data).to_bytes(8, "little") + data)
+    return whole.hexdigest() + _SUFFIX
+
+
+def switch_off() -> None:
+    """Neither read nor write entries in this process and those that it starts."""
+    os.environ[VARIABLE] = _OFF
+
+
+def folder() -> Path | None:
+    """Where entries are kept; None if they are not.
+
+    `DELTAID_KERNEL_CACHE` names a folder of one's own, or is `off`.
+    """
+    asked = os.environ.get(VARIABLE, "")
+    if asked:
+        return None if asked.lower() == _OFF else Path(asked)
+    caches = _caches()
+    return caches / "deltaid" / "kernels" if caches else None
+
+
+def load(name: str) -> bytes | None:
+    """An entry; None if there is none that is whole."""
+    place = folder()
+    if place is None:
+        return None
+    path = place / name
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    checksum, content = data[:_DIGEST], data[_DIGEST:]
+    if hashlib.sha256(content).digest() != checksum:
+        return None
+    with suppress(OSError):  # of a folder that may only be read
+        os.utime(path)
+    return content
+
+
+def save(name: str, content: bytes) -> None:
+    """Keep an entry. Where the system's own folder cannot be written, there is none.
+
+    Raises:
+        DeltaidError: the folder that `DELTAID_KERNEL_CACHE` names cannot be written.
+    """
+    place = folder()
+    if place is None:
+        return
+    try:
+        place.mkdir(parents=True, exist_ok=True, mode=0o700)
+        write_bytes(place / name, hashlib.sha256(content).digest() + content)
+        _make_room(place)
+    except (OSError, DeltaidError) as error:
+        if os.environ.get(VARIABLE):
+            raise DeltaidError(
+                f"compiled kernels cannot be kept there: {_reason(error)}",
+                where=str(place),
+                cure=f"set {VARIABLE} to a folder that can be written, or to {_OFF}",
+            ) from None
+
+
+def _reason(error: OSError | DeltaidError) -> str:
+    return error.what if isinstance(error, DeltaidError) else error.strerror or str(error)
+
+
+def _make_room(place: Path) -> None:
+    """Remove the entries used longest ago while all together are too large.
+
+    Another process may do so at the same time, so any of them may be gone already.
+    """
+    entries = []
+    for path in place.glob(f"*{_SUFFIX}"):
+        with suppress(OSError):
+            found = path.stat()
+            entries.append((found.st_mtime, found.st_size, path))
+    total = sum(size for _, size, _ in entries)
+    for _, size, path in sorted(entries):
+        if total <= _LARGEST:
+            break
+        with suppress(OSError):
+            path.unlink()
+        total -= size
+
+
+def _caches() -> Path | None:
+    """The system's folder for what can be made again; None for a user without a home."""
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    if sys.platform == "darwin":
+        return home / "Library" / "Caches"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    return Path(given) if os.path.isabs(given) else home / ".cache"

@@ -1,0 +1,114 @@
+"""A recording as a value: a surveyed log and its filter, whose windows come ready to use."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from deltaid.errors import RecordingError
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.parallel import ordered
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.filter import LowPass, SpectrumEstimate, design_low_pass, samples_needed
+from deltaid.recording.log import Log, open_log
+from deltaid.recording.windows import Uncut, Window, cut
+
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A log that may be computed with.
+
+    Attributes:
+        log: the file and what its survey found.
+        low_pass: its filter; None if velocities and accelerations are taken as recorded.
+    """
+
+    log: Log
+    low_pass: LowPass | None
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self.log.path
+
+    @property
+    def cutoff(self) -> float | None:
+        """The filter's cut-off [Hz]; None without one."""
+        return self.low_pass.cutoff if self.low_pass else None
+
+    @property
+    def thinned(self) -> int:
+        """Every how many samples of the log are kept in the end."""
+        return self.low_pass.thinned if self.low_pass else 1
+
+    def at_every_row(self) -> "Recording":
+        """The same, evaluated at every row of the log however high its rate."""
+        low_pass = self.low_pass
+        if low_pass is None or low_pass.stride == 1:
+            return self
+        return replace(self, low_pass=low_pass.at_every_row())
+
+    def evaluate(
+        self, kinematics: Kinematics, work: Callable[[Window], _Result]
+    ) -> Iterator[_Result]:
+        """`work` done on every window, in order, in constant memory; windows share all cores.
+
+        A filter's length is lost at both ends of the log.
+        """
+
+        def done(uncut: Uncut) -> _Result:
+            return work(uncut.window())
+
+        rows = (batch.values for batch in self.log.batches())
+        return ordered(done, cut(rows, self.log.columns, kinematics, self.low_pass))
+
+    def windows(self, kinematics: Kinematics) -> Iterator[Window]:
+        """All samples, window by window."""
+        return self.evaluate(kinematics, lambda window: window)
+
+
+def open_recordings(
+    paths: Sequence[str | Path],
+    kinematics: Kinematics,
+    mapping: ColumnMapping | None = None,
+    cutoff: float | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Recording]:
+    """Survey several recordings and choose a filter for each.
+
+    Raises:
+        RecordingError: there is none, or one cannot be used.
+    """
+    if not paths:
+        raise RecordingError("no log was given")
+    recordings = []
+    for path in paths:
+        progress(f"checking {path}")
+        recordings.append(with_filter(open_log(Path(path), kinematics, mapping), cutoff))
+    return recordings
+
+
+def with_filter(log: Log, cutoff: float | None = None) -> Recording:
+    """A log with its filter: none if velocities and accelerations are recorded, unless asked for.
+
+    Raises:
+        RecordingError: the log is too short, or the cut-off does not go with its rate.
+    """
+    if cutoff is None and log.has_derivatives:
+        return Recording(log, None)
+    cutoff = cutoff or log.suggested_cutoff
+    # Before the design, because a tiny cut-off asks for an endless filter.
+    needed = (
+        samples_needed(cutoff, log.rate, str(log.path)) if cutoff else SpectrumEstimate.SHORTEST
+    )
+    if not cutoff or log.samples < needed:
+        at = f" at {cutoff:.4g} Hz" if cutoff else ""
+        raise RecordingError(
+            f"has {log.samples} samples, too few to filter and differentiate{at} (at least "
+            f"{needed:g})",
+            where=str(log.path),
+            cure="record longer, or record velocities and accelerations as well",
+        )
+    return Recording(log, design_low_pass(cutoff, log.rate))
