@@ -39,7 +39,7 @@ def spoilt(column: str, value: float, row: int = ROW) -> pl.DataFrame:
     ("column", "value", "fragment"),
     [
         ("q1", 1e155, "column q1 is 1e+155 rad, but no recording of this robot goes beyond 1e+05 "),
-        ("qd2", 1e155, "column qd2 is 1e+155 rad/s, but no recording of this robot goes beyond 1000"),
+        ("qd2", 1e155, "qd2 is 1e+155 rad/s, but no recording of this robot goes beyond 1000 "),
         ("qd2", -1.1e3, "column qd2 is -1100 rad/s"),
         ("qdd3", -1e308, "column qdd3 is -1e+308 rad/s²"),
         ("tau1", 1e155, "is 1e+155 N m, but no recording of this robot goes beyond 1.5e+04"),

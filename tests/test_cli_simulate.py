@@ -166,7 +166,7 @@ BAD = [
     ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
     ("simulate {m} motion.csv -o a.html --report a.html", "is the file of --output as well"),
     ("compare-controllers {m} motion.csv --plant irb360-6-1600", "has 4 rotary"),
-    ("compare-controllers {m} motion.csv --plant truth.yaml --report no/r.html", "its folder"),
+    ("compare-controllers {m} motion.csv --plant truth.yaml --report no/", "no/: is a folder"),
 ]
 
 

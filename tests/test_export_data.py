@@ -133,6 +133,16 @@ def test_command_writes_a_file_or_into_a_folder(target: str, tmp_path: Path) -> 
     assert len(list(tmp_path.iterdir())) == 2 * len(TARGETS[target].suffixes)
 
 
+def test_a_folder_that_is_not_there_is_made(tmp_path: Path) -> None:
+    outcome = run("export", "clavel-delta3", "--to", "c", "-o", f"{tmp_path}/deep/code/")
+    assert outcome.code == 0
+    names = sorted(path.name for path in (tmp_path / "deep" / "code").iterdir())
+    assert names == ["clavel_delta3.c", "clavel_delta3.h"]
+    outcome = run("export", "clavel-delta3", "--to", "npz", "-o", tmp_path / "other" / "my.npz")
+    assert outcome.code == 0
+    assert (tmp_path / "other" / "my.npz").is_file()
+
+
 def test_command_refuses(tmp_path: Path) -> None:
     robot = tmp_path / "robot.npz"
     robot.write_text("name: x\n")
@@ -142,7 +152,8 @@ def test_command_refuses(tmp_path: Path) -> None:
         ("clavel-delta3", "c", "a.xml"): "must end in .c for --to c",
         ("clavel-delta3", "c", "3.c"): "cannot begin the names of C functions",
         ("clavel-delta3", "c", "taken.c"): "is a folder",
-        ("clavel-delta3", "npz", "nowhere/a.npz"): "its folder does not exist",
+        ("clavel-delta3", "npz", "robot.npz/a.npz"): "is a file, not a folder",
+        ("clavel-delta3", "npz", "nowhere"): "a folder that is not there yet ends in a slash: ",
         (str(robot), "npz", "a.npz"): "robot.npz",
     }
     for (name, target, output), message in cases.items():

@@ -320,7 +320,8 @@ def test_a_report_that_cannot_be_written_is_refused_before_any_work(
     robot, log = folder / "robot.yaml", next(folder.glob("*.csv"))
     for report, complaint in (
         (tmp_path / "page.pdf", ".html"),
-        (tmp_path / "none" / "page.html", "folder does not exist"),
+        (robot / "page.html", "robot.yaml is a file, not a folder"),
+        (f"{tmp_path}/none/", "is a folder"),
     ):
         for command in (("identify", robot, log), ("excite", "clavel-delta3")):
             assert complaint in refused(*command, "--report", report, folder=tmp_path)

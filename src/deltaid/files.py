@@ -1,13 +1,51 @@
-"""Writing files whole or not at all."""
+"""Writing files: each whole or not at all, and several together or none of them."""
 
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
 from deltaid.errors import DeltaidError
+
+
+@dataclass(frozen=True)
+class _Finished:
+    """A temporary file that is to take a path's place; `path` is what the user called it."""
+
+    path: Path
+    target: Path
+    temporary: Path
+
+
+_finished: ContextVar[list[_Finished] | None] = ContextVar("_finished", default=None)
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """All files that are written inside appear at its end, or none of them.
+
+    They lie beside their places until all are complete; what is left then needs no space. Missing
+    folders are made at the end too. A block inside another one belongs to that.
+
+    Raises:
+        DeltaidError: a folder cannot be made, or a place has been taken meanwhile.
+    """
+    if _finished.get() is not None:
+        yield
+        return
+    finished: list[_Finished] = []
+    token = _finished.set(finished)
+    try:
+        yield
+        _appear(finished)
+    finally:
+        _finished.reset(token)
+        for file in finished:
+            file.temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -15,7 +53,7 @@ def written_whole(path: Path) -> Iterator[TextIO]:
     """A text file that appears under its name only when everything has been written.
 
     Raises:
-        DeltaidError: the folder does not exist or cannot be written to.
+        DeltaidError: it cannot be written.
     """
     with (
         _replacing(path) as handle,
@@ -28,7 +66,7 @@ def write_bytes(path: Path, data: bytes) -> None:
     """Write bytes under a name all at once.
 
     Raises:
-        DeltaidError: the folder does not exist or cannot be written to.
+        DeltaidError: it cannot be written.
     """
     with _replacing(path) as handle, os.fdopen(handle, "wb") as file:
         file.write(data)
@@ -38,8 +76,7 @@ def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:
     """Find out before a long computation whether its result can be written.
 
     Raises:
-        DeltaidError: the folder does not exist or cannot be written to, or the file is one of the
-            inputs, which are never overwritten.
+        DeltaidError: it cannot, or the file is one of the inputs, which are never overwritten.
     """
     for given in inputs:
         if os.path.exists(given) and os.path.exists(path) and os.path.samefile(given, path):
@@ -52,39 +89,76 @@ def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:
 @contextmanager
 def _replacing(path: Path) -> Iterator[int]:
     """The handle of a temporary file that takes a path's place at the end."""
-    target, handle, name = _begin(path)
-    temporary = Path(name)
-    try:
-        yield handle
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(target)
-    except OSError as error:
-        raise _failure(path, error) from None
-    finally:
-        temporary.unlink(missing_ok=True)
+    with together():
+        target, handle, name = _begin(path)
+        temporary, complete = Path(name), False
+        try:
+            yield handle
+            temporary.chmod(0o666 & ~_umask())
+            complete = True
+        except OSError as error:
+            raise _failure(path, error) from None
+        finally:
+            if not complete:
+                temporary.unlink(missing_ok=True)
+        finished = _finished.get()
+        assert finished is not None
+        finished.append(_Finished(path, target, temporary))
 
 
 def _begin(path: Path) -> tuple[Path, int, str]:
-    """Where a path leads, and an open temporary file beside it."""
+    """Where a path leads, and an open temporary file beside it, or where its folders will be."""
     try:
         target = path.resolve()  # a link stays a link
         if target.is_dir():
             raise DeltaidError("is a folder; give the name of a file", where=str(path))
         if target.exists() and not target.is_file():
             raise DeltaidError("is no regular file", where=str(path))
-        if not target.parent.is_dir():
+        folder = next(folder for folder in target.parents if folder.exists())
+        if not folder.is_dir():
             raise DeltaidError(
-                "cannot be written: its folder does not exist",
+                f"cannot be written: {folder} is a file, not a folder",
                 where=str(path),
-                cure="make it first",
+                cure="give a name in another folder",
             )
-        return target, *tempfile.mkstemp(dir=target.parent, prefix=".", suffix=".part")
+        return target, *tempfile.mkstemp(dir=folder, prefix=".", suffix=".part")
     except OSError as error:
         raise _failure(path, error) from None
 
 
+def _appear(finished: list[_Finished]) -> None:
+    """Make the folders, then give all files their names."""
+    made: list[Path] = []
+    for file in finished:
+        try:
+            for folder in reversed((file.target.parent, *file.target.parent.parents)):
+                if not folder.is_dir():
+                    folder.mkdir()
+                    made.append(folder)
+        except OSError as error:
+            _remove(made)
+            raise _failure(file.path, error) from None
+    for file in finished:
+        try:
+            file.temporary.replace(file.target)
+        except OSError as error:
+            _remove(made)
+            raise _failure(file.path, error) from None
+
+
+def _remove(made: list[Path]) -> None:
+    """Remove folders that nothing has been put into."""
+    for folder in reversed(made):
+        with suppress(OSError):
+            folder.rmdir()
+
+
 def _failure(path: Path, error: OSError) -> DeltaidError:
-    return DeltaidError(f"cannot be written: {error.strerror or error}", where=str(path))
+    return DeltaidError(
+        f"cannot be written: {error.strerror or error}",
+        where=str(path),
+        cure="check the folder's permissions and the space left, or give another place",
+    )
 
 
 def _umask() -> int:

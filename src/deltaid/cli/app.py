@@ -2,7 +2,11 @@
 
 import io
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -78,13 +82,31 @@ def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
     _speak_unicode()
     try:
-        app(prog_name="deltaid")
+        with _cleaning_up():
+            app(prog_name="deltaid")
     except DeltaidError as error:
         print_error(error)
         sys.exit(2)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+
+
+@contextmanager
+def _cleaning_up() -> Iterator[None]:
+    """Leave by the way of errors when told to end, so that no half-written file stays."""
+
+    def on_end(number: int, frame: object) -> None:
+        sys.exit(128 + number)
+
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
+    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, on_end) for number in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _speak_unicode() -> None:

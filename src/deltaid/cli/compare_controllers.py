@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
 from deltaid.cli.simulate import (
     DEFAULT_BANDWIDTH,
     DEFAULT_RATE,
@@ -38,7 +39,7 @@ def compare_controllers(
     delay: Delay = 0,
     columns: Columns = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page with figures, works offline.")
+        Path | None, output_file(help="HTML page with figures, works offline.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -30,19 +30,21 @@ def demo(
     The truth is up to 30 % away from the prior; the log has encoder steps and torque noise.
     """
     from deltaid.cli.output import progress
-    from deltaid.errors import DeltaidError
-    from deltaid.identification.demo import demonstrate
+    from deltaid.files import require_writable, together, write_bytes
+    from deltaid.identification.demo import FILES, demonstrate
     from deltaid.robot.load import load_robot
 
     description = load_robot(robot)
+    if keep is not None:
+        for name in FILES:
+            require_writable(keep / name)
     with tempfile.TemporaryDirectory() as temporary, progress(False) as say:
-        folder = keep or Path(temporary)
-        if keep is not None:
-            try:
-                keep.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise DeltaidError(f"cannot be made: {error.strerror}", where=str(keep)) from None
+        folder = Path(temporary)
         result = demonstrate(description, folder, seed=seed, torque_noise=noise, progress=say)
+        if keep is not None:
+            with together():
+                for name in FILES:
+                    write_bytes(keep / name, (folder / name).read_bytes())
     _print(result, keep)
 
 
@@ -59,6 +61,7 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         value_cells,
     )
     from deltaid.cli.validate import error_table
+    from deltaid.identification.demo import FILES
     from deltaid.model import load
 
     model, rows = result.identification.model, []
@@ -85,5 +88,5 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
         "numbers are less certain than what the drives feel of them",
     )
     if keep is not None:
-        files = "robot.yaml, truth.yaml, identify.csv, verify.csv and model.yaml"
+        files = f"{', '.join(FILES[:-1])} and {FILES[-1]}"
         console.print(f"{files} are in {keep}")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
+
 if TYPE_CHECKING:
     from threading import Event
 
@@ -37,10 +39,10 @@ def register(app: typer.Typer) -> None:
 def excite(
     robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="CSV file for the motion.")
+        Path | None, output_file("--output", "-o", help="CSV file for the motion.")
     ] = None,
     verify_out: Annotated[
-        Path | None, typer.Option(help="CSV file for a second motion, to verify the model on.")
+        Path | None, output_file(help="CSV file for a second motion, to verify the model on.")
     ] = None,
     criterion: Annotated[
         Criterion, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
@@ -64,9 +66,9 @@ def excite(
     rate: Annotated[float, typer.Option(help="Samples per second of the file.")] = 1000.0,
     starts: Annotated[int, typer.Option(help="Number of starts.", min=1)] = 8,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
-    plot: Annotated[Path | None, typer.Option(help="PNG or SVG picture of the motion.")] = None,
+    plot: Annotated[Path | None, output_file(help="PNG or SVG picture of the motion.")] = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page with figures of the motion, works offline.")
+        Path | None, output_file(help="HTML page with figures of the motion, works offline.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -78,6 +80,7 @@ def excite(
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.excitation.motion_file import write_run
+    from deltaid.files import together, write_bytes
     from deltaid.model import load
 
     positive("--duration", duration, (0.1, 3600.0))
@@ -114,20 +117,20 @@ def excite(
         if verify_out is not None:
             say("optimising the verification motion")
             second = exciter.optimise(stop, offset=_VERIFICATION_OFFSET)
-    if output is not None:
-        write_run(exciter.dynamics.kinematics, result.run, rate, output)
-    if verify_out is not None and second is not None:
-        write_run(exciter.dynamics.kinematics, second.run, rate, verify_out)
-    if plot is not None:
-        from deltaid.excitation.plot import plot_run
-        from deltaid.files import write_bytes
+    with together():
+        if output is not None:
+            write_run(exciter.dynamics.kinematics, result.run, rate, output)
+        if verify_out is not None and second is not None:
+            write_run(exciter.dynamics.kinematics, second.run, rate, verify_out)
+        if plot is not None:
+            from deltaid.excitation.plot import plot_run
 
-        write_bytes(plot, plot_run(exciter, result.run, picture))
-    if report is not None:
-        from deltaid.report.excitation import excitation_page
-        from deltaid.report.page import write_page
+            write_bytes(plot, plot_run(exciter, result.run, picture))
+        if report is not None:
+            from deltaid.report.excitation import excitation_page
+            from deltaid.report.page import write_page
 
-        write_page(excitation_page(exciter, result), report)
+            write_page(excitation_page(exciter, result), report)
     if as_json:
         print_json(_as_dictionary(exciter, result))
     else:

@@ -30,7 +30,10 @@ def export(
         typer.Argument(help="A model saved by `deltaid identify`, or a robot, by its prior."),
     ],
     to: Annotated[Target, typer.Option("--to", help="Form to write.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
+    output: Annotated[
+        str,
+        typer.Option("--output", "-o", help="File to write, or folder (name/).", metavar="PATH"),
+    ],
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,

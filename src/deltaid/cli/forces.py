@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
+
 if TYPE_CHECKING:
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import Finding, Study, Viewer
@@ -29,7 +31,7 @@ def forces(
         typer.Option(help="A recording the model comes from, for ranges; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="CSV file with all forces over time.")
+        Path | None, output_file("--output", "-o", help="CSV file with all forces over time.")
     ] = None,
     strut_spacing: Annotated[
         float | None, typer.Option(help="Distance of a limb's struts, m, if not described.")
@@ -44,7 +46,7 @@ def forces(
         Path | None, typer.Option(help="The same for the recordings of --logs.")
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page with figures and tables, works offline.")
+        Path | None, output_file(help="HTML page with figures and tables, works offline.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -62,6 +64,7 @@ def forces(
         progress,
         require_outputs,
     )
+    from deltaid.files import together
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import study, with_struts
     from deltaid.identification.validation import model_filtered
@@ -77,7 +80,7 @@ def forces(
     known = with_struts(load(model), strut_spacing, socket_force)
     print_origin(known)
     computed = ConstraintForces(known.robot)
-    with progress(as_json) as say, ExitStack() as files:
+    with progress(as_json) as say, together(), ExitStack() as files:
         say(f"checking {motion}")
         surveyed = open_log(motion, computed.kinematics, mapping, need_torque=False)
         viewers = _viewers(computed, surveyed.samples, output, report, files)

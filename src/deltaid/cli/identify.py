@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
 from deltaid.identification.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -29,7 +30,7 @@ def identify(
     robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     logs: Annotated[list[Path], typer.Argument(help="Recordings, CSV or Parquet.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Where to save the model (YAML).")
+        Path | None, output_file("--output", "-o", help="Where to save the model (YAML).")
     ] = None,
     verify: Annotated[
         Path | None, typer.Option(help="A recording of another motion, to test the model on.")
@@ -53,7 +54,7 @@ def identify(
         float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page with figures of all results, works offline.")
+        Path | None, output_file(help="HTML page with figures of all results, works offline.")
     ] = None,
     friction: Annotated[
         FrictionLaws,
@@ -71,6 +72,7 @@ def identify(
         progress,
         require_outputs,
     )
+    from deltaid.files import together
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import Settings
     from deltaid.identification.validation import misfit, validate
@@ -107,10 +109,11 @@ def identify(
             texts = (*log.warnings, *misfit(result.model, verification))
             doubts += [f"{log.path}: {text}" for text in texts]
     print_warnings(doubts)
-    if output is not None:
-        result.model.save(output)
-    if report is not None:
-        write_report(result, log, verification, report)
+    with together():
+        if output is not None:
+            result.model.save(output)
+        if report is not None:
+            write_report(result, log, verification, report)
     if as_json:
         print_json(as_dictionary(result, verification))
     else:

@@ -49,13 +49,14 @@ def reproduce(
 def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
     """Sec. VII."""
     from deltaid.cli.output import print_json, progress
+    from deltaid.files import together
     from deltaid.report.page import write_page
     from deltaid.reproduce.surrogate import reproduce_surrogate
     from deltaid.reproduce.surrogate_files import (
         FILES,
         REPORT,
         as_dictionary,
-        prepare_folder,
+        require_folder,
         write_files,
     )
     from deltaid.reproduce.surrogate_page import (
@@ -66,12 +67,13 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
     from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
 
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
-    prepare_folder(folder, FILES)
+    require_folder(folder, FILES)
     with progress(as_json) as say:
         result = reproduce_surrogate(settings, progress=say)
         say("writing")
-        write_files(result, folder)
-        write_page(surrogate_page(result), folder / REPORT)
+        with together():
+            write_files(result, folder)
+            write_page(surrogate_page(result), folder / REPORT)
     if as_json:
         print_json(as_dictionary(result))
         return
@@ -91,20 +93,22 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
 def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
     """Sec. VIII."""
     from deltaid.cli.output import print_json, progress
+    from deltaid.files import together
     from deltaid.report.page import write_page
     from deltaid.reproduce.irb360 import reproduce_irb360
     from deltaid.reproduce.irb360_files import FILES, as_dictionary, write_files
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
     from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
-    from deltaid.reproduce.surrogate_files import REPORT, prepare_folder
+    from deltaid.reproduce.surrogate_files import REPORT, require_folder
 
     settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
-    prepare_folder(folder, FILES)
+    require_folder(folder, FILES)
     with progress(as_json) as say:
         result = reproduce_irb360(settings, progress=say)
         say("writing")
-        write_files(result, folder)
-        write_page(irb360_page(result), folder / REPORT)
+        with together():
+            write_files(result, folder)
+            write_page(irb360_page(result), folder / REPORT)
     if as_json:
         print_json(as_dictionary(result))
         return

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
+
 if TYPE_CHECKING:
     from deltaid.show.rest import AtRest
 
@@ -24,7 +26,7 @@ def show(
     ],
     report: Annotated[
         Path | None,
-        typer.Option("--report", "-o", help="HTML page: picture, workspace, reach, condition."),
+        output_file("--report", "-o", help="HTML page: picture, workspace, reach, condition."),
     ] = None,
     live: Annotated[
         bool, typer.Option("--live", help="Open a view in which one drags the platform.")

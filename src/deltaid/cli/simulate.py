@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
+
 if TYPE_CHECKING:
     import polars as pl
 
@@ -63,10 +65,10 @@ def simulate(
     delay: Delay = 0,
     columns: Columns = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="CSV file for motion and torques.")
+        Path | None, output_file("--output", "-o", help="CSV file for motion and torques.")
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page with figures, works offline.")
+        Path | None, output_file(help="HTML page with figures, works offline.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -85,7 +87,7 @@ def simulate(
     from deltaid.control.comparison import gains
     from deltaid.control.control_model import ControlModel
     from deltaid.control.tracking import track
-    from deltaid.files import written_whole
+    from deltaid.files import together, written_whole
     from deltaid.model import load
 
     drives = drives_of(rate, bandwidth, encoder, delay)
@@ -94,7 +96,7 @@ def simulate(
     print_origin(subject)
     runs_on = load_plant(plant or model, subject.robot)
     known = ControlModel(subject.robot, subject.p)
-    with progress(as_json) as say:
+    with progress(as_json) as say, together():
         say(f"checking {trajectory}")
         motion, warnings = load_trajectory(trajectory, subject.robot, columns)
         say("simulating")

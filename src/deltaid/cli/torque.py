@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -16,7 +18,7 @@ def torque(
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
     log: Annotated[Path, typer.Argument(help="A recording or a planned motion, CSV or Parquet.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="CSV file to write.")],
+    output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,

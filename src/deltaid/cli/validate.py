@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import output_file
+
 if TYPE_CHECKING:
     from deltaid.identification.torque_error import TorqueError
     from deltaid.model import Model
@@ -25,7 +27,7 @@ def validate(
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page with figures of the comparison, works offline.")
+        Path | None, output_file(help="HTML page with figures of the comparison, works offline.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:

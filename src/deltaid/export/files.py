@@ -1,8 +1,8 @@
 """Exports as files: which target has which files, written whole or not at all."""
 
+import os
 import re
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
 from deltaid.export.urdf import urdf
-from deltaid.files import require_writable, write_bytes, written_whole
+from deltaid.files import require_writable, together, write_bytes
 from deltaid.model import Model, ModelLike, load
 from deltaid.robot.body_inertia import why_not_physical
 
@@ -93,31 +93,35 @@ TARGETS: Mapping[str, Target] = {
 }
 
 
-def output_path(target: str, robot: str, output: Path) -> Path:
-    """The file to write, where a folder may be given.
+def output_path(target: str, robot: str, output: str | Path) -> Path:
+    """The file to write, where a folder may be given: one that is there, or a name with a slash.
 
     Raises:
         DeltaidError: the file's name has another end than the target's.
     """
     suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
-    if output.is_dir():
+    folder, output = str(output).endswith(("/", os.sep)), Path(output)
+    if folder or output.is_dir():
         name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
         return output / f"{name}{addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(
-            f"must end in {suffix} for --to {target}, or be a folder", where=str(output)
+            f"must end in {suffix} for --to {target}, or be a folder",
+            where=str(output),
+            cure=f"a folder that is not there yet ends in a slash: {output}/",
         )
     return output
 
 
 def write_export(
-    model: ModelLike, target: str, output: Path, inputs: tuple[Path, ...] = ()
+    model: ModelLike, target: str, output: str | Path, inputs: tuple[Path, ...] = ()
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
     Args:
         model: a model or a robot, by value, name or file.
-        output: a file, or a folder for a file named after the robot.
+        output: a file, or a folder for a file named after the robot; the name of a folder that
+            is not there yet ends in a slash.
         inputs: files that must not be overwritten.
 
     Raises:
@@ -130,12 +134,9 @@ def write_export(
     for part in paths:
         require_writable(part, inputs)
     export = TARGETS[target].build(subject, path.stem)
-    with ExitStack() as files:
+    with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
-            if isinstance(content, bytes):
-                write_bytes(part, content)
-            else:
-                files.enter_context(written_whole(part)).write(content)
+            write_bytes(part, content if isinstance(content, bytes) else content.encode())
     return Written(paths, export.warnings)
 
 

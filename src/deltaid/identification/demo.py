@@ -22,6 +22,9 @@ from deltaid.motion.surrogate import (
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 
+# What `demonstrate` leaves in its folder.
+FILES = ("robot.yaml", "truth.yaml", "identify.csv", "verify.csv", "model.yaml")
+
 
 @dataclass(frozen=True)
 class Demonstration:

@@ -27,7 +27,7 @@ FILES = (
 
 
 def write_files(result: Irb360, folder: Path) -> tuple[Path, ...]:
-    """Write results.json, priors, recordings and models; each file whole or not at all.
+    """Write results.json, priors, recordings and models.
 
     Raises:
         DeltaidError: a file cannot be written.

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from deltaid.errors import DeltaidError
 from deltaid.excitation.run import Run
 from deltaid.files import require_writable, written_whole
 from deltaid.motion.surrogate import write_recording
@@ -33,26 +32,18 @@ FILES = {
 }
 
 
-def prepare_folder(folder: Path, files: Iterable[str]) -> None:
-    """Make a folder and find out whether its files can be written, before a long computation.
+def require_folder(folder: Path, files: Iterable[str]) -> None:
+    """Find out whether the files of a folder can be written, before a long computation.
 
     Raises:
         DeltaidError: one cannot.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DeltaidError(
-            f"cannot be made: {error.strerror or error}",
-            where=str(folder),
-            cure="give the name of a folder that exists or can be made",
-        ) from None
     for name in files:
         require_writable(folder / name)
 
 
 def write_files(result: Reproduction, folder: Path) -> None:
-    """Write results.json, descriptions, recordings and models; each file whole or not at all.
+    """Write results.json, descriptions, recordings and models.
 
     Raises:
         DeltaidError: a file cannot be written.

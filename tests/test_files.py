@@ -1,0 +1,157 @@
+"""Files appear whole or not at all, several together or none, and leave nothing behind."""
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from command import run
+from deltaid.errors import DeltaidError
+from deltaid.files import require_writable, together, write_bytes, written_whole
+from logs import recorded, write
+
+
+def listing(folder: Path) -> list[str]:
+    """All files and folders below."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def full_disk() -> OSError:
+    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def write_two(first: Path, second: Path, error: Exception | None = None) -> None:
+    with together():
+        write_bytes(first, b"new")
+        with written_whole(second) as file:
+            file.write("new")
+            if error is not None:
+                raise error
+
+
+def test_several_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
+    first, second = write(tmp_path / "a", "old"), tmp_path / "deep" / "er" / "b"
+    with pytest.raises(DeltaidError, match="b: cannot be written: No space left"):
+        write_two(first, second, full_disk())
+    with pytest.raises(KeyError):
+        write_two(first, second, KeyError())
+    assert (first.read_text(), listing(tmp_path)) == ("old", ["a"])
+    write_two(first, second)
+    assert listing(tmp_path) == ["a", "deep", "deep/er", "deep/er/b"]
+    assert (first.read_text(), second.read_text()) == ("new", "new")
+    write_two(tmp_path / "c", tmp_path / "d")  # the one before is over
+    assert {"c", "d"} < set(listing(tmp_path))
+
+
+def test_blocks_inside_one_another_are_one(tmp_path: Path) -> None:
+    def inner_is_done_outer_fails() -> None:
+        with together():
+            write_two(tmp_path / "a", tmp_path / "b")
+            assert not (tmp_path / "a").exists()
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        inner_is_done_outer_fails()
+    assert listing(tmp_path) == []
+
+
+def test_a_folder_that_cannot_be_made_leaves_none(tmp_path: Path) -> None:
+    def taken_meanwhile() -> None:
+        with together():
+            write_bytes(tmp_path / "x" / "a", b"")
+            write_bytes(tmp_path / "y" / "b", b"")
+            write(tmp_path / "y", "a file now")
+
+    with pytest.raises(DeltaidError, match="b: cannot be written"):
+        taken_meanwhile()
+    assert listing(tmp_path) == ["y"]
+
+
+def test_asking_whether_a_file_can_be_written_makes_nothing(tmp_path: Path) -> None:
+    require_writable(tmp_path / "no" / "folder" / "yet.csv")
+    assert listing(tmp_path) == []
+    with pytest.raises(DeltaidError, match="a is a file, not a folder"):
+        require_writable(write(tmp_path / "a", "") / "b" / "c.csv")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    return write(tmp_path_factory.mktemp("log") / "log.csv", recorded(1500))
+
+
+def test_commands_make_missing_folders(tmp_path: Path, log: Path) -> None:
+    model = tmp_path / "models" / "model.yaml"
+    assert run("identify", "clavel-delta3", log, "-o", model).code == 0
+    torque = tmp_path / "torques" / "of" / "log.csv"
+    assert run("torque", model, log, "-o", torque).code == 0
+    found = ["models", "models/model.yaml", "torques", "torques/of", "torques/of/log.csv"]
+    assert listing(tmp_path) == found
+
+
+def test_commands_that_fail_make_no_folders(tmp_path: Path, log: Path) -> None:
+    broken = write(tmp_path / "broken.csv", log.read_text().replace("tau1", "x"))
+    outcome = run("identify", "clavel-delta3", broken, "-o", tmp_path / "new" / "model.yaml")
+    assert outcome.code == 2
+    assert listing(tmp_path) == ["broken.csv"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file sizes are limited as Linux does it")
+def test_a_full_disk_leaves_the_old_model_beside_the_old_report(tmp_path: Path, log: Path) -> None:
+    """The report needs megabytes, of which there are none; the model would fit."""
+    model, report = write(tmp_path / "m.yaml", "old"), write(tmp_path / "r.html", "old")
+    command = "import sys; from deltaid.cli import main; main()"
+    arguments = ["identify", "clavel-delta3", log, "-o", model, "--report", report]
+    done = subprocess.run(
+        [sys.executable, "-c", command, *map(str, arguments)],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20)),
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "r.html: cannot be written: File too large" in done.stderr
+    assert (model.read_text(), report.read_text()) == ("old", "old")
+    assert listing(tmp_path) == ["m.yaml", "r.html"]
+
+
+WAITING = """
+import sys, time
+from pathlib import Path
+from deltaid.cli import app, main
+import deltaid.cli.app as app
+from deltaid.files import together, write_bytes, written_whole
+
+@app.app.command()
+def wait(path: Path):
+    with together():
+        write_bytes(path.with_suffix(".yaml"), b"finished")
+        with written_whole(path) as file:
+            file.write("begun")
+            print("waiting", flush=True)
+            time.sleep(60)
+
+main()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_command_that_is_ended_leaves_nothing(tmp_path: Path, number: int) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", WAITING, "wait", str(tmp_path / "new" / "a.csv")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "waiting\n"
+    assert len(listing(tmp_path)) == 2
+    process.send_signal(number)
+    _, told = process.communicate(timeout=30)
+    assert process.returncode == 128 + number
+    assert "Traceback" not in told
+    assert listing(tmp_path) == []
