@@ -72,7 +72,7 @@ def identify(
     )
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import Settings
-    from deltaid.identification.validation import misfit, validate
+    from deltaid.identification.validation import remarks, validate
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.source import opened
     from deltaid.robot.load import load_robot
@@ -101,7 +101,7 @@ def identify(
         if verify is not None:
             say(f"verifying on {verify}")
             verification, log = validate(result.model, verify, columns=mapping)
-            texts = (*log.warnings, *misfit(result.model, verification))
+            texts = remarks(result.model, log, verification)
             doubts += [f"{log.path}: {text}" for text in texts]
     print_warnings(doubts)
     if output is not None:
