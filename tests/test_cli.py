@@ -11,12 +11,12 @@ import polars as pl
 import pytest
 import typer
 
-from command import run
+from command import refused, run
 from deltaid.cli.app import app
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.model import IdentifiedModel
-from deltaid.identification.torque_error import predict
-from deltaid.identification.validation import model_filtered
+from deltaid.identification.torque_error import TorqueError, predict
+from deltaid.identification.validation import misfit, model_filtered
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.log import open_log
@@ -133,6 +133,47 @@ def test_torques_that_are_not_the_models_are_told(
         drives = {"order": "drive1, drive2", "sign": "drive2"}.get(mistake or "")
         assert (f"does not predict {drives}: the error of drive" in told) == (drives is not None)
         assert ("does not predict" in told) == (drives is not None)
+
+
+def test_the_same_recording_twice_is_refused(folder: Path, tmp_path: Path) -> None:
+    copy = write(tmp_path / "copy.csv", (folder / "log.csv").read_text())
+    for command in (("identify", ROBOT), ("base", ROBOT)):
+        told = refused(*command, folder / "log.csv", copy, folder=tmp_path)
+        assert f"{copy}: is the same recording as {folder / 'log.csv'}" in told
+        assert "give each recording once" in told
+
+
+def test_verifying_on_what_a_model_was_identified_from_is_told(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy = write(tmp_path / "copy.csv", (folder / "log.csv").read_text())
+    page = tmp_path / "page.html"
+    verified = run("identify", ROBOT, folder / "log.csv", "--verify", copy, "--report", page)
+    validated = run("validate", folder / "model.yaml", copy)
+    for outcome in (verified, validated):
+        assert outcome.code == 0
+        told = " ".join(outcome.err.split())
+        assert f"{copy}: the model was identified from this recording (log.csv)" in told
+    assert "so it verifies nothing" in page.read_text()
+    table = pl.read_csv(folder / "log.csv").head(1400)
+    table.write_csv(tmp_path / "other.csv")
+    assert (
+        "verifies nothing" not in run("validate", folder / "model.yaml", tmp_path / "other.csv").err
+    )
+
+
+@pytest.mark.parametrize(
+    ("times", "share", "told"), [(2.0, 0.3, False), (50.0, 0.05, False), (50.0, 0.3, True)]
+)
+def test_a_drive_is_badly_predicted_by_both_measures(
+    times: float, share: float, told: bool
+) -> None:
+    """Neither an error like the identification's nor a small one says that the recording is wrong:
+    friction changes with temperature, and some drives are hardly known."""
+    model = IdentifiedModel.load(Path(__file__).parent / "data" / "model-format-1.yaml")
+    rms = np.array(model.fit.rms) * [1.0, times, 1.0]
+    error = TorqueError(rms, np.array([0.01, share, 0.01]), rms, np.eye(3), None)
+    assert [("drive2" in text) for text in misfit(model, error)] == ([True] if told else [])
 
 
 def test_torque_of_a_planned_motion(folder: Path, tmp_path: Path, clavel: Dynamics) -> None:

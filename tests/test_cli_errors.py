@@ -158,7 +158,12 @@ def damaged(text_of_model: str, old: str, new: str) -> str:
 
 
 DAMAGES = {
-    "format": ("format: 1", "format: 2", "line 1, format: must be 1, not 2"),
+    "format": (
+        "format: 2",
+        "format: 3\ndrawing: none",
+        "model.yaml: is a model of format 3, and this deltaid reads up to 2\n  → update deltaid",
+    ),
+    "no version": ("format: 2", "format: 0", "line 1, format: must be greater than or equal to 1"),
     "no format": ("\ndeltaid:", "\ndeltaidd:", "deltaid: is missing"),
     "name": ("name: U.mcx", "name: U.mcy", "parameters: are not those of the robot, in its order"),
     "not a number": ("determined_by", "value: x\n  determined_by", "is not valid YAML"),

@@ -242,7 +242,32 @@ def test_weighing_the_prior_attends_to_what_it_knows_least(exciters, found) -> N
     dynamics, plain = exciters["irb360-6-1600"].dynamics, found["irb360-6-1600"]
     exciter = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True))
     assert not np.allclose(plain.optimum.x, exciter.optimise().optimum.x, atol=1e-3)
-    assert np.all(np.linalg.eigvalsh(exciter.problem.weighting.prior) > 0)
+
+
+def test_prior_and_recording_weigh_as_in_a_posterior(exciters, found) -> None:
+    """What is optimised is the precision of both together for each sample, written out here."""
+    plain, x, n = exciters["clavel-delta3"], found["clavel-delta3"].optimum.x, 200
+    dynamics, layout = plain.dynamics, plain.base.layout
+    asked = ExcitationSettings(weigh_prior=True, duration=8.0, rate=500.0, torque_noise=0.03)
+    exciter = Exciter(dynamics, asked)
+    motion = exciter.problem.series.state(x, exciter.problem.grid(n)).reshape(3, 3, n)
+    z, zd, zdd = np.swapaxes(motion, 1, 2)
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    Y = np.zeros((3, len(layout.names), n))
+    Y[dynamics.regressor_pattern] = dynamics.sparse_regressor(z, qd, qdd, 0 * z).values
+    Y /= 0.03 * exciter.torque_reference[:, None, None]
+    rows = np.swapaxes(Y[:, [group.representative for group in exciter.base.groups]], 1, 2)
+    rows = rows.reshape(3 * n, -1)
+    prior = 0.5 * np.array([parameter.scale for parameter in layout.parameters])
+    of_prior = np.sum((exciter.base.combination() * prior) ** 2, axis=1)
+    precision = rows.T @ rows * (8.0 * 500.0 / n) + np.diag(1 / of_prior)
+    scale = np.sqrt(of_prior)
+    np.testing.assert_allclose(
+        8.0 * 500.0 * exciter.problem.information(x, n),
+        precision * np.outer(scale, scale),
+        rtol=1e-7,
+        atol=1e-7,
+    )
 
 
 @pytest.mark.parametrize("torque", [12.0, 15.0, 20.0])

@@ -15,6 +15,7 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_reco
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"
+DATA = Path(__file__).parent / "data"
 
 
 def recorded(path: Path) -> tuple[Identification, dict[str, float]]:
@@ -97,6 +98,14 @@ def test_model_file_keeps_intervals_and_base_parameters(case, tmp_path: Path) ->
     assert [b.formula for b in loaded.base_parameters] == list(result.problem.base.formulas)
     half = [0.5 * (b.high - b.low) for b in loaded.base_parameters]
     assert np.allclose(half, result.problem.estimate.interval)
+
+
+def test_model_file_of_format_1_loads() -> None:
+    loaded = IdentifiedModel.load(DATA / "model-format-1.yaml")
+    assert loaded.format == 1
+    assert loaded.p.sum() == pytest.approx(20.7274197539394, rel=1e-14)
+    assert loaded.base_parameters[0].representative == ""
+    assert loaded.fit.nrmse[1] == 0.0047055381230269875
 
 
 def test_model_file_of_an_earlier_version_loads(case, tmp_path: Path) -> None:

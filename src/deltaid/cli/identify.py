@@ -75,7 +75,7 @@ def identify(
     from deltaid.files import together
     from deltaid.identification.identify import identify as run
     from deltaid.identification.model import Settings
-    from deltaid.identification.validation import misfit, validate
+    from deltaid.identification.validation import remarks, validate
     from deltaid.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.source import opened
@@ -106,7 +106,7 @@ def identify(
         if verify is not None:
             say(f"verifying on {verify}")
             verification, log = validate(result.model, verify, columns=mapping)
-            texts = (*log.warnings, *misfit(result.model, verification))
+            texts = remarks(result.model, log, verification)
             doubts += [f"{log.path}: {text}" for text in texts]
     print_warnings(doubts)
     with together():

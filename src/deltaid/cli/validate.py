@@ -40,7 +40,7 @@ def validate(
         progress,
         require_report,
     )
-    from deltaid.identification.validation import misfit
+    from deltaid.identification.validation import remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model import load
     from deltaid.recording.columns import load_mapping
@@ -56,8 +56,7 @@ def validate(
         if report is not None:
             say(f"writing {report}")
             write_report(known, surveyed, error, report)
-    texts = (*surveyed.warnings, *misfit(known, error))
-    print_warnings([f"{log}: {text}" for text in texts])
+    print_warnings([f"{log}: {text}" for text in remarks(known, surveyed, error)])
     if as_json:
         print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
     else:

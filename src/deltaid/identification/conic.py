@@ -157,7 +157,9 @@ class _Program:
             raise IdentificationError(
                 f"the conic solver stopped without a certificate ({status}, objective "
                 f"{value:.3g}, bound {bound:.3g})",
-                cure="set a larger --gamma: the data alone may leave the problem too flat",
+                cure="check sign and unit of torques and positions and the robot's lengths; where "
+                "these are right, the data alone may leave the problem too flat: set a larger "
+                "--gamma",
             )
         return Solution(x, value, bound, solution.iterations, status)
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.identification.signs import CURE, against_motion, told
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
 # without constraints and more than this share of the largest torque, or when a mass that torques
@@ -20,7 +21,11 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
 
 
 def _misfit(problem: FittedProblem) -> list[str]:
-    """Torques that no consistent parameters explain; else base parameters that the fit misses."""
+    """Torques that no consistent parameters explain, with their cause if the data tells it; else
+    base parameters that the fit misses."""
+    found = against_motion(problem.dynamics, problem.information)
+    if found:
+        return [f"{told(found, problem.dynamics.robot)}; {CURE}"]
     noise = max(problem.noise, NOISE_FLOOR)
     rows = len(problem.information.torque_max)
     left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)

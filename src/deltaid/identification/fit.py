@@ -28,6 +28,7 @@ from deltaid.identification.regularizer import (
     Spectral,
 )
 from deltaid.identification.scatter import Groups
+from deltaid.identification.signs import CURE, against_motion, told
 from deltaid.identification.solver import Solution, Solver
 from deltaid.recording.recording import Recording
 
@@ -115,8 +116,11 @@ def fit(
         information = gathered.information
         progress("fitting")
         objective = pose(information, build_reduction(robot, information.columns), settings)
-        solution = minimise(objective, SOLVERS[settings.method])
-        p = objective.reduction.parameters(solution.x)
+        try:
+            solution = minimise(objective, SOLVERS[settings.method])
+            p = objective.reduction.parameters(solution.x)
+        except IdentificationError as error:
+            raise _explained(error, dynamics, information) from error
         if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
             break
         load = p
@@ -139,6 +143,17 @@ def fit(
         base=base,
         estimate=estimate_base(base, information, groups=groups),
     )
+
+
+def _explained(
+    error: IdentificationError, dynamics: Dynamics, information: Information
+) -> IdentificationError:
+    """Why a fit failed, if the data contradicts itself; else what the solver says."""
+    found = against_motion(dynamics, information)
+    if not found:
+        return error
+    what = f"no consistent robot moves like this: {told(found, dynamics.robot)}"
+    return IdentificationError(what, cure=CURE)
 
 
 def pose(information: Information, reduction: Reduction, settings: Settings) -> Objective:

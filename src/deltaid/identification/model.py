@@ -1,5 +1,6 @@
 """The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -8,6 +9,7 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.errors import DescriptionError
 from deltaid.identification.friction_record import FrictionChoice
 from deltaid.identification.options import (
     GAMMA_LIMITS,
@@ -19,10 +21,13 @@ from deltaid.identification.options import (
 from deltaid.identification.reduction import least_margin
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
-from deltaid.robot.load import bound, load_yaml, save_yaml
+from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.quantities import Coordinate
 
-FORMAT = 1
+# Version of the model file. Files of all earlier ones load: what is new may be missing.
+# 2: base parameters name their representative.
+FORMAT = 2
+_VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
 class _Part(BaseModel):
@@ -132,7 +137,7 @@ class Consistency(_Part):
 class IdentifiedModel(_Part):
     """A robot with identified parameters."""
 
-    format: Literal[1] = FORMAT
+    format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
     deltaid: str = Field(description="version that wrote the file")
     robot: RobotDescription
     parameters: tuple[Parameter, ...]
@@ -176,10 +181,13 @@ class IdentifiedModel(_Part):
         """Read a saved model.
 
         Raises:
-            DescriptionError: the file is not a model, or its bodies are not consistent.
+            DescriptionError: the file is not a model, is of a later version, or its bodies are not
+                consistent.
         """
-        model = load_yaml(Path(path), cls)
-        return model.model_copy(update={"robot": bound(model.robot, str(path))})
+        text, where = read_text(Path(path)), str(path)
+        _require_readable(text, where)
+        model = parse(text, cls, where=where)
+        return model.model_copy(update={"robot": bound(model.robot, where)})
 
     @model_validator(mode="after")
     def _check(self) -> "IdentifiedModel":
@@ -194,6 +202,17 @@ class IdentifiedModel(_Part):
         if margin <= 0:
             raise ValueError(f"parameters: {_why_inconsistent(self.layout, self.p, worst)}")
         return self
+
+
+def _require_readable(text: str, where: str) -> None:
+    """Refuse a later format before anything else in it is complained about."""
+    version = _VERSION.search(text)
+    if version and int(version[1]) > FORMAT:
+        raise DescriptionError(
+            f"is a model of format {version[1]}, and this deltaid reads up to {FORMAT}",
+            where=where,
+            cure="update deltaid, or identify the model again with this one",
+        )
 
 
 def _why_inconsistent(

@@ -116,9 +116,14 @@ class Reduction:
         for body in self.layout.bodies:
             part = self.layout.body(body)
             p[part] = _complete(p[part], self.completed[body])
-        margin = least_margin(self.layout, p)
-        if margin[1] <= 0:
-            raise IdentificationError(f"the result for {margin[0]} is not physically consistent")
+        worst, margin = least_margin(self.layout, p)
+        if margin <= 0:
+            raise IdentificationError(
+                f"the result for {worst} is not physically consistent",
+                where=f"bodies.{worst}" if worst in self.layout.bodies else worst,
+                cure="check sign and unit of torques and positions, the robot's lengths and its "
+                "prior; where these are right, set a larger --gamma",
+            )
         return p
 
 

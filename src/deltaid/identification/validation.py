@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.model import ModelLike, load
+from deltaid.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.recording import Recording, with_filter
@@ -30,6 +30,23 @@ def validate(
     dynamics = model.dynamics
     surveyed = open_log(Path(log), dynamics.kinematics, columns)
     return torque_error(dynamics, model.p, model_filtered(model, surveyed)), surveyed
+
+
+def remarks(model: ModelLike, log: Log, error: TorqueError) -> tuple[str, ...]:
+    """What is to be said about comparing a model with a recording, one sentence each."""
+    return (*log.warnings, *_seen(load(model), log), *misfit(model, error))
+
+
+def _seen(model: Model, log: Log) -> tuple[str, ...]:
+    """A warning when the model was identified from the very recording."""
+    sources = model.identified.sources if model.identified else ()
+    own = [source.log for source in sources if source.sha256 == log.sha256]
+    if not own:
+        return ()
+    return (
+        f"the model was identified from this recording ({own[0]}), so it verifies nothing: an "
+        "error that the model has learned does not show; take a recording of another motion",
+    )
 
 
 def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:

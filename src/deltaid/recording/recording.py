@@ -79,15 +79,29 @@ def open_recordings(
     """Survey several recordings and choose a filter for each.
 
     Raises:
-        RecordingError: there is none, or one cannot be used.
+        RecordingError: there is none, one cannot be used, or two are the same.
     """
     if not paths:
         raise RecordingError("no log was given")
-    recordings = []
+    recordings: list[Recording] = []
     for path in paths:
         progress(f"checking {path}")
-        recordings.append(with_filter(open_log(Path(path), kinematics, mapping), cutoff))
+        log = open_log(Path(path), kinematics, mapping)
+        _require_new(log, recordings)
+        recordings.append(with_filter(log, cutoff))
     return recordings
+
+
+def _require_new(log: Log, before: Sequence[Recording]) -> None:
+    """Refuse a copy: it tells nothing new, but would count as twice the evidence."""
+    same = [other.path for other in before if other.log.sha256 == log.sha256]
+    if same:
+        raise RecordingError(
+            f"is the same recording as {same[0]}; a copy tells nothing new, but would narrow "
+            "every interval",
+            where=str(log.path),
+            cure="give each recording once",
+        )
 
 
 def with_filter(log: Log, cutoff: float | None = None) -> Recording:

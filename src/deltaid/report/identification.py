@@ -6,7 +6,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
 from deltaid.identification.model import Fit, IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import misfit
+from deltaid.identification.validation import remarks
 from deltaid.model import ModelLike, load
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording
@@ -49,7 +49,7 @@ def identification_page(result: Identification, verification: Verification | Non
         log = verification.recording.log
         unseen = compare(dynamics, model.p, verification.recording)
         sections.append(torque_section(model.robot, unseen, "Verification"))
-        texts = (*log.warnings, *misfit(model, verification.error))
+        texts = remarks(model, log, verification.error)
         warnings += [f"{log.path.name}: {text}" for text in texts]
     errors = error_table(model, verification.error if verification else None)
     sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))

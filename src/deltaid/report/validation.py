@@ -2,7 +2,7 @@
 
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import misfit
+from deltaid.identification.validation import remarks
 from deltaid.model import ModelLike, load
 from deltaid.recording.recording import Recording
 from deltaid.report.comparison import compare
@@ -41,7 +41,7 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
             provenance_section(model, "The model"),
         ),
         warnings=(
-            *(f"{log.path.name}: {text}" for text in (*log.warnings, *misfit(model, error))),
+            *(f"{log.path.name}: {text}" for text in remarks(model, log, error)),
             *(known.warnings if known else ()),
         ),
     )

@@ -1,0 +1,93 @@
+"""Drives whose torques work against their motion: the sign of a column is wrong, or their order.
+
+Drive i's own rows of least squares, without prior and consistency, give the torque that it takes to
+accelerate, M_ii at home, and to move at unit speed, f_i(1), both linear in p. In every machine both
+are positive. A wrong sign of τ_i or q_i makes them negative, whatever the other drives do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.information import Information
+from deltaid.robot.description import RobotDescription
+
+# A drive contradicts itself when the more certain of the two is negative by so many of its standard
+# deviations. Right signs are some fifty on the other side.
+_CERTAIN = 5.0
+_DEPENDENT = 1e-9  # singular values below this share of the largest are zero
+
+CURE = "check the sign of these torques and positions, and the order of the columns"
+
+
+@dataclass(frozen=True)
+class Negative:
+    """A drive that contradicts itself: M_ii at home, f_i at unit speed (NaN without friction)."""
+
+    drive: str
+    inertia: float
+    friction: float
+
+
+def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negative, ...]:
+    """The drives whose torques work against their motion."""
+    found = []
+    for i, drive in enumerate(dynamics.robot.drives):
+        probes = _probes(dynamics, i)[:, information.columns]
+        values, stds = _told(information.factors[i], information.samples, probes)
+        certain = values / np.maximum(stds, np.finfo(float).tiny)
+        if certain[np.argmax(np.abs(certain))] < -_CERTAIN:
+            friction = float(values[1]) if np.any(probes[1]) else np.nan
+            found.append(Negative(drive, float(values[0]), friction))
+    return tuple(found)
+
+
+def told(found: tuple[Negative, ...], robot: RobotDescription) -> str:
+    """The contradiction as a sentence."""
+    first, names = found[0], ", ".join(one.drive for one in found)
+    units = robot.units(first.drive)
+    text = f"an inertia of {first.inertia:.2g} {units.inertia}"
+    if np.isfinite(first.friction):
+        text += f" and a friction of {first.friction:.2g} {units.force} at 1 {units.coordinate}/s"
+    whose = f", for {first.drive}," if len(found) > 1 else ""
+    return (
+        f"torque and motion of {names} contradict each other: alone they give{whose} {text}, which "
+        "no robot has"
+    )
+
+
+def _probes(dynamics: Dynamics, i: int) -> Float[np.ndarray, "2 parameters"]:
+    """Rows c with c p = M_ii at home, and c p = f_i at unit speed."""
+    at_rest, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
+
+    def row(qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        home = dynamics.kinematics.home[None]
+        sparse = dynamics.sparse_regressor(home, qd[None], qdd[None], np.zeros_like(home))
+        drives, columns = dynamics.regressor_pattern
+        full, own = np.zeros(len(dynamics.layout.names)), drives == i
+        full[columns[own]] = sparse.values[own, 0]
+        return full
+
+    inertia = row(at_rest, e) - row(at_rest, at_rest)
+    # Coriolis forces are the same both ways.
+    return np.stack([inertia, 0.5 * (row(e, at_rest) - row(-e, at_rest))])
+
+
+def _told(
+    factor: Float[np.ndarray, "augmented augmented"],
+    samples: int,
+    probes: Float[np.ndarray, "2 columns"],
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """c p of the least-squares p of one drive's rows, and standard deviations for white noise."""
+    Y, tau = factor[:, :-1], factor[:, -1]
+    norms = np.linalg.norm(Y, axis=0)
+    norms[norms == 0] = 1.0
+    U, s, Vt = np.linalg.svd(Y / norms, full_matrices=False)
+    kept = s > _DEPENDENT * s[0]
+    U, s, Vt = U[:, kept], s[kept], Vt[kept]
+    projected = U.T @ tau
+    sigma = np.linalg.norm(tau - U @ projected) / np.sqrt(max(samples - len(s), 1))
+    rows = (probes / norms) @ Vt.T / s
+    return rows @ projected, sigma * np.linalg.norm(rows, axis=1)

@@ -1,0 +1,50 @@
+"""What the data itself says about a fit that cannot be right."""
+
+import re
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from deltaid.errors import IdentificationError
+from deltaid.identification.identify import identify
+from deltaid.identification.model import IdentifiedModel, Settings
+from deltaid.robot.load import load_robot
+from logs import names, recorded, write
+
+SIGNS = "check the sign of these torques and positions"
+
+
+def identified(folder: Path, *flipped: str, settings: Settings | None = None) -> IdentifiedModel:
+    frame = recorded(1500, derivatives=True).with_columns(*(-pl.col(name) for name in flipped))
+    log = write(folder / "log.csv", frame)
+    return identify(load_robot("clavel-delta3"), [log], settings=settings).model
+
+
+def test_right_signs_are_not_doubted(tmp_path: Path) -> None:
+    assert identified(tmp_path).warnings == ()
+
+
+@pytest.mark.parametrize("drive", [1, 3])
+def test_a_drive_with_the_wrong_sign_of_torque_is_named(tmp_path: Path, drive: int) -> None:
+    warning = identified(tmp_path, f"tau{drive}").warnings[0]
+    assert SIGNS in warning
+    assert re.findall(r"drive\d", warning) == [f"drive{drive}"]
+    assert re.search(r"inertia of -0\.\d+ kg m² and a friction of -\d", warning)
+
+
+def test_a_drive_with_the_wrong_sign_of_its_motion_is_named(tmp_path: Path) -> None:
+    text = " ".join(identified(tmp_path, "q2", "qd2", "qdd2").warnings)
+    assert "motion of drive2 contradict" in text
+
+
+@pytest.mark.parametrize(
+    "settings", [Settings(gamma=1e-13), Settings(gamma=1e-12, regularizer="entropic")]
+)
+def test_a_solver_that_fails_on_wrong_signs_does_not_ask_for_gamma(
+    tmp_path: Path, settings: Settings
+) -> None:
+    with pytest.raises(IdentificationError, match="drive1, drive2, drive3 contradict") as caught:
+        identified(tmp_path, *names("tau"), settings=settings)
+    assert SIGNS in str(caught.value)
+    assert "gamma" not in str(caught.value)
