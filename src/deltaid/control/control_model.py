@@ -11,7 +11,6 @@ from deltaid.dynamics.joint_columns import with_load_friction
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
-from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 
 # Newton steps from the desired to the measured pose. Each squares the distance: a centimetre of
@@ -97,7 +96,7 @@ def _law(description: str) -> BatchKernel:
 
 def _located(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> ca.SX:
     """z with q(z) = q by Newton's method on inverse kinematics."""
-    step = mechanism.z - inverse(ca.jacobian(mechanism.q, mechanism.z)) @ (mechanism.q - q)
+    step = mechanism.z - mechanism.speeds.inverse_jacobian @ (mechanism.q - q)
     move = ca.Function("move", [mechanism.z, q], [step])
     for _ in range(_STEPS):
         near = move(near, q)

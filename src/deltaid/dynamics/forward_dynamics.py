@@ -12,7 +12,6 @@ from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.dynamics.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
-from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
@@ -115,7 +114,7 @@ class ForwardDynamics:
     def _drive_kernel(self) -> BatchKernel:
         e, qd = self.equations, ca.SX.sym("qd", self.dof)
         qdd = e.J @ self._acceleration + e.J_dot_zd
-        qdd = ca.substitute(qdd, e.zd, inverse(e.J) @ qd)
+        qdd = ca.substitute(qdd, e.zd, e.T @ qd)
         return BatchKernel(ca.vertcat(e.z, qd, e.tau), qdd, uniform=e.p)
 
     @cached_property
@@ -141,14 +140,14 @@ class ForwardDynamics:
     @cached_property
     def _task_velocity_kernel(self) -> BatchKernel:
         e, qd = self.equations, ca.SX.sym("qd", self.dof)
-        return BatchKernel(ca.vertcat(e.z, qd), inverse(e.J) @ qd)
+        return BatchKernel(ca.vertcat(e.z, qd), e.T @ qd)
 
     @cached_property
     def _step_kernel(self) -> BatchKernel:
         e, z, qd = self.equations, ca.SX.sym("z0", self.dof), ca.SX.sym("qd0", self.dof)
         h = ca.SX.sym("h")
         change = ca.Function("change", *self._velocity_change())
-        T = ca.Function("T", [e.z], [inverse(e.J)])
+        T = ca.Function("T", [e.z], [e.T])
         middle = z + 0.5 * h * T(z) @ qd
         qd_middle = qd + change(z, qd, qd, e.tau, e.p, 0.5 * h)
         qd_end = qd + change(middle, qd_middle, qd, e.tau, e.p, h)
@@ -180,7 +179,7 @@ class ForwardDynamics:
         responses = cholesky_solve(e.M, ca.horzcat(e.J.T @ e.tau - e.h - e.R.T @ e.smooth, e.R.T))
         change = h * (e.J @ responses[:, 0] + e.J_dot_zd)
         if robot.friction_joints:
-            to_joints = e.R @ inverse(e.J)
+            to_joints = e.R @ e.T
             drives = sum(joint in robot.drives for joint in robot.friction_joints)
             impulses = friction_impulses(
                 A=e.R @ responses[:, 1:],
@@ -190,7 +189,7 @@ class ForwardDynamics:
                 drives=drives,
             )
             change += e.J @ responses[:, 1:] @ impulses
-        change = ca.substitute(change, e.zd, inverse(e.J) @ qd)
+        change = ca.substitute(change, e.zd, e.T @ qd)
         return [e.z, qd, qd_0, e.tau, e.p, h], [change]
 
 

@@ -6,11 +6,10 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, SparseRegressor
-from deltaid.dynamics.equations import generalised_forces
+from deltaid.dynamics.equations import joint_regressor
 from deltaid.dynamics.joint_columns import friction_columns
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
-from deltaid.mechanism.vectors import inverse
 from deltaid.robot.friction import FrictionTerm
 
 
@@ -61,12 +60,8 @@ class FrictionDictionary:
     @cached_property
     def _graph(self) -> tuple[ca.SX, ca.SX]:
         """Inputs (z, q̇, τ) and the terms' columns."""
-        mechanism, robot = self.kinematics.mechanism, self.dynamics.robot
-        qd, tau = ca.SX.sym("qd", self.dof), ca.SX.sym("tau", self.dof)
-        T = inverse(ca.jacobian(mechanism.q, mechanism.z))
-        drive = (qd, ca.SX.zeros(self.dof), tau)
-        columns = generalised_forces(robot, mechanism, T, drive, friction_columns(self.terms))
-        return ca.vertcat(mechanism.z, qd, tau), columns
+        mechanism, columns = self.kinematics.mechanism, friction_columns(self.terms)
+        return joint_regressor(self.dynamics.robot, mechanism, columns)
 
     @cached_property
     def _kernel(self) -> BatchKernel:

@@ -111,7 +111,8 @@ def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
         largest = np.sin(np.deg2rad(robot.strut_swing_deg))
         for i, limb in enumerate(mechanism.limbs):
             # y of the limb's frame is the motor axis, x of the strut its direction.
-            limits.append(Limit(f"strut {i + 1} swing", limb.strut.R_LB[1, 0] / largest, True))
+            sideways = limb.strut.rotation.R[1, 0]
+            limits.append(Limit(f"strut {i + 1} swing", sideways / largest, True))
     if robot.platform_turns:
         turn = robot.turn
         limits.append(_between("tool angle", mechanism.z[3], (turn.low, turn.high)))

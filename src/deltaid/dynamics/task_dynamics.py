@@ -12,11 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from deltaid.dynamics.joint_columns import JointMotion, Sign, friction_columns, joint_columns
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.dynamics.rigid_body import body_mass_matrix, body_motion, body_regressor
+from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import FrictionTerm
@@ -29,7 +28,7 @@ class TaskDynamics:
     Attributes:
         z, zd, tau, p: inputs; p is laid out as everywhere.
         q: drive coordinates.
-        J: ∂q/∂z.
+        J, T: ∂q/∂z and ∂z/∂q.
         J_dot_zd: J̇ ż.
         M: task-space mass matrix, rotors included; δ×δ, symmetric.
         h: Coriolis forces, gravity, springs, rotors; δ.
@@ -47,6 +46,7 @@ class TaskDynamics:
     p: ca.SX
     q: ca.SX
     J: ca.SX
+    T: ca.SX
     J_dot_zd: ca.SX
     M: ca.SX
     h: ca.SX
@@ -60,33 +60,29 @@ class TaskDynamics:
 
 
 def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDynamics:
-    """Derive the equations by automatic differentiation."""
-    z, dof, layout = mechanism.z, mechanism.dof, parameter_layout(robot)
-    zd, tau = ca.SX.sym("zd", dof), ca.SX.sym("tau", dof)
-    p = ca.SX.sym("p", len(layout.names))
-    J = ca.jacobian(mechanism.q, z)
-    J_dot_zd = ca.jtimes(J @ zd, z, zd)
-    M, h, V = _bodies(robot, mechanism, zd, p)
-    for k, column in enumerate(joint_columns(robot)):
-        if column.parameter.kind == "friction":
-            continue
-        position = mechanism.joints[column.joint]
-        along, coefficient = ca.jacobian(position, z), p[layout.coefficients][k]
-        speed = along @ zd
-        motion = JointMotion(position, speed, ca.jtimes(speed, z, zd), ca.SX(0))
-        M += coefficient * column.inertia * along.T @ along
-        h += coefficient * column.effort(motion) * along.T
-        V += coefficient * column.potential(position)
-    joints = robot.friction_joints
-    R = ca.vertcat(ca.SX(0, dof), *[ca.jacobian(mechanism.joints[j], z) for j in joints])
+    """Derive the equations."""
+    forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
+    p, zd, tau, dof = forces.p, speeds.z.u, ca.SX.sym("tau", mechanism.dof), mechanism.dof
+    N, motion, own = speeds.task_to_all, speeds.by_task(), forces.layout.coefficients
+    others = [c for c in joint_columns(robot) if c.parameter.kind != "friction"]
+    of_joints = forces.joint_columns(others, tau) @ p[own.stop - len(others) : own.stop]
+    at_rest = ca.SX.zeros(dof)  # z̈ = 0
+    h, J_dot_zd = ca.substitute(
+        [N.T @ motion(forces.of_bodies() + of_joints), motion(speeds.q.ud)],
+        [speeds.z.ud],
+        [at_rest],
+    )
+    M = N.T @ (forces.mass_matrix() @ N)
+    R = ca.vertcat(ca.SX(0, dof), *[forces.joint(j).partial @ N for j in robot.friction_joints])
     laws = _Laws(robot, R @ zd, tau, p)
     return TaskDynamics(
-        z=z,
+        z=mechanism.z,
         zd=zd,
         tau=tau,
         p=p,
         q=mechanism.q,
-        J=J,
+        J=speeds.jacobian,
+        T=speeds.inverse_jacobian,
         J_dot_zd=J_dot_zd,
         M=M,
         h=h,
@@ -96,25 +92,8 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
         forwards=laws.sum(lambda v: ca.SX(1), lambda term: not term.continuous),
         backwards=-laws.sum(lambda v: ca.SX(-1), lambda term: not term.continuous),
         kinetic=0.5 * ca.dot(zd, M @ zd),
-        potential=V,
+        potential=forces.potential(),
     )
-
-
-def _bodies(
-    robot: RobotDescription, mechanism: Mechanism, zd: ca.SX, p: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Mass matrix, forces at z̈ = 0 and potential energy of all bodies, without rotors."""
-    z, dof, gravity = mechanism.z, mechanism.dof, np.array(robot.gravity)
-    M, h, V = ca.SX(dof, dof), ca.SX(dof, 1), ca.SX(0)
-    for body in mechanism.bodies:
-        start = 10 * robot.body_names.index(body.name)
-        p_b = body.count * p[start : start + 10]
-        motion = body_motion(body, z, zd, ca.SX(dof, 1), gravity)
-        M += body_mass_matrix(p_b, motion)
-        h += body_regressor(motion) @ p_b
-        first_moment = p_b[0] * body.r_LB + body.R_LB @ p_b[1:4]
-        V -= ca.dot(ca.DM(body.R_WL.T @ gravity), first_moment)
-    return M, h, V
 
 
 @dataclass(frozen=True)

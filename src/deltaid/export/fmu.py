@@ -33,7 +33,6 @@ from deltaid.export.fmu_variables import (
 )
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.text import c_comment
-from deltaid.mechanism.vectors import inverse
 from deltaid.model import Model
 
 # Longest step [s] of the unit's own integrator.
@@ -97,7 +96,7 @@ def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
     e, robot = subject.dynamics.equations, subject.robot
     tau, speed = ca.SX.sym("tau", e.qd.numel()), ca.SX.sym("speed")
     z, qd = Array("z", e.z), Array("qd", e.qd)
-    rates = straight_line("rates", [z, qd], ("zd", inverse(e.J) @ e.qd), linkage="static ")
+    rates = straight_line("rates", [z, qd], ("zd", e.T @ e.qd), linkage="static ")
     forces = tau - bias(subject, e)
     for drive in robot.load_drives:
         i, share = robot.drives.index(drive), subject.value(f"load.{drive}")

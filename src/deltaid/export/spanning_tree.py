@@ -58,7 +58,7 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies, q: c
     """Driven body and strut. R_LS = R_y(α) R_z(β), so x_S = (cos α cos β, sin β, −sin α cos β)."""
     n, platform = i + 1, subject.robot.platform
     rotary, strut = geometry.drive == "rotary", geometry.strut
-    driven, rod, x_S = f"{limb.driven.name[0]}{n}", f"S{n}", limb.strut.R_LB[:, 0]
+    driven, rod, x_S = f"{limb.driven.name[0]}{n}", f"S{n}", limb.strut.rotation.R[:, 0]
     elbow = geometry.upper_arm * _X
     axis = _Y if rotary else geometry.rail
     bodies = (

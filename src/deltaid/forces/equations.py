@@ -26,18 +26,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.parameters import parameter_layout
-from deltaid.forces.parts import (
-    Bar,
-    Strut,
-    Wrench,
-    bar_forces,
-    bearing_load,
-    body_wrench,
-    joint_effort,
-    strut_forces,
-)
-from deltaid.mechanism.mechanism import Mechanism
+from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.forces.parts import Bar, Part, Strut, bar_forces, bearing_load, strut_forces
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
@@ -85,22 +76,14 @@ def splits(robot: RobotDescription) -> bool:
 
 def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquations:
     """Derive the forces of a robot of limbs and a platform."""
-    dof = mechanism.dof
-    qd, qdd = ca.SX.sym("qd", dof), ca.SX.sym("qdd", dof)
-    v, a = ca.SX.sym("v", dof), ca.SX.sym("a", dof)
-    p = ca.SX.sym("p", len(parameter_layout(robot).names))
-    channels, struts = _Build(robot, mechanism, v, a, p).channels()
-    J = ca.jacobian(mechanism.q, mechanism.z)
-    T = inverse(J)
-    zd = T @ qd
-    zdd = T @ (qdd - ca.jtimes(J @ v, mechanism.z, v))
-    zdd = ca.substitute([zdd], [v], [zd])[0]
-    values = ca.substitute([ca.vertcat(*[c.value for c in channels])], [v, a], [zd, zdd])[0]
+    forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
+    channels, struts = _Build(robot, mechanism, forces).channels()
+    values = speeds.by_drives()(ca.vertcat(*[c.value for c in channels]))
     return ForceEquations(
         z=mechanism.z,
-        qd=qd,
-        qdd=qdd,
-        p=p,
+        qd=speeds.q.u,
+        qdd=speeds.q.ud,
+        p=forces.p,
         channels=tuple(Channel(c.name, c.unit, values[k]) for k, c in enumerate(channels)),
         struts=struts,
     )
@@ -112,7 +95,7 @@ class _Turn:
 
     axis: ca.SX
     centre: ca.SX
-    bodies: tuple[Wrench, ...]
+    parts: tuple[Part, ...]
     limbs: tuple[int, ...]
 
     def moment(self, point: ca.SX, force: ca.SX) -> ca.SX:
@@ -121,24 +104,26 @@ class _Turn:
 
 
 class _Build:
-    """The steps above for one robot; v = ż and a = z̈ are symbols, since they depend on z."""
+    """The steps above for one robot, as functions of the mechanism's speeds."""
 
-    def __init__(
-        self, robot: RobotDescription, mechanism: Mechanism, v: ca.SX, a: ca.SX, p: ca.SX
-    ) -> None:
-        self._robot, self._mechanism, self._z = robot, mechanism, mechanism.z
-        self._v, self._p = v, p
-        wrenches = [body_wrench(robot, mechanism.z, b, v, a, p) for b in mechanism.bodies]
-        n = len(mechanism.limbs)
-        self._driven, others = wrenches[0 : 2 * n : 2], wrenches[2 * n :]
-        self._struts = tuple(
-            strut_forces(g, limb, w)
-            for g, limb, w in zip(
-                robot.limb_geometry, mechanism.limbs, wrenches[1 : 2 * n : 2], strict=True
-            )
-        )
-        self._others = tuple(others)
-        self._bar = self._telescope() if robot.telescope is not None else None
+    def __init__(self, robot: RobotDescription, mechanism: Mechanism, forces: SpeedForces) -> None:
+        self._robot, self._mechanism, self._forces = robot, mechanism, forces
+        self._z = mechanism.z
+        self._driven = [self._part(limb.driven) for limb in mechanism.limbs]
+        self._struts = [
+            strut_forces(geometry, limb, self._part(limb.strut))
+            for geometry, limb in zip(robot.limb_geometry, mechanism.limbs, strict=True)
+        ]
+        self._platform = tuple(self._part(body) for body in mechanism.platform)
+        self._telescope, self._bar = (), None
+        if mechanism.telescope is not None:
+            bodies, length = mechanism.telescope, mechanism.joints["slide"]
+            upper, lower, tool = map(self._part, (bodies.upper, bodies.lower, bodies.tool))
+            self._telescope = (upper, lower, tool)
+            self._bar = bar_forces(length, upper, lower, tool, forces.effort("slide"))
+
+    def _part(self, body: MovingBody) -> Part:
+        return Part(body, self._forces.wrench(body))
 
     def channels(self) -> tuple[list[Channel], tuple[str, ...]]:
         """All results, and the names of the struts."""
@@ -159,7 +144,7 @@ class _Build:
             for name, aside, along, count in sides:
                 names.append(name)
                 inner = count * strut.across_S + ca.vertcat(along, 0, 0)
-                outer = inner - count * strut.wrench.force
+                outer = inner - count * strut.part.force
                 at_elbow.append((aside, outer, count))
                 found += _strut_channels(name, strut, inner, outer, count)
                 if aside:
@@ -168,23 +153,16 @@ class _Build:
             found += _bearing_channels(i, strut, self._driven[i], at_elbow, complete)
         return found + (_bar_channels(self._bar) if self._bar else []), tuple(names)
 
-    def _telescope(self) -> Bar:
-        upper, lower, tool = self._others[-3:]
-        length = self._mechanism.joints["slide"]
-        return bar_forces(length, upper, lower, tool, self._effort("slide"))
-
-    def _effort(self, joint: str) -> ca.SX:
-        return joint_effort(self._robot, self._mechanism, joint, self._v, self._p)
-
     def _sums(self) -> ca.SX:
         """N_i, step 3. A telescope's ψ is held by its own drive."""
-        n, z = len(self._struts), self._z
-        Q, rows = ca.SX.zeros(z.numel()), []
-        for wrench in self._others:
-            Q += wrench.body.count * wrench.on_z
+        n, z, forces = len(self._struts), self._z, self._forces
+        on_speeds = ca.SX.zeros(self._mechanism.speeds.u.numel())
+        for part in (*self._platform, *self._telescope):
+            on_speeds += part.body.count * forces.on_speeds(part.body, part.taken)
         for joint in ("platform", "slide"):
             if joint in self._mechanism.joints:
-                Q += self._effort(joint) * ca.jacobian(self._mechanism.joints[joint], z).T
+                on_speeds += forces.effort(joint) * forces.joint(joint).partial.T
+        Q, rows = self._mechanism.speeds.locked_to_all.T @ on_speeds, []
         for strut in self._struts:
             motion = ca.jacobian(strut.held, z)
             Q += motion.T @ (strut.geometry.struts * strut.across)
@@ -197,9 +175,9 @@ class _Build:
         turns, n = self._turns(), len(self._struts)
         A, work = ca.SX(n, n), ca.SX.zeros(n)
         for j, turn in enumerate(turns):
-            for wrench in turn.bodies:
-                work[j] += ca.dot(turn.axis, wrench.world_moment)
-                work[j] += turn.moment(wrench.origin, wrench.world_force)
+            for part in turn.parts:
+                work[j] += ca.dot(turn.axis, part.world_moment)
+                work[j] += turn.moment(part.origin, part.world_force)
             if self._bar is not None:
                 work[j] += ca.dot(turn.axis, self._bar.lower_torque_W)
                 work[j] += turn.moment(self._bar.r_lower, self._bar.lower_force_W)
@@ -215,12 +193,12 @@ class _Build:
     def _turns(self) -> list[_Turn]:
         """Turns of the whole platform, the telescope's end included, and H4's fourth."""
         platform = self._robot.platform
-        bodies = tuple(w for w in self._others if w.body.name not in ("TU", "TL"))
+        parts = self._platform + self._telescope[2:]
         limbs = tuple(range(len(self._struts)))
         axes = [ca.SX(ca.DM(axis)) for axis in np.eye(3)]
-        turns = [_Turn(axis, self._z[:3], bodies, limbs) for axis in axes]
+        turns = [_Turn(axis, self._z[:3], parts, limbs) for axis in axes]
         if isinstance(platform, H4Platform):
-            second = bodies[1]  # the parts come first
+            second = self._platform[1]
             held = tuple(i for i in limbs if not platform.on_first(i))
             turns.append(_Turn(axes[2], second.origin, (second,), held))
         return turns
@@ -260,7 +238,7 @@ def _socket_channels(
 def _bearing_channels(
     i: int,
     strut: Strut,
-    driven: Wrench,
+    driven: Part,
     at_elbow: list[tuple[float, ca.SX, int]],
     complete: bool,
 ) -> list[Channel]:

@@ -8,79 +8,53 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.joint_columns import JointMotion, joint_columns
-from deltaid.dynamics.parameters import parameter_layout
-from deltaid.dynamics.rigid_body import body_motion
-from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
-from deltaid.robot.description import RobotDescription
+from deltaid.dynamics.rigid_body import Wrench
+from deltaid.mechanism.mechanism import LimbBodies, MovingBody
+from deltaid.mechanism.vectors import fixed
 from deltaid.robot.limbs import LimbGeometry
 
 
 @dataclass(frozen=True)
-class Wrench:
-    """What one body's motion takes from its joints, gravity taken off.
+class Part:
+    """One body and what its motion takes from its joints, gravity taken off.
 
     Attributes:
-        body: whose it is.
-        force, moment: about the link frame's origin, in the link frame [N, N m].
-        on_z: its generalised forces on z.
+        body: the body; one of `body.count`.
+        taken: force and moment about its link frame's origin.
     """
 
     body: MovingBody
-    force: ca.SX
-    moment: ca.SX
-    on_z: ca.SX
+    taken: Wrench
 
     @property
     def rotation(self) -> ca.SX:
         """Rotation from the link frame to the world."""
-        return ca.SX(ca.DM(self.body.R_WL)) @ self.body.R_LB
+        return fixed(self.body.R_WL) @ self.body.rotation.R
 
     @property
     def origin(self) -> ca.SX:
         """Origin of the link frame in the world [m]."""
-        return ca.SX(ca.DM(self.body.R_WL)) @ self.body.r_LB
+        return fixed(self.body.R_WL) @ self.body.origin.at
+
+    @property
+    def force(self) -> ca.SX:
+        """The force in the link frame [N]."""
+        return self.body.rotation.R.T @ self.taken.force
+
+    @property
+    def moment(self) -> ca.SX:
+        """The moment in the link frame [N m]."""
+        return ca.densify(self.taken.moment)
 
     @property
     def world_force(self) -> ca.SX:
         """The force in the world [N]."""
-        return self.rotation @ self.force
+        return fixed(self.body.R_WL) @ self.taken.force
 
     @property
     def world_moment(self) -> ca.SX:
         """The moment in the world [N m]."""
-        return self.rotation @ self.moment
-
-
-def body_wrench(
-    robot: RobotDescription, z: ca.SX, body: MovingBody, v: ca.SX, a: ca.SX, p: ca.SX
-) -> Wrench:
-    """Newton's and Euler's laws as in `dynamics.rigid_body`, for one of `body.count` bodies."""
-    motion = body_motion(body, z, v, a, np.array(robot.gravity))
-    p_b = p[parameter_layout(robot).body(body.name)]
-    m, mc = p_b[0], p_b[1:4]
-    Theta = ca.vertcat(
-        ca.horzcat(p_b[4], p_b[7], p_b[9]),
-        ca.horzcat(p_b[7], p_b[5], p_b[8]),
-        ca.horzcat(p_b[9], p_b[8], p_b[6]),
-    )
-    w, alpha = ca.densify(motion.w), ca.densify(motion.alpha)
-    force = m * motion.a + ca.cross(alpha, mc) + ca.cross(w, ca.cross(w, mc))
-    moment = ca.cross(mc, ca.densify(motion.a)) + Theta @ alpha + ca.cross(w, Theta @ w)
-    return Wrench(body, force, moment, motion.J_v.T @ force + motion.J_w.T @ moment)
-
-
-def joint_effort(
-    robot: RobotDescription, mechanism: Mechanism, joint: str, v: ca.SX, p: ca.SX
-) -> ca.SX:
-    """Friction and spring of a joint that is no drive: force or torque that its motion takes."""
-    layout, coordinate = parameter_layout(robot), mechanism.joints[joint]
-    speed, effort = ca.jtimes(coordinate, mechanism.z, v), ca.SX(0)
-    motion = JointMotion(coordinate, speed, ca.SX(0), ca.SX(0))
-    for k, column in enumerate(joint_columns(robot), start=layout.coefficients.start):
-        if column.joint == joint:
-            effort += p[k] * column.effort(motion)
-    return effort
+        return self.rotation @ self.taken.moment
 
 
 @dataclass(frozen=True)
@@ -89,7 +63,7 @@ class Strut:
 
     Attributes:
         geometry: its limb.
-        wrench: what its motion takes.
+        part: what its motion takes.
         R_LS: from the strut's frame to the limb's.
         r_E: the elbow from the origin of arm or carriage, in L [m].
         held: the middle of the limb's joints on the platform, in the world [m].
@@ -99,7 +73,7 @@ class Strut:
     """
 
     geometry: LimbGeometry
-    wrench: Wrench
+    part: Part
     R_LS: ca.SX
     r_E: ca.SX
     held: ca.SX
@@ -110,26 +84,26 @@ class Strut:
     @property
     def along(self) -> ca.SX:
         """Along the strut to the platform, in the world."""
-        return self.wrench.rotation[:, 0]
+        return self.part.rotation[:, 0]
 
     @property
     def across(self) -> ca.SX:
         """`across_S` in the world."""
-        return self.wrench.rotation @ self.across_S
+        return self.part.rotation @ self.across_S
 
 
-def strut_forces(geometry: LimbGeometry, limb: LimbBodies, wrench: Wrench) -> Strut:
+def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: Part) -> Strut:
     """Moments about the elbow, with the force f at the platform's end and the moment μ n of the
     elbow: l x × f + μ n = moment, n = y_L × z_S."""
-    R_LS, l = limb.strut.R_LB, geometry.strut
-    y_S, m = R_LS[1, :].T, wrench.moment
+    R_LS, l = limb.strut.rotation.R, geometry.strut
+    y_S, m = R_LS[1, :].T, part.moment
     n = ca.vertcat(y_S[1], -y_S[0], 0)
     mu = m[0] / n[0]
     return Strut(
         geometry=geometry,
-        wrench=wrench,
+        part=part,
         R_LS=R_LS,
-        r_E=limb.strut.r_LB - limb.driven.r_LB,
+        r_E=limb.strut.origin.at - limb.driven.origin.at,
         held=limb.held,
         across_S=ca.vertcat(0, m[2] / l, (mu * n[1] - m[1]) / l),
         spin=mu,
@@ -138,7 +112,7 @@ def strut_forces(geometry: LimbGeometry, limb: LimbBodies, wrench: Wrench) -> St
 
 
 def bearing_load(
-    strut: Strut, driven: Wrench, at_elbow: list[tuple[float, ca.SX, int]]
+    strut: Strut, driven: Part, at_elbow: list[tuple[float, ca.SX, int]]
 ) -> tuple[ca.SX, ca.SX]:
     """Force and moment that arm or carriage takes from base and drive.
 
@@ -149,8 +123,8 @@ def bearing_load(
         at_elbow: for each strut its distance from the middle along y, the force through its upper
             end in S, and how many struts that stands for.
     """
-    R_LD = driven.body.R_LB
-    force, moment = R_LD @ driven.force, R_LD @ driven.moment
+    R_LD = driven.body.rotation.R
+    force, moment = ca.SX(driven.taken.force), R_LD @ driven.moment
     for aside, through, count in at_elbow:
         on_strut = -strut.R_LS @ through
         force += on_strut
@@ -185,7 +159,7 @@ class Bar:
     drive: ca.SX
 
 
-def bar_forces(length: ca.SX, upper: Wrench, lower: Wrench, tool: Wrench, slide: ca.SX) -> Bar:
+def bar_forces(length: ca.SX, upper: Part, lower: Part, tool: Part, slide: ca.SX) -> Bar:
     """Both crosses lie along x of the end effector and y of the bar, so torques go along
     n = x_E × y_T. The end effector's turn gives the lower one, moments about the upper joint the
     rest, and the slide the force along the bar.

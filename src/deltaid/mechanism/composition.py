@@ -3,13 +3,15 @@
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.limb import Limb, build_limb, elbow, mode_margin
-from deltaid.mechanism.mechanism import ClosedForm, LimbBodies, Mechanism, MovingBody
+from deltaid.mechanism.limb import LimbMotion, elbow, limb_motion, mode_margin
+from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.own import build_own
 from deltaid.mechanism.platform import PlatformParts, build_platform
+from deltaid.mechanism.rotation import Path
+from deltaid.mechanism.speeds import Speed, Speeds
 from deltaid.mechanism.spheres import meeting_point
 from deltaid.mechanism.telescope import build_telescope
-from deltaid.mechanism.vectors import unit
+from deltaid.mechanism.vectors import fixed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform
@@ -23,78 +25,78 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
     """
     if robot.mechanism is not None:
         return build_own(robot, robot.mechanism)
-    z = ca.SX.sym("z", len(robot.drives))
-    q_symbols = ca.SX.sym("q", len(robot.drives))
-    geometry, platform = robot.limb_geometry, build_platform(robot, z)
+    dof, n = len(robot.drives), len(robot.limb_geometry)
+    z, q_symbols = ca.SX.sym("z", dof), ca.SX.sym("q", dof)
+    drives, task, swings = Speed.named("qd", dof), Speed.named("zd", dof), Speed.named("w", 2 * n)
+    motion = Path(z, task.u, task.ud)
+    geometry, platform = robot.limb_geometry, build_platform(robot, motion)
     limbs = tuple(
-        _limb_bodies(robot, i, g, p) for i, (g, p) in enumerate(_held(geometry, platform))
+        limb_motion(point, g, robot.limb_bodies(i), drives[i : i + 1], swings[2 * i : 2 * i + 2])
+        for i, (g, point) in enumerate(zip(geometry, platform.points, strict=True))
     )
-    solved = [build_limb(p, g) for g, p in _held(geometry, platform)]
-    bodies = [body for limb in limbs for body in (limb.driven, limb.strut)]
-    bodies += [MovingBody(b.name, b.count, np.eye(3), b.R_WB, b.r_WB) for b in platform.bodies]
-    q = ca.vertcat(*[limb.q for limb in solved])
-    closure, modes = _closure(q_symbols, geometry, platform)
-    joints = {f"drive{i + 1}": limb.q for i, limb in enumerate(solved)}
+    bodies = [body for limb in limbs for body in (limb.bodies.driven, limb.bodies.strut)]
+    bodies += platform.bodies
+    q = ca.vertcat(*[limb.q for limb in limbs])
+    points = tuple(point.at for point in platform.points)
+    closure, modes = _closure(q_symbols, geometry, points)
+    joints = {f"drive{i + 1}": limb.q for i, limb in enumerate(limbs)}
     if platform.joint is not None:
         joints["platform"] = platform.joint
+    passive, bar = [limb.swing for limb in limbs], None
     if robot.telescope is not None:
-        psi = z[3]
-        bar = build_telescope(z[:3], psi, robot.telescope)
-        bodies += [
-            MovingBody("TU", 1, np.eye(3), bar.R_WT, bar.r_WTU),
-            MovingBody("TL", 1, np.eye(3), bar.R_WT, bar.r_WTL),
-            MovingBody("EE", 1, np.eye(3), bar.R_WE, z[:3]),
-        ]
-        q, closure = ca.vertcat(q, psi), ca.vertcat(closure, psi - q_symbols[3])
-        joints |= {"drive4": psi, "slide": bar.length}
+        bar = build_telescope(motion, robot.telescope, Speed.named("spin", 3))
+        bodies += [bar.bodies.upper, bar.bodies.lower, bar.bodies.tool]
+        passive.append(bar.spin)
+        q, closure = ca.vertcat(q, z[3]), ca.vertcat(closure, z[3] - q_symbols[3])
+        joints |= {"drive4": z[3], "slide": bar.length}
     return Mechanism(
         z=z,
         q=q,
+        speeds=Speeds(drives, task, Speed.joined(passive), *_loops(limbs, platform, motion)),
         bodies=tuple(bodies),
-        limbs=limbs,
+        limbs=tuple(limb.bodies for limb in limbs),
+        platform=platform.bodies,
+        telescope=None if bar is None else bar.bodies,
         joints={name: joints[name] for name in robot.joints},
-        reach=ca.vertcat(*[limb.reach for limb in solved]),
+        reach=ca.vertcat(*[limb.reach for limb in limbs]),
         q_symbols=q_symbols,
         closure=closure,
         modes=modes,
         hold=_hold(robot, limbs),
         forward=_closed_form(robot, (z, q), q_symbols),
-        lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if len(robot.drives) > 3 else [])),
+        lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if dof > 3 else [])),
         period=platform.period,
     )
 
 
-def _held(
-    geometry: tuple[LimbGeometry, ...], platform: PlatformParts
-) -> list[tuple[LimbGeometry, ca.SX]]:
-    return list(zip(geometry, platform.points, strict=True))
-
-
-def _limb_bodies(
-    robot: RobotDescription, i: int, geometry: LimbGeometry, held: ca.SX
-) -> LimbBodies:
-    driven, strut = robot.limb_bodies(i)
-    limb: Limb = build_limb(held, geometry)
-    return LimbBodies(
-        driven=MovingBody(driven, 1, limb.R_WL, limb.R_LD, limb.r_LD),
-        strut=MovingBody(strut, geometry.struts, limb.R_WL, limb.R_LS, limb.r_LS),
-        held=held,
-    )
+def _loops(
+    limbs: tuple[LimbMotion, ...], platform: PlatformParts, z: Path
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """A, B and c of the closed loops; a drive beside the limbs' is the last entry of z."""
+    n, dof = len(limbs), z.at.numel()
+    A, B, c = ca.SX(dof, dof), ca.SX.eye(dof), ca.SX(dof, 1)
+    for i, (limb, point) in enumerate(zip(limbs, platform.points, strict=True)):
+        of_point = ca.substitute(point.acceleration, z.acceleration, ca.SX.zeros(dof))
+        A[i, :] = ca.sparsify(limb.s.T @ ca.jacobian(point.at, z.at))
+        B[i, i], c[i] = limb.gain, limb.bias - ca.dot(limb.s, of_point)
+    if dof > n:
+        A[n, n] = 1
+    return A, B, c
 
 
 def _closure(
-    q: ca.SX, geometry: tuple[LimbGeometry, ...], platform: PlatformParts
+    q: ca.SX, geometry: tuple[LimbGeometry, ...], points: tuple[ca.SX, ...]
 ) -> tuple[ca.SX, ca.SX]:
     """(|a_i − E_i(q_i)|² − l_i²) / (2 l_i) of each limb [m], and the limbs' mode margins [m]."""
     closure, modes = [], []
-    for i, (limb, point) in enumerate(_held(geometry, platform)):
+    for i, (limb, point) in enumerate(zip(geometry, points, strict=True)):
         gap = ca.sumsqr(point - elbow(q[i], limb)) - limb.strut**2
         closure.append(gap / (2 * limb.strut))
         modes.append(mode_margin(q[i], point, limb))
     return ca.vertcat(*closure), ca.vertcat(*modes)
 
 
-def _hold(robot: RobotDescription, limbs: tuple[LimbBodies, ...]) -> ca.SX:
+def _hold(robot: RobotDescription, limbs: tuple[LimbMotion, ...]) -> ca.SX:
     """Axes n = x_S × y_L (unit vectors, world): a parallelogram has no rotation about its normal.
 
     Parts that joints keep parallel share all three rotations. The side bars of an H4 hang on a
@@ -102,8 +104,8 @@ def _hold(robot: RobotDescription, limbs: tuple[LimbBodies, ...]) -> ca.SX:
     """
     rows = []
     for i, limb in enumerate(limbs):
-        x_S = limb.strut.R_LB[:, 0]
-        n = ca.SX(ca.DM(limb.strut.R_WL)) @ unit(ca.cross(x_S, ca.DM([0, 1, 0])))
+        strut = limb.bodies.strut
+        n = fixed(strut.R_WL) @ strut.rotation.R[:, 2]
         if isinstance(robot.platform, H4Platform):
             first = robot.platform.on_first(i)
             n = ca.vertcat(n[:2], n[2] if first else 0, 0 if first else n[2])

@@ -183,11 +183,8 @@ class Kinematics:
         """
         q = self.inverse(z)
         self.require_regular(z)
-        J = self.jacobian(z)
-        qd = np.einsum("sij,sj->si", J, zd)
-        qdd = np.einsum("sij,sj->si", J, zdd)
-        qdd += np.einsum("sij,sj->si", self.jacobian_rate(z, zd), zd)
-        return q, qd, qdd
+        rates = self._motion_kernel(np.hstack([z, zd, zdd]).T).T
+        return q, rates[:, : self.dof], rates[:, self.dof :]
 
     def poses(self, z: Samples) -> tuple[BodyPoses, ...]:
         """Poses of all moving bodies, limb by limb as in `Mechanism.bodies`."""
@@ -266,14 +263,20 @@ class Kinematics:
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:
         m = self.mechanism
-        return BatchKernel(m.z, ca.jacobian(m.q, m.z))
+        return BatchKernel(m.z, m.speeds.jacobian)
+
+    @cached_property
+    def _motion_kernel(self) -> BatchKernel:
+        speeds = self.mechanism.speeds
+        rates = speeds.by_task()(ca.vertcat(speeds.q.u, speeds.q.ud))
+        return BatchKernel(ca.vertcat(self.mechanism.z, speeds.z.u, speeds.z.ud), rates)
 
     @cached_property
     def _jacobian_rate_kernel(self) -> BatchKernel:
         m = self.mechanism
         zd = ca.SX.sym("zd", m.dof)
-        J = ca.jacobian(m.q, m.z)
-        return BatchKernel(ca.vertcat(m.z, zd), ca.jtimes(ca.vec(ca.densify(J)), m.z, zd))
+        J = ca.vec(ca.densify(m.speeds.jacobian))
+        return BatchKernel(ca.vertcat(m.z, zd), ca.jtimes(J, m.z, zd))
 
     @cached_property
     def _regularity_kernel(self) -> BatchKernel:
@@ -286,7 +289,10 @@ class Kinematics:
     @cached_property
     def _pose_kernel(self) -> BatchKernel:
         m = self.mechanism
-        columns = [ca.vertcat(ca.vec(ca.densify(b.R_LB)), ca.densify(b.r_LB)) for b in m.bodies]
+        columns = [
+            ca.vertcat(ca.vec(ca.densify(body.rotation.R)), ca.densify(body.origin.at))
+            for body in m.bodies
+        ]
         return BatchKernel(m.z, ca.vertcat(*columns))
 
 

@@ -12,7 +12,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism.vectors import frame, unit
+from deltaid.mechanism.mechanism import LimbBodies, MovingBody
+from deltaid.mechanism.rotation import Path, Turn, pointing, rotation
+from deltaid.mechanism.speeds import Speed
+from deltaid.mechanism.vectors import fixed
 from deltaid.robot.limbs import LimbGeometry
 
 
@@ -37,59 +40,128 @@ class Limb:
     reach: ca.SX
 
 
+@dataclass(frozen=True)
+class LimbMotion:
+    """One limb along a motion of the point a that it holds and of its drive.
+
+    The loop |a − E(q)|² = l² through the elbow E gives, with s = a − E(q) and E′ = dE/dq,
+
+        sᵀ ȧ = (s · E′) q̇,    sᵀ ä = (s · E′) q̈ + s · E″ q̇² − |ṡ|².
+
+    Attributes:
+        q: drive coordinate.
+        bodies: driven body and strut.
+        s: the strut's vector in the world [m].
+        gain: s · E′.
+        bias: what is left of s · ä at q̈ = 0, s · E″ q̇² − |ṡ|².
+        swing: what the strut's turns about y of L and then about its own z do.
+        reach: as of a `Limb`.
+    """
+
+    q: ca.SX
+    bodies: LimbBodies
+    s: ca.SX
+    gain: ca.SX
+    bias: ca.SX
+    swing: Speed
+    reach: ca.SX
+
+
 def build_limb(point: ca.SX, limb: LimbGeometry) -> Limb:
     """Inverse kinematics and poses of a limb that holds `point` (world, m)."""
-    p = ca.mtimes(ca.DM(limb.R_WL.T), point - ca.DM(limb.base))
-    return _rotary(p, limb) if limb.drive == "rotary" else _linear(p, limb)
+    at_rest = Speed.named("", 1), Speed.named("", 2)
+    motion = limb_motion(Path.still(point), limb, ("", ""), *at_rest)
+    driven, strut = motion.bodies.driven, motion.bodies.strut
+    poses = (driven.rotation.R, driven.origin.at, strut.rotation.R, strut.origin.at)
+    return Limb(motion.q, limb.R_WL, *poses, motion.reach)
 
 
-def _rotary(d: ca.SX, limb: LimbGeometry) -> Limb:
+def limb_motion(
+    point: Path, limb: LimbGeometry, names: tuple[str, str], drive: Speed, swing: Speed
+) -> LimbMotion:
+    """Inverse kinematics and motion of a limb.
+
+    Args:
+        point: that it holds, in the world [m].
+        names: of the driven body and the strut.
+        drive: q̇ and q̈ as symbols.
+        swing: rates and accelerations of the strut's two angles as symbols.
+    """
+    R_LW, origin = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base)
+    d, qd, qdd = R_LW @ (point.at - fixed(limb.base)), drive.u, drive.ud
+    solved = _rotary(d, limb) if limb.drive == "rotary" else _linear(d, limb)
+    bias = solved.curve * qd**2
+    elbow = Path(origin + solved.elbow, solved.slope * qd, solved.slope * qdd + bias)
+    s = Path(d - solved.elbow, R_LW @ point.rate - elbow.rate,
+             R_LW @ point.acceleration - elbow.acceleration)  # fmt: skip
+    turns = pointing("yz", s, Path.still(ca.SX(limb.strut)))
+    strut = rotation(*(turn.with_rates(swing.u[k], swing.ud[k]) for k, turn in enumerate(turns)))
+    if limb.drive == "rotary":
+        arm = rotation(Turn("y", solved.cos, solved.sin, qd, qdd))
+        driven = MovingBody(names[0], 1, limb.R_WL, arm, Path.still(origin))
+    else:
+        driven = MovingBody(names[0], 1, limb.R_WL, rotation(), elbow)
+    return LimbMotion(
+        q=solved.q,
+        bodies=LimbBodies(
+            driven, MovingBody(names[1], limb.struts, limb.R_WL, strut, elbow), point.at
+        ),
+        s=R_LW.T @ s.at,
+        gain=ca.dot(s.at, solved.slope),
+        bias=ca.dot(s.at, bias) - ca.sumsqr(s.rate),
+        swing=swing.being(
+            ca.vertcat(*(turn.rate for turn in turns)),
+            ca.vertcat(*(turn.acceleration for turn in turns)),
+        ),
+        reach=solved.reach,
+    )
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """A limb's drive for some point: coordinate, the elbow from the base point in L, E′ and E″."""
+
+    q: ca.SX
+    cos: ca.SX
+    sin: ca.SX
+    elbow: ca.SX
+    slope: ca.SX
+    curve: ca.SX
+    reach: ca.SX
+
+
+def _rotary(d: ca.SX, limb: LimbGeometry) -> _Drive:
     """With d from the motor axis to the held point, the upper arm's direction x_U solves
     d · x_U = κ = (|d|² + L² − l²) / (2 L) in the arm's plane; the working mode picks one of two."""
     L, l = limb.upper_arm, limb.strut
     outwards, lateral, height = d[0], d[1], d[2]
     rho_squared = outwards**2 + height**2
-    kappa = (rho_squared + lateral**2 + L**2 - l**2) / (2 * L)
+    kappa = (rho_squared + (lateral**2 + (L**2 - l**2))) * (0.5 / L)
     root = ca.sqrt(rho_squared - kappa**2) * (1 if limb.outwards else -1)
-    cos_q = (kappa * outwards - root * height) / rho_squared
-    sin_q = -(kappa * height + root * outwards) / rho_squared
-    x_U = ca.vertcat(cos_q, 0, -sin_q)
-    y_U = ca.SX(ca.DM([0, 1, 0]))
-    r_LU = ca.SX(ca.sparsify(ca.DM(_clean(limb.R_WL.T @ limb.base))))
-    return Limb(
+    share = 1 / rho_squared
+    cos_q = (kappa * outwards - root * height) * share
+    sin_q = -(kappa * height + root * outwards) * share
+    arm = ca.sparsify(ca.vertcat(L * cos_q, 0, -L * sin_q))
+    return _Drive(
         q=ca.atan2(sin_q, cos_q),
-        R_WL=limb.R_WL,
-        R_LD=frame(x_U, y_U, ca.vertcat(sin_q, 0, cos_q)),
-        r_LD=r_LU,
-        R_LS=_strut_frame((d - L * x_U) / l),
-        r_LS=r_LU + L * x_U,
+        cos=cos_q,
+        sin=sin_q,
+        elbow=arm,
+        slope=ca.sparsify(ca.vertcat(-L * sin_q, 0, -L * cos_q)),
+        curve=-arm,
         reach=_rotary_reach(rho_squared, lateral, L, l),
     )
 
 
-def _linear(p: ca.SX, limb: LimbGeometry) -> Limb:
+def _linear(p: ca.SX, limb: LimbGeometry) -> _Drive:
     """With p from the rail's zero point to the held one and e along the rail, |p − q e| = l gives
     q = e·p ∓ √(l² − |p|² + (e·p)²); outwards is the carriage above."""
-    l, e = limb.strut, ca.DM(_clean(limb.rail))
+    l, e = limb.strut, fixed(limb.rail)
     along = ca.dot(e, p)
     aside_squared = ca.sumsqr(p) - along**2
     q = along - (1 if limb.outwards else -1) * ca.sqrt(l**2 - aside_squared)
-    r_LC = ca.SX(ca.sparsify(ca.DM(_clean(limb.R_WL.T @ limb.base)))) + q * ca.sparsify(e)
-    return Limb(
-        q=q,
-        R_WL=limb.R_WL,
-        R_LD=ca.SX.eye(3),
-        r_LD=r_LC,
-        R_LS=_strut_frame((p - q * e) / l),
-        r_LS=r_LC,
-        reach=l - ca.sqrt(aside_squared),
-    )
-
-
-def _strut_frame(x_S: ca.SX) -> ca.SX:
-    """x along the strut, z perpendicular to it and to the limb's y axis."""
-    z_S = unit(ca.vertcat(-x_S[2], 0, x_S[0]))
-    return frame(x_S, ca.cross(z_S, x_S), z_S)
+    none = ca.SX(3, 1)
+    return _Drive(q, ca.SX(1), ca.SX(0), q * e, e, none, l - ca.sqrt(aside_squared))
 
 
 def _rotary_reach(rho_squared: ca.SX, lateral: ca.SX, L: float, l: float) -> ca.SX:
@@ -109,7 +181,7 @@ def elbow(q: ca.SX, limb: LimbGeometry) -> ca.SX:
     if limb.drive == "rotary":
         in_L = limb.upper_arm * ca.vertcat(ca.cos(q), 0, -ca.sin(q))
     else:
-        in_L = q * ca.DM(_clean(limb.rail))
+        in_L = q * fixed(limb.rail)
     return ca.DM(limb.base) + ca.DM(limb.R_WL) @ in_L
 
 
@@ -125,8 +197,3 @@ def mode_margin(q: ca.SX, point: ca.SX, limb: LimbGeometry) -> ca.SX:
     else:
         margin = ca.dot(ca.DM(limb.rail), p) - q
     return margin if limb.outwards else -margin
-
-
-def _clean(v: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    """Rounding to exact zeros, so that the graph has none of it."""
-    return np.where(np.abs(v) < 1e-15, 0.0, v)

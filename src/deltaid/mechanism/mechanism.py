@@ -1,9 +1,8 @@
 """A mechanism as the rest of the package sees it: symbolic poses, drives, joints, reach.
 
 Everything is a CasADi SX expression of the task coordinates z = [r; ψ] (r the platform point in
-the world; ψ the tool's angle, where a telescope or a platform turns it). Velocities, accelerations,
-Jacobians and all of the dynamics follow by automatic differentiation, so nothing here is ever
-differentiated by hand.
+the world; ψ the tool's angle, where a telescope or a platform turns it). Velocities and
+accelerations are simple functions of generalised speeds (`mechanism.speeds`).
 """
 
 from dataclasses import dataclass
@@ -12,27 +11,31 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.mechanism.rotation import Path, Rotation
+from deltaid.mechanism.speeds import Speeds
 from deltaid.mechanism.vectors import inverse
 
 
 @dataclass(frozen=True)
 class MovingBody:
-    """One moving rigid body: whose inertia parameters it has, how many of it, and where it is.
+    """One moving rigid body: whose inertia parameters it has, how many of it, and how it moves.
 
     Attributes:
         name: the body of the description whose ten parameters it carries.
         count: how many bodies share this very motion (2 for the struts of a parallelogram).
         R_WL: constant rotation from an inertial frame L to the world W. A limb's poses are
             simplest in a frame turned with the limb; its origin is the world's.
-        R_LB: rotation from link frame B to L, 3×3, function of z.
-        r_LB: origin of the link frame, resolved in L, 3, function of z [m].
+        rotation: from link frame B to L, with ω and ω̇ in B.
+        origin: of the link frame, resolved in L, with velocity and acceleration [m].
+
+    Poses are functions of z, the rest of z and of the mechanism's generalised speeds.
     """
 
     name: str
     count: int
     R_WL: Float[np.ndarray, "3 3"]
-    R_LB: ca.SX
-    r_LB: ca.SX
+    rotation: Rotation
+    origin: Path
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,22 @@ class LimbBodies:
     """One limb's bodies: the driven one (upper arm or carriage), the strut, and what it holds.
 
     Attributes:
-        driven, strut: their poses.
+        driven, strut: their motion.
         held: the middle of the strut joints at the platform, in the world [m].
     """
 
     driven: MovingBody
     strut: MovingBody
     held: ca.SX
+
+
+@dataclass(frozen=True)
+class TelescopeBodies:
+    """The telescope bar's halves, and the end effector that it turns."""
+
+    upper: MovingBody
+    lower: MovingBody
+    tool: MovingBody
 
 
 @dataclass(frozen=True)
@@ -73,8 +85,11 @@ class Mechanism:
     Attributes:
         z: task coordinates, δ symbols.
         q: drive coordinates as functions of z (inverse kinematics).
+        speeds: generalised speeds that the bodies' motion is a function of.
         bodies: all moving bodies.
         limbs: those of each limb, and what it holds.
+        platform: bodies of the platform, the parts that limbs hold first.
+        telescope: those of a telescope bar.
         joints: friction joints' coordinates ϑ(z) by name, drives first.
         reach: for each limb, the distance in metres by which z is inside its reach, functions of z.
         q_symbols: δ symbols for the drive coordinates in what follows.
@@ -92,8 +107,11 @@ class Mechanism:
 
     z: ca.SX
     q: ca.SX
+    speeds: Speeds
     bodies: tuple[MovingBody, ...]
     limbs: tuple[LimbBodies, ...]
+    platform: tuple[MovingBody, ...]
+    telescope: TelescopeBodies | None
     joints: dict[str, ca.SX]
     reach: ca.SX
     q_symbols: ca.SX
@@ -125,7 +143,7 @@ class Mechanism:
     @property
     def scaled_jacobian(self) -> ca.SX:
         """J = ∂q/∂z with ψ counted by the length that it moves a platform's part."""
-        return ca.jacobian(self.q, self.z) @ ca.diag(1 / ca.DM(self.lengths))
+        return self.speeds.jacobian @ ca.diag(1 / ca.DM(self.lengths))
 
     @property
     def condition(self) -> ca.SX:

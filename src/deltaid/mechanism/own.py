@@ -16,6 +16,8 @@ import numpy as np
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.own_checks import Checker
+from deltaid.mechanism.rotation import Path, Rotation, along
+from deltaid.mechanism.speeds import Speed, Speeds
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import FUNCTION, NamedFile, OwnMechanism, failure, named_file
 
@@ -81,14 +83,19 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     parts = _called(file, z, check)
     _require(robot, own, parts, check)
     q = ca.vertcat(*(check.scalar(d, f"drive {i + 1}") for i, d in enumerate(parts.drives)))
-    bodies = tuple(_body(body, check) for body in parts.bodies)
+    speeds = _speeds(q, z)
+    motion = Path(z, speeds.z.u, speeds.z.ud)
+    bodies = tuple(_body(body, motion, check) for body in parts.bodies)
     joints = {name: check.scalar(parts.joints[name], f"joint '{name}'") for name in own.joints}
     lengths = (1.0, 1.0, 1.0, *([check.positive(parts.turn_length, "turn_length")] * (n > 3)))
     mechanism = Mechanism(
         z=z,
         q=q,
+        speeds=speeds,
         bodies=bodies,
         limbs=(),
+        platform=(),
+        telescope=None,
         joints={drive: q[i] for i, drive in enumerate(robot.drives)} | joints,
         reach=_reach(parts, check),
         q_symbols=q_symbols,
@@ -139,7 +146,17 @@ def _require(
         check.names(kind, found, wanted)
 
 
-def _body(body: BodyPose, check: Checker) -> MovingBody:
+def _speeds(q: ca.SX, z: ca.SX) -> Speeds:
+    """J ż = q̇ and J z̈ = q̈ − J̇ ż, with no speeds but those of drives and z."""
+    n, J = z.numel(), ca.jacobian(q, z)
+    drives, task = Speed.named("qd", n), Speed.named("zd", n)
+    return Speeds(
+        drives, task, Speed.named("w", 0), J, ca.SX.eye(n), -ca.jtimes(J @ task.u, z, task.u)
+    )
+
+
+def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
+    """Its motion by differentiating its pose: the skew matrix RᵀṘ holds ω."""
     what = f"body '{body.name}'"
     rotation = check.expression(body.rotation, f"the rotation of {what}")
     origin = check.expression(body.origin, f"the origin of {what}")
@@ -150,7 +167,16 @@ def _body(body: BodyPose, check: Checker) -> MovingBody:
         )
     if not isinstance(body.count, int) or body.count < 1:
         raise check.wrong(f"{what} has the count {body.count!r}; it must be 1, 2, …")
-    return MovingBody(body.name, body.count, np.eye(3), rotation, origin)
+    J_w = ca.horzcat(*(_turning(rotation, z.at[i]) for i in range(z.at.numel())))
+    w = J_w @ z.rate
+    spin = Rotation(rotation, w, J_w @ z.acceleration + ca.jtimes(w, z.at, z.rate))
+    return MovingBody(body.name, body.count, np.eye(3), spin, along(origin, z))
+
+
+def _turning(R: ca.SX, z: ca.SX) -> ca.SX:
+    """Angular velocity of R, in its own frame, for ż = 1."""
+    W = R.T @ ca.reshape(ca.jacobian(ca.vec(R), z), 3, 3)
+    return ca.sparsify(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
 
 
 def _reach(parts: MechanismParts, check: Checker) -> ca.SX:

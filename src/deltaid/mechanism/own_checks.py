@@ -112,8 +112,8 @@ class Checker:
         named = [(f"drive {i + 1}", mechanism.q[i]) for i in range(mechanism.dof)]
         named += [(f"joint '{name}'", joint) for name, joint in mechanism.joints.items()]
         for body in mechanism.bodies:
-            named.append((f"the rotation of body '{body.name}'", body.R_LB))
-            named.append((f"the origin of body '{body.name}'", body.r_LB))
+            named.append((f"the rotation of body '{body.name}'", body.rotation.R))
+            named.append((f"the origin of body '{body.name}'", body.origin.at))
         for name, start, end in mechanism.drawing:
             named.append((f"a segment of body '{name}'", ca.vertcat(start, end)))
         for what, expression in named:
@@ -130,7 +130,7 @@ class Checker:
         aside = np.random.default_rng(0).uniform(-1, 1, (_POSES, mechanism.dof)) * half
         for body in mechanism.bodies:
             for pose in (home, *(home + aside)):
-                R = self._at(body.R_LB, pose)
+                R = self._at(body.rotation.R, pose)
                 if not np.isfinite(R).all():  # out of reach
                     continue
                 if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:

@@ -9,19 +9,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.vectors import rotation_z
+from deltaid.mechanism.mechanism import MovingBody
+from deltaid.mechanism.rotation import Path, Turn, along, rotation
+from deltaid.mechanism.vectors import fixed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
-
-
-@dataclass(frozen=True)
-class PlatformBody:
-    """A body of the platform: name, how many share its motion, rotation and origin in the world."""
-
-    name: str
-    count: int
-    R_WB: ca.SX
-    r_WB: ca.SX
 
 
 @dataclass(frozen=True)
@@ -30,37 +22,51 @@ class PlatformParts:
 
     Attributes:
         points: for each limb the middle of its strut joints [m].
-        bodies: all moving bodies.
+        bodies: all moving bodies, the parts that limbs hold first.
         joint: coordinate of the platform's own joint, θ [rad] or s [m]; None without one.
         length: how far a part moves with ψ [m/rad]; None where the platform only translates.
         period: turn of ψ [rad] after which all parts but the tool are where they were, or None.
     """
 
-    points: tuple[ca.SX, ...]
-    bodies: tuple[PlatformBody, ...]
+    points: tuple[Path, ...]
+    bodies: tuple[MovingBody, ...]
     joint: ca.SX | None
     length: float | None
     period: float | None
 
 
-def build_platform(robot: RobotDescription, z: ca.SX) -> PlatformParts:
-    """The platform of a described robot."""
-    r, platform = z[:3], robot.platform
-    attachments = [ca.DM(limb.attachment) for limb in robot.limb_geometry]
+def build_platform(robot: RobotDescription, z: Path) -> PlatformParts:
+    """The platform of a described robot along a motion of z."""
+    r, platform = z.at[:3], robot.platform
+    attachments = [limb.attachment for limb in robot.limb_geometry]
     if isinstance(platform, RigidPlatform):
-        points = tuple(r + d for d in attachments)
-        return PlatformParts(points, (PlatformBody("P", 1, ca.SX.eye(3), r),), None, None, None)
-    psi = z[3]
-    joint = psi / platform.ratio
+        part = along(r, z)
+        points = tuple(part.shifted(d) for d in attachments)
+        return PlatformParts(points, (_body("P", part),), None, None, None)
+    joint = z.at[3] / platform.ratio
     half = _half(platform, joint)
-    parts = (r + half, r - half)
-    points = tuple(parts[0 if platform.on_first(i) else 1] + d for i, d in enumerate(attachments))
-    carrier = {"middle": r, "first": parts[0], "second": parts[1]}[platform.tool_on]
-    tool = PlatformBody("EE", 1, rotation_z(psi), carrier + ca.DM(np.array(platform.tool)))
-    bodies = (*_bodies(platform, parts, r, joint), tool)
+    parts = along(r + half, z), along(r - half, z)
+    points = tuple(
+        parts[0 if platform.on_first(i) else 1].shifted(d) for i, d in enumerate(attachments)
+    )
+    carrier = {"middle": along(r, z), "first": parts[0], "second": parts[1]}[platform.tool_on]
+    bodies = (
+        *(_body(platform.bodies[0], part) for part in parts),
+        *_joining(platform, along(r, z), turn_z(along(joint, z))),
+        _body("EE", carrier.shifted(np.array(platform.tool)), turn_z(z[3])),
+    )
     length = _half_length(platform) / abs(platform.ratio)
     period = None if platform.slides else 2 * np.pi * abs(platform.ratio)
     return PlatformParts(points, bodies, joint, length, period)
+
+
+def turn_z(angle: Path) -> Turn:
+    """A turn about world z."""
+    return Turn("z", ca.cos(angle.at), ca.sin(angle.at), angle.rate, angle.acceleration)
+
+
+def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
+    return MovingBody(name, count, np.eye(3), rotation(*turns), origin)
 
 
 def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.SX:
@@ -68,8 +74,8 @@ def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.
     if isinstance(platform, I4Platform):
         angle = np.deg2rad(platform.direction_deg)
         direction = np.array([np.cos(angle), np.sin(angle), 0.0])
-        return _half_length(platform) * joint * ca.sparsify(ca.DM(direction.round(15)))
-    return _half_length(platform) * rotation_z(joint)[:, 0]
+        return _half_length(platform) * joint * fixed(direction)
+    return _half_length(platform) * ca.sparsify(ca.vertcat(ca.cos(joint), ca.sin(joint), 0))
 
 
 def _half_length(platform: H4Platform | Par4Platform | I4Platform) -> float:
@@ -83,20 +89,15 @@ def _half_length(platform: H4Platform | Par4Platform | I4Platform) -> float:
             return 0.5
 
 
-def _bodies(
-    platform: H4Platform | Par4Platform | I4Platform,
-    parts: tuple[ca.SX, ca.SX],
-    r: ca.SX,
-    joint: ca.SX,
-) -> tuple[PlatformBody, ...]:
-    """Both parts, which only translate, and what joins them."""
+def _joining(
+    platform: H4Platform | Par4Platform | I4Platform, r: Path, turn: Turn
+) -> tuple[MovingBody, ...]:
+    """What joins both parts, which only translate."""
     match platform:
         case H4Platform():
-            joining = (PlatformBody("MB", 1, rotation_z(joint), r),)
+            return (_body("MB", r, turn),)
         case Par4Platform():
             # Both rods move alike but for where they are, which no torque shows.
-            joining = (PlatformBody("R", 2, rotation_z(joint), r),)
+            return (_body("R", r, turn, count=2),)
         case I4Platform():
-            joining = ()
-    name = platform.bodies[0]
-    return (*(PlatformBody(name, 1, ca.SX.eye(3), part) for part in parts), *joining)
+            return ()

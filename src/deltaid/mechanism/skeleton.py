@@ -145,8 +145,8 @@ def _polygon(body: str, corners: list[ca.SX]) -> list[Segment]:
 
 
 def _rotation(body: MovingBody) -> ca.SX:
-    return ca.SX(body.R_WL) @ body.R_LB
+    return ca.SX(body.R_WL) @ body.rotation.R
 
 
 def _origin(body: MovingBody) -> ca.SX:
-    return ca.SX(body.R_WL) @ body.r_LB
+    return ca.SX(body.R_WL) @ body.origin.at

@@ -5,36 +5,62 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.vectors import frame, rotation_z, unit
+from deltaid.mechanism.mechanism import MovingBody, TelescopeBodies
+from deltaid.mechanism.platform import turn_z
+from deltaid.mechanism.rotation import Path, Rotation, along, pointing, rotation
+from deltaid.mechanism.speeds import Speed
+from deltaid.mechanism.vectors import skew
 from deltaid.robot.telescope import Telescope
 
 
 @dataclass(frozen=True)
-class TelescopeBar:
-    """The telescope bar as functions of r and ψ: both parts' poses, end effector, length [m]."""
+class TelescopeMotion:
+    """The telescope bar along a motion of r and ψ.
 
-    R_WT: ca.SX
-    r_WTU: ca.SX
-    r_WTL: ca.SX
-    R_WE: ca.SX
+    Attributes:
+        bodies: both halves and the end effector.
+        length: of the bar [m].
+        spin: the bar's angular velocity and acceleration, in its own frame.
+    """
+
+    bodies: TelescopeBodies
     length: ca.SX
+    spin: Speed
 
 
-def build_telescope(r: ca.SX, psi: ca.SX, bar: Telescope) -> TelescopeBar:
-    """Poses of the telescope bar; ψ turns the fork of its base joint about world z.
+def build_telescope(z: Path, bar: Telescope, spin: Speed) -> TelescopeMotion:
+    """Motion of the telescope bar; ψ turns the fork of its base joint about world z.
 
     The bar's z axis points from platform to base. The cross of the base joint turns about the
-    fork's x axis and the bar about the cross's y axis, so y is perpendicular to both.
+    fork's x axis and the bar about the cross's y axis, so R_WT = R_z(ψ) R_x(η) R_y(ζ).
+
+    Args:
+        z: r and ψ.
+        bar: the description.
+        spin: symbols for ω and ω̇ of the bar.
     """
-    r_WTU, r_WTL = ca.SX(np.array(bar.base_joint)), r + np.array(bar.platform_joint)
-    span = r_WTU - r_WTL
-    R_WE = rotation_z(psi)
-    z_T = unit(span)
-    y_T = unit(ca.cross(z_T, R_WE[:, 0]))
-    return TelescopeBar(
-        R_WT=frame(ca.cross(y_T, z_T), y_T, z_T),
-        r_WTU=r_WTU,
-        r_WTL=r_WTL,
-        R_WE=R_WE,
-        length=ca.sqrt(ca.sumsqr(span)),
+    base, r = np.array(bar.base_joint), along(z.at[:3], z)
+    lower = r.shifted(np.array(bar.platform_joint))
+    span = ca.DM(base) - lower.at
+    length = ca.sqrt(ca.sumsqr(span))
+    fork = rotation(turn_z(z[3]))
+    seen = _seen(fork, Path(span, -lower.rate, -lower.acceleration))
+    stretch = along(length, z)
+    turned = rotation(turn_z(z[3]), *pointing("xy", seen, stretch))
+    R_WT = Rotation(turned.R, spin.u, spin.ud)
+    top, eye = Path.still(ca.SX(base)), np.eye(3)
+    bodies = TelescopeBodies(
+        upper=MovingBody("TU", 1, eye, R_WT, top),
+        lower=MovingBody("TL", 1, eye, R_WT, lower),
+        tool=MovingBody("EE", 1, eye, fork, r),
     )
+    return TelescopeMotion(bodies, length, spin.being(turned.w, turned.alpha))
+
+
+def _seen(frame: Rotation, v: Path) -> Path:
+    """A vector and its derivatives as seen from a turning frame."""
+    W, R = skew(frame.w), frame.R
+    at = R.T @ v.at
+    rate = R.T @ v.rate - W @ at
+    acceleration = R.T @ v.acceleration - skew(frame.alpha) @ at - W @ (2 * rate + W @ at)
+    return Path(at, rate, acceleration)

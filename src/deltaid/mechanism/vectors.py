@@ -1,22 +1,19 @@
-"""Small vector algebra on CasADi SX, so that frames are built from vectors and not from angles."""
+"""Small vector algebra on CasADi SX."""
 
 import casadi as ca
+import numpy as np
+from jaxtyping import Float
 
 
-def unit(v: ca.SX) -> ca.SX:
-    """v / |v|."""
-    return v / ca.sqrt(ca.sumsqr(v))
+def fixed(A: Float[np.ndarray, "..."]) -> ca.SX:
+    """Numbers without entries for what is zero but for rounding, so that no graph computes them."""
+    A = np.asarray(A, dtype=float)
+    return ca.SX(ca.sparsify(ca.DM(np.where(np.abs(A) < 1e-15, 0.0, A))))
 
 
-def frame(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
-    """Rotation matrix whose columns are three orthonormal axes."""
-    return ca.sparsify(ca.horzcat(x, y, z))
-
-
-def rotation_z(angle: ca.SX) -> ca.SX:
-    """Rotation about the third axis."""
-    c, s = ca.cos(angle), ca.sin(angle)
-    return frame(ca.vertcat(c, s, 0), ca.vertcat(-s, c, 0), ca.SX(ca.DM([0, 0, 1])))
+def skew(v: ca.SX) -> ca.SX:
+    """[v]ₓ without entries for the components of v that are zero by construction."""
+    return ca.sparsify(ca.skew(v))
 
 
 def inverse(A: ca.SX) -> ca.SX:

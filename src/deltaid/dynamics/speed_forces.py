@@ -1,0 +1,167 @@
+"""Forces of bodies and joints on the generalised speeds u of a mechanism: physics once.
+
+A force Q on u does the work Qᵀu; on y it is Nᵀ Q with N = ∂u/∂ẏ (`mechanism.speeds`). A body whose
+velocity is (V u, W u) passes its wrench on as Vᵀ force + Wᵀ moment (Jourdain's principle), a joint
+its effort along ∂ϑ/∂y.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.dynamics.joint_columns import JointColumn, JointMotion, Sign, joint_columns
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.rigid_body import Wrench, potential, wrench
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
+from deltaid.mechanism.rotation import Path, along
+from deltaid.mechanism.vectors import fixed
+from deltaid.robot.description import RobotDescription
+
+
+class SpeedForces:
+    """What acts on the speeds u of one robot, as functions of z, u, u̇ and p.
+
+    Attributes:
+        p: symbols of the parameters.
+    """
+
+    def __init__(self, robot: RobotDescription, mechanism: Mechanism) -> None:
+        self.robot, self.mechanism = robot, mechanism
+        self.layout: ParameterLayout = parameter_layout(robot)
+        self.p = ca.SX.sym("p", len(self.layout.parameters))
+        self._u = mechanism.speeds.u
+
+    def gravity(self, body: MovingBody) -> ca.SX:
+        """In the inertial frame of a body."""
+        return fixed(body.R_WL.T @ np.array(self.robot.gravity))
+
+    def wrench(self, body: MovingBody) -> Wrench:
+        """Of one of `body.count` bodies along the motion, gravity taken off."""
+        turned = body.rotation
+        a = body.origin.acceleration - self.gravity(body)
+        return wrench(turned.R, self._own(body), a, turned.alpha, turned.w)
+
+    def body_columns(self) -> ca.SX:
+        """Coefficients of all bodies' parameters, identical bodies summed: their part of Y on u."""
+        columns = {name: ca.SX(self._u.numel(), 10) for name in self.layout.bodies}
+        for body in self.mechanism.bodies:
+            forces = body.count * self.on_speeds(body, self.wrench(body))
+            columns[body.name] += ca.jacobian(forces, self._own(body))
+        return ca.horzcat(*columns.values())
+
+    def of_bodies(self) -> ca.SX:
+        """Inertia and gravity along the motion, without rotors."""
+        return self._sum(self.wrench)
+
+    def mass_matrix(self) -> ca.SX:
+        """M with forces M u̇ + …, rotors included."""
+        M = self._sum(self._mass)
+        for k, column in self._coefficients():
+            if column.inertia:
+                row = self.joint(column.joint).partial
+                M += self.p[k] * column.inertia * row.T @ row
+        return M
+
+    def coriolis(self, rates: Sequence[tuple[ca.SX, ca.SX]], spins: Sequence[ca.SX]) -> ca.SX:
+        """Columns C with forces C ẏ, from Christoffel symbols.
+
+        Rotors have none, because ∂q/∂q is constant.
+
+        Args:
+            rates: for each body the rates of its partial velocities, ∂v/∂ẏ in L and ∂ω/∂ẏ in B.
+            spins: for each body ∂ω/∂ẏ.
+        """
+        C = ca.SX(self._u.numel(), spins[0].shape[1])
+        for body, (V, W), spin in zip(self.mechanism.bodies, rates, spins, strict=True):
+            turned = body.rotation
+            found = wrench(turned.R, self._own(body), V, W, turned.w, spin)
+            C += body.count * self.on_speeds(body, found)
+        return C
+
+    def at_rest(self) -> ca.SX:
+        """Gravity and springs."""
+        g = self._sum(self._weight)
+        for k, column in self._coefficients():
+            joint, x = self.joint(column.joint), ca.SX.sym("x")
+            slope = ca.substitute(ca.gradient(column.potential(x), x), x, joint.path.at)
+            g += self.p[k] * slope * joint.partial.T
+        return g
+
+    def potential(self) -> ca.SX:
+        """Energy in gravity and springs [J]."""
+        V = ca.SX(0)
+        for body in self.mechanism.bodies:
+            V += body.count * potential(body, self._own(body), self.gravity(body))
+        for k, column in self._coefficients():
+            V += self.p[k] * column.potential(self.mechanism.joints[column.joint])
+        return V
+
+    def joint_columns(
+        self, columns: Sequence[JointColumn], tau: ca.SX, sign: Sign = ca.sign
+    ) -> ca.SX:
+        """One column for each of `columns`: its effort along its joint."""
+        found = [ca.SX(self._u.numel(), 0)]
+        for column in columns:
+            joint, is_drive = self.joint(column.joint), column.joint in self.robot.drives
+            load = tau[self.robot.drives.index(column.joint)] if is_drive else ca.SX(0)
+            path = joint.path
+            motion = JointMotion(path.at, path.rate, path.acceleration, load, sign)
+            found.append(column.effort(motion) * joint.partial.T)
+        return ca.horzcat(*found)
+
+    def effort(self, name: str) -> ca.SX:
+        """Friction and spring of a joint that is no drive: what its motion takes."""
+        path, total, none = self.joint(name).path, ca.SX(0), ca.SX(0)
+        motion = JointMotion(path.at, path.rate, path.acceleration, none)
+        for k, column in self._coefficients():
+            if column.joint == name:
+                total += self.p[k] * column.effort(motion)
+        return total
+
+    def joint(self, name: str) -> "Joint":
+        """A joint's motion."""
+        speeds, at = self.mechanism.speeds, self.mechanism.joints[name]
+        if name in self.robot.drives:
+            i = self.robot.drives.index(name)
+            path = Path(at, speeds.q.u[i], speeds.q.ud[i])
+        else:
+            path = along(at, Path(self.mechanism.z, speeds.z.u, speeds.z.ud))
+        return Joint(path, ca.jacobian(path.rate, self._u))
+
+    def _coefficients(self) -> Iterator[tuple[int, JointColumn]]:
+        return enumerate(joint_columns(self.robot), start=self.layout.coefficients.start)
+
+    def _own(self, body: MovingBody) -> ca.SX:
+        return self.p[self.layout.body(body.name)]
+
+    def _mass(self, body: MovingBody) -> Wrench:
+        V, W = self._partials(body)
+        return wrench(body.rotation.R, self._own(body), V, W, ca.SX(3, 1))
+
+    def _weight(self, body: MovingBody) -> Wrench:
+        still = ca.SX(3, 1)
+        return wrench(body.rotation.R, self._own(body), -self.gravity(body), still, still)
+
+    def _partials(self, body: MovingBody) -> tuple[ca.SX, ca.SX]:
+        """∂v/∂u in L and ∂ω/∂u in B."""
+        return ca.jacobian(body.origin.rate, self._u), ca.jacobian(body.rotation.w, self._u)
+
+    def on_speeds(self, body: MovingBody, found: Wrench) -> ca.SX:
+        """A body's wrench as forces on u; for each of its columns one."""
+        V, W = self._partials(body)
+        return V.T @ found.force + W.T @ found.moment
+
+    def _sum(self, of: Callable[[MovingBody], Wrench]) -> ca.SX:
+        """Over all bodies."""
+        parts = [body.count * self.on_speeds(body, of(body)) for body in self.mechanism.bodies]
+        return sum(parts[1:], parts[0])
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint's coordinate ϑ along the motion and ∂ϑ̇/∂u, a row."""
+
+    path: Path
+    partial: ca.SX

@@ -1,0 +1,152 @@
+"""Generalised speeds of a mechanism: u = (q̇, ż, w), as in Kane's method.
+
+Bodies move as simple functions of these; w are the rates of passive joints. Drives and platform are
+tied to each other by the closed loops, differentiated once and twice,
+
+    A ż = B q̇,    A z̈ = B q̈ + c(q̇, ż),    B diagonal,
+
+so J = ∂q/∂z = B⁻¹ A and T = ∂z/∂q = A⁻¹ B, and neither inverse nor forward kinematics is ever
+differentiated. With y = q or y = z, u = N ẏ; forces Q on u become Nᵀ Q on y.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from deltaid.mechanism.vectors import inverse
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Some generalised speeds as symbols, and what they are.
+
+    Attributes:
+        u, ud: symbols of the speeds and of their derivatives by time.
+        value, rate: expressions for both; empty for q̇ and ż, which the closed loops give.
+    """
+
+    u: ca.SX
+    ud: ca.SX
+    value: ca.SX
+    rate: ca.SX
+
+    @classmethod
+    def named(cls, name: str, count: int) -> "Speed":
+        """New symbols."""
+        symbols = ca.SX.sym(name, count), ca.SX.sym(f"{name}_dot", count)
+        return cls(*symbols, ca.SX(0, 1), ca.SX(0, 1))
+
+    @classmethod
+    def joined(cls, speeds: Sequence["Speed"]) -> "Speed":
+        """All of them as one."""
+        fields = ("u", "ud", "value", "rate")
+        return cls(*(ca.vertcat(*(getattr(s, field) for s in speeds)) for field in fields))
+
+    def __getitem__(self, k: slice) -> "Speed":
+        """Some of the symbols."""
+        return Speed(self.u[k], self.ud[k], self.value, self.rate)
+
+    def being(self, value: ca.SX, rate: ca.SX) -> "Speed":
+        """The same symbols with what they are."""
+        return replace(self, value=value, rate=rate)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """All generalised speeds of a mechanism as functions of those of q or of z.
+
+    Attributes:
+        u, ud: values of the speeds and of their derivatives.
+        speeds: whose they are.
+    """
+
+    u: ca.SX
+    ud: ca.SX
+    speeds: "Speeds"
+
+    def __call__(self, expression: ca.SX) -> ca.SX:
+        """An expression of the symbols u, u̇ along this motion."""
+        s = self.speeds
+        return ca.substitute(expression, ca.vertcat(s.u, s.ud), ca.vertcat(self.u, self.ud))
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """The generalised speeds of one mechanism and how they hang together.
+
+    Attributes:
+        q, z: speeds of drives and of the platform.
+        w: those of passive joints, functions of q̇ and ż.
+        A, B, c: the closed loops.
+    """
+
+    q: Speed
+    z: Speed
+    w: Speed
+    A: ca.SX
+    B: ca.SX
+    c: ca.SX
+
+    @property
+    def u(self) -> ca.SX:
+        """Symbols of all speeds."""
+        return ca.vertcat(self.q.u, self.z.u, self.w.u)
+
+    @property
+    def ud(self) -> ca.SX:
+        """Symbols of their derivatives."""
+        return ca.vertcat(self.q.ud, self.z.ud, self.w.ud)
+
+    def by_drives(self) -> Motion:
+        """Given q̇ and q̈: ż = T q̇, z̈ = A⁻¹ (B q̈ + c)."""
+        A_inverse = inverse(self.A)
+        zd = A_inverse @ (self.B @ self.q.u)
+        c = ca.substitute(self.c, self.z.u, zd)
+        zdd = A_inverse @ (self.B @ self.q.ud + c)
+        return self._motion((self.q.u, self.q.ud), (zd, zdd))
+
+    def by_task(self) -> Motion:
+        """Given ż and z̈: q̇ = J ż, q̈ = B⁻¹ (A z̈ − c)."""
+        B_inverse = ca.diag(1 / ca.diag(self.B))
+        qd = B_inverse @ (self.A @ self.z.u)
+        c = ca.substitute(self.c, self.q.u, qd)
+        qdd = B_inverse @ (self.A @ self.z.ud - c)
+        return self._motion((qd, qdd), (self.z.u, self.z.ud))
+
+    def _motion(self, q: tuple[ca.SX, ca.SX], z: tuple[ca.SX, ca.SX]) -> Motion:
+        known = ca.vertcat(self.q.u, self.z.u, self.q.ud, self.z.ud)
+        values = ca.vertcat(q[0], z[0], q[1], z[1])
+        w, wd = ca.substitute([self.w.value, self.w.rate], [known], [values])
+        return Motion(ca.vertcat(q[0], z[0], w), ca.vertcat(q[1], z[1], wd), self)
+
+    @property
+    def jacobian(self) -> ca.SX:
+        """J = ∂q/∂z."""
+        return ca.diag(1 / ca.diag(self.B)) @ self.A
+
+    @property
+    def inverse_jacobian(self) -> ca.SX:
+        """T = ∂z/∂q."""
+        return inverse(self.A) @ self.B
+
+    @property
+    def drives_to_all(self) -> ca.SX:
+        """N = ∂u/∂q̇."""
+        return self._partial(ca.SX.eye(self.q.u.numel()), self.inverse_jacobian)
+
+    @property
+    def task_to_all(self) -> ca.SX:
+        """N = ∂u/∂ż."""
+        return self._partial(self.jacobian, ca.SX.eye(self.z.u.numel()))
+
+    @property
+    def locked_to_all(self) -> ca.SX:
+        """∂u/∂ż for locked drives, as if the loops were open."""
+        n = self.z.u.numel()
+        return self._partial(ca.SX(n, n), ca.SX.eye(n))
+
+    def _partial(self, q: ca.SX, z: ca.SX) -> ca.SX:
+        """∂u/∂ẏ from ∂q̇/∂ẏ and ∂ż/∂ẏ."""
+        w = ca.jacobian(self.w.value, self.q.u) @ q + ca.jacobian(self.w.value, self.z.u) @ z
+        return ca.vertcat(q, z, w)
