@@ -6,7 +6,7 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
-from deltaid.dynamics.parameters import prior_parameters
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.identification.friction_record import FrictionChoice, FrictionTrial
 from deltaid.kernel.batch import BatchKernel
 from deltaid.model import Model, ModelLike, load
@@ -14,6 +14,7 @@ from deltaid.report import style
 from deltaid.report.comparison import Comparison
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Figure, Section, Table, Text
+from deltaid.robot.description import RobotDescription
 
 _POINTS, _DOTS = 200, 1500
 _ADDITIONS = {
@@ -36,17 +37,16 @@ def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> S
 
 
 def law(
-    model: ModelLike,
+    robot: RobotDescription,
     joint: str,
     speed: Float[np.ndarray, " samples"],
     p: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " samples"]:
     """Friction of one joint over its speed for parameters p, without what depends on load."""
-    model = load(model)
     v, total = ca.SX.sym("v"), ca.SX(0)
-    for term in model.robot.friction_terms:
+    coefficients = p[parameter_layout(robot).friction].tolist()
+    for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
         if term.joint == joint and not term.of_load:
-            coefficient = float(p[model.layout.names.index(term.name)])
             total += coefficient * term.h(v, ca.sign(v), ca.SX(0))
     return BatchKernel(v, total)(speed[None])[0]
 
@@ -74,13 +74,17 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
             fastest = float(np.abs(speed).max()) or 1.0
             every = slice(None, None, max(1, -(-len(speed) // _DOTS)))
             traces.append(
-                _dots(speed[every], residual[every] + law(model, joint, speed, model.p)[every])
+                _dots(
+                    speed[every], residual[every] + law(model.robot, joint, speed, model.p)[every]
+                )
             )
         positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
         grid = np.concatenate([-positive[::-1], positive])
-        traces.append(_line("prior", grid, law(model, joint, grid, prior), style.PRIOR, "dash"))
+        traces.append(
+            _line("prior", grid, law(model.robot, joint, grid, prior), style.PRIOR, "dash")
+        )
         if model.identified is not None:
-            found = law(model, joint, grid, model.p)
+            found = law(model.robot, joint, grid, model.p)
             traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
         for trace in traces:
             trace.update(legendgroup=trace.name, showlegend=trace.name not in named)

@@ -4,12 +4,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from deltaid.dynamics.parameters import parameter_layout
 from deltaid.report import style
+from deltaid.report.friction import law
 from deltaid.report.page import Figure
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4
 from deltaid.reproduce.irb360_result import Candidate, Irb360
-from deltaid.robot.friction import Friction
 
 _COLORS = {
     BASE: style.SERIES[5],
@@ -94,21 +93,7 @@ def friction_curve(result: Irb360) -> Figure:
 
 def curve(candidate: Candidate, speed: np.ndarray) -> np.ndarray:
     """Friction of drive 4 at positive speeds [N m]."""
-    names = parameter_layout(candidate.robot).names
-    law: Friction = candidate.robot.friction["drive4"]
-
-    def value(kind: str) -> float:
-        return float(candidate.p[names.index(f"{kind}.drive4")])
-
-    total = value("viscous") * speed + value("coulomb")
-    if law.offset is not None:
-        total = total + value("offset")
-    if law.power is not None:
-        total = total + value("power") * speed**law.power.exponent
-    if law.stribeck is not None:
-        s = law.stribeck
-        total = total + value("stribeck") * np.exp(-((speed / s.speed) ** s.exponent))
-    return total
+    return law(candidate.robot, "drive4", speed, candidate.p)
 
 
 def _traces(

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar
 import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from deltaid.robot.joint_units import JointUnits
+from deltaid.robot.joint_units import TURNING, JointUnits
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.quantities import Positive
 
@@ -90,8 +90,13 @@ class Friction(_Part):
     @property
     def at_rest(self) -> float:
         """Largest friction near rest, without its load-dependent part [N m or N]."""
-        more = self.stribeck.coefficient if self.stribeck else 0.0
-        return max(self.coulomb, self.coulomb_back or 0.0) + more + (self.offset or 0.0)
+        rest, none = ca.SX(0), ca.SX(0)
+        terms = friction_terms({"": (self, TURNING)})
+        sums = [
+            sum(abs(float(term.size * term.h(rest, ca.SX(s), none))) for term in terms)
+            for s in (-1, 1)
+        ]
+        return max(sums)
 
 
 @dataclass(frozen=True)
