@@ -280,7 +280,7 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
 def test_friction_curves_are_the_models_laws(result: Identification) -> None:
     v = np.array([-2.0, -0.1, 0.1, 3.0])
     viscous, coulomb = (result.model.value(f"{kind}.drive2") for kind in ("viscous", "coulomb"))
-    curve = law(result.model, "drive2", v, result.model.p)
+    curve = law(result.model.robot, "drive2", v, result.model.p)
     np.testing.assert_allclose(curve, viscous * v + coulomb * np.sign(v), rtol=1e-12)
 
 
