@@ -86,9 +86,8 @@ def test_commands_take_a_robot_and_say_so(command: str, folder: Path, tmp_path: 
 
 
 def test_identify_takes_the_robot_of_a_model_and_says_so(folder: Path, tmp_path: Path) -> None:
-    outcome = run(
-        "identify", folder / "model.yaml", folder / "other.csv", "-o", tmp_path / "m.yaml"
-    )
+    new = tmp_path / "m.yaml"
+    outcome = run("identify", folder / "model.yaml", folder / "other.csv", "-o", new)
     assert outcome.code == 0, outcome.err
     assert "model.yaml is a model: its robot is identified anew, from its prior" in outcome.err
     again = deltaid.identify(NAME, [folder / "other.csv"]).model
