@@ -27,6 +27,7 @@ LAWS = {
         "viscous": 0.06,
         "coulomb": 0.5,
         "power": {"coefficient": 0.2, "exponent": 0.6},
+        "hess_soom": {"coefficient": 0.3, "speed": 0.7},
     },
     "slide": {
         "viscous": 4.4,
@@ -60,6 +61,8 @@ def written_law(law: dict, v: np.ndarray) -> np.ndarray:
     if s := law.get("stribeck"):
         bump = np.exp(-((np.abs(v) / s["speed"]) ** s.get("exponent", 1.0)))
         total += s["coefficient"] * np.sign(v) * bump
+    if s := law.get("hess_soom"):
+        total += s["coefficient"] * np.sign(v) / (1 + (v / s["speed"]) ** 2)
     return total
 
 

@@ -122,7 +122,7 @@ def laws_of_all_kinds() -> deltaid.RobotDescription:
     data["friction"] = {
         "drive1": plain | {"viscous_back": 1.2, "coulomb_back": 3.0, "load": 0.05},
         "drive2": plain | {"offset": 0.4, "power": {"coefficient": 0.7, "exponent": 0.5}},
-        "drive3": plain | {"stribeck": stribeck},
+        "drive3": plain | {"stribeck": stribeck, "hess_soom": {"coefficient": 0.6, "speed": 0.4}},
     }
     data["springs"] = {"drive1": {"stiffness": 2.0, "rest_deg": 10.0}}
     data["rotor_inertia"] = {"drive3": 0.01}

@@ -7,6 +7,7 @@ With the joint's speed v and s = sign(v), the friction torque (a force in a slid
     + offset                                     constant, of either sign: a bias of the measurement
     + power·s·|v|^exponent                       lubricants: exponent below 1 flattens with speed
     + stribeck·s·exp(−(|v|/speed)^exponent)      more friction near rest
+    + hess_soom·s/(1 + (v/speed)²)               the same in the form of Hess and Soom
     + load·s·|τ|                                 a gear's loss: a share of the drive's own torque τ
 
 Every coefficient but the offset is positive, so friction always takes energy away. A new term is a
@@ -50,6 +51,15 @@ class Stribeck(_Part):
     exponent: Exponent = Field(default=1.0, description="1: Tustin's form, 2: Gauss's")
 
 
+class HessSoom(_Part):
+    """coefficient · sign(v) / (1 + (v/speed)²), after Hess and Soom 1990."""
+
+    coefficient: Positive = Field(
+        description="how far friction at rest exceeds Coulomb's, N m or N"
+    )
+    speed: Positive = Field(description="speed at which it has fallen to a half, rad/s or m/s")
+
+
 class Friction(_Part):
     """Prior friction of one joint; see the module's text for the law."""
 
@@ -68,6 +78,7 @@ class Friction(_Part):
     )
     power: PowerLaw | None = None
     stribeck: Stribeck | None = None
+    hess_soom: HessSoom | None = None
     load: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="share of the drive's own torque that is lost; drives only"
     )
@@ -287,6 +298,28 @@ class _Stribeck(FrictionTerm):
         return f"Stribeck (speed {self.speed:.3g}, exponent {self.exponent:.3g})"
 
 
+class _HessSoom(FrictionTerm):
+    """s / (1 + (v/speed)²)."""
+
+    kind = "hess_soom"
+
+    @classmethod
+    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
+        if (term := law.hess_soom) is None:
+            return None
+        return cls(joint, units.force, term.coefficient, speed=term.speed)
+
+    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+        return s / (1 + (v / self.speed) ** 2)
+
+    def in_law(self, coefficient: float) -> dict[str, Any]:
+        return {self.kind: {"coefficient": coefficient, "speed": self.speed}}
+
+    @property
+    def words(self) -> str:
+        return f"Hess–Soom (speed {self.speed:.3g})"
+
+
 class _Load(FrictionTerm):
     """s |τ|; a share of the torque, so below one."""
 
@@ -306,7 +339,8 @@ class _Load(FrictionTerm):
 
 # In the order of p.
 TERMS: tuple[type[FrictionTerm], ...] = (
-    _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _Load
+    _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _HessSoom,
+    _Load,
 )  # fmt: skip
 
 # Speeds below this [rad/s, m/s] count as rest: it keeps powers of |v| differentiable there.
