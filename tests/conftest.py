@@ -1,10 +1,12 @@
 """Shapes and types are checked as functions are called; robots that several test files share."""
 
 import functools
+import gc
 import inspect
 import os
 import pkgutil
 from collections import Counter
+from collections.abc import Iterator
 
 import jaxtyping
 import pytest
@@ -57,6 +59,16 @@ jaxtyping.install_import_hook(_CHECKED, "beartype.beartype")
 @pytest.fixture(autouse=True)
 def _count_calls_anew() -> None:
     _CALLS.clear()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
+    """What a file keeps from test to test, robots with their compiled kernels, goes with it."""
+    yield
+    for kept in vars(request.module).values():
+        if hasattr(kept, "cache_clear"):
+            kept.cache_clear()
+    gc.collect()
 
 
 @pytest.fixture(scope="session")

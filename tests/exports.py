@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import casadi as ca
@@ -105,7 +105,7 @@ def model(subject: Model, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Eva
     return Evaluated(tau[..., 0], M, bias[..., 0], g[..., 0])
 
 
-@cache
+@lru_cache(maxsize=2)
 def _terms(subject: Model) -> ca.Function:
     e = subject.dynamics.equations
     out = [e.torque, e.M, e.C @ e.qd + e.g + e.f, e.g]

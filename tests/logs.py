@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
@@ -23,7 +23,7 @@ Spelling = Callable[[pl.DataFrame], bytes]
 @cache
 def recorded(samples: int = 1500, derivatives: bool = False) -> pl.DataFrame:
     """Columns t, q1…, (qd1…, qdd1…,) tau1… of the three-drive robot at 1 kHz, without noise."""
-    dynamics, rng = Dynamics(load_robot("clavel-delta3")), np.random.default_rng(5)
+    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(5)
     motion = random_motion(dynamics.kinematics, rng, period=4.0)
     p = surrogate_parameters(dynamics.robot, rng)
     frame = simulate_recording(dynamics, p, motion, rng, duration=samples / 1000)

@@ -1,8 +1,11 @@
 """Controllers: their energy balances, and tracking with what a drive does to it."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
+from scipy.signal import lfilter
 
 from deltaid.control.comparison import Run
 from deltaid.control.control_model import ControlModel
@@ -227,6 +230,41 @@ def test_a_faster_drive_tracks_nearer_and_coarse_encoders_and_delay_do_not() -> 
     )
     assert error(1.0, encoder_step=1e-3) > 5 * error(1.0)
     assert error(0.8, delay=20) > 1.2 * error(0.8)
+
+
+@dataclass
+class Overheard:
+    """A controller that remembers what it was told."""
+
+    law: Controller
+    told: list[tuple[np.ndarray, ...]] = field(default_factory=list)
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> np.ndarray:
+        self.told.append((measured.q[0], measured.qd[0], desired.q[0], desired.qd[0]))
+        return self.law.torque(model, measured, desired)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_law_is_told_the_late_error_and_the_motion_in_the_middle_of_its_hold(delay: int) -> None:
+    robot = load_robot(ROBOT)
+    p, trajectory = prior_parameters(robot), motion(compiled_forward(robot), 0.1)
+    drives = Drives(rate=400.0, encoder_step=0.0, delay=delay, velocity_cutoff=0.1)
+    law = Overheard(
+        tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.at(np.zeros(1)).q), 8.0)
+    )
+    done = track(Model(robot, p), law, ControlModel(robot, p), trajectory, drives)
+    q, qd, q_desired, qd_desired = (np.array(part) for part in zip(*law.told, strict=True))
+    middle = trajectory.at(done.time + 0.5 / drives.rate)
+    np.testing.assert_array_equal(q_desired, middle.q)
+    np.testing.assert_array_equal(qd_desired, middle.qd)
+    # A first-order low-pass of 0.1 of the rate, on differences of the error.
+    pole = np.exp(-2 * np.pi * 0.1)
+    slopes = np.diff(done.drive_error, axis=0, prepend=done.drive_error[:1]) * drives.rate
+    rates = lfilter([1 - pole], [1, -pole], slopes, axis=0)
+    late = np.maximum(np.arange(len(q)) - delay, 0)
+    np.testing.assert_allclose(q - q_desired, done.drive_error[late], atol=1e-12)
+    np.testing.assert_allclose(qd - qd_desired, rates[late], atol=1e-9)
+    assert np.abs(rates).max() > 0.01
 
 
 def test_delay_beyond_the_phase_margin_loses_the_robot() -> None:

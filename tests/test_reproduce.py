@@ -24,7 +24,7 @@ from deltaid.robot.inertia import consistency
 SETTINGS = SurrogateSettings(
     methods=("conic",), points=100, gammas=(1e-12, 1e-8, 1e-5, 1e-2), iterations=100
 )
-STARTS = 2
+STARTS = 1
 
 
 @pytest.fixture(scope="module")
