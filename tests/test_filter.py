@@ -1,17 +1,25 @@
 """The zero-phase filter, its derivatives, and filtering in windows against filtering at once."""
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy import signal
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.identification.gathering import gather
+from deltaid.identification.information import merge
+from deltaid.identification.torque_error import torque_error
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import SpectrumEstimate, apply, design_low_pass
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.recording.windows import Window
+from deltaid.robot.load import load_robot
 from logs import names, recorded, write
 
 RATE = 1000.0
@@ -164,6 +172,92 @@ def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates
         assert np.abs(mine - true[inner]).max() < 1e-3 * np.abs(true).max()
     np.testing.assert_array_equal(found.time, frame["t"].to_numpy()[inner])
     np.testing.assert_array_equal(found.tau, frame.select(names("tau")).to_numpy()[inner])
+
+
+HIGH = 20_000.0  # Hz
+
+
+def at_high_rate() -> tuple[pl.DataFrame, np.ndarray]:
+    """Two seconds of the three-drive robot with steps of friction, and its parameters."""
+    dynamics, rng = Dynamics(load_robot("clavel-delta3")), np.random.default_rng(5)
+    motion = random_motion(dynamics.kinematics, rng, period=4.0)
+    p = surrogate_parameters(dynamics.robot, rng)
+    return simulate_recording(dynamics, p, motion, rng, duration=2.0, rate=HIGH), p
+
+
+def test_stages_of_a_high_rate() -> None:
+    """The first passes all that the second lets through, and nothing that would fold there."""
+    for rate in (16_000.0, HIGH, 200_000.0):
+        low_pass = design_low_pass(50.0, rate)
+        assert 4000 <= rate / low_pass.stride < 8000
+        frequency, response = signal.freqz(low_pass.lead, worN=1 << 16, fs=rate)
+        gain = np.abs(response)
+        assert np.abs(gain[frequency < 70] - 1).max() < 2e-5
+        spacing = rate / low_pass.stride
+        folded = np.abs(frequency - spacing * np.round(frequency / spacing)) < 70
+        assert gain[folded & (frequency > 70)].max() < 2e-5
+        assert rate / low_pass.thinned >= 2 * 1.4 * 50.0
+        one = low_pass.at_every_row()
+        assert (one.stride, one.lead.tolist(), one.rate) == (1, [1.0], rate)
+        assert low_pass.noise_gain == pytest.approx(np.linalg.norm(one.smooth), rel=1e-3)
+
+
+def test_a_row_costs_the_same_at_any_rate() -> None:
+    """Multiplications a row and channel for position, velocity and acceleration."""
+
+    def multiplications(rate: float) -> float:
+        f = design_low_pass(50.0, rate)
+        lead = len(f.lead) if f.stride > 1 else 0
+        return (lead + 3 * len(f.first)) / f.stride
+
+    usual = multiplications(1000.0)
+    assert all(multiplications(rate) < 1.01 * usual for rate in (2e4, 5e4, 2e5, 1e6))
+
+
+@pytest.mark.parametrize("recorded_rates", ["", "qd", "qd qdd"])
+def test_two_stages_agree_with_one(
+    tmp_path, clavel: Dynamics, monkeypatch, recorded_rates: str
+) -> None:
+    frame, _ = at_high_rate()
+    columns = names("t", "q", *recorded_rates.split(), "tau")
+    log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
+    two = Recording(log, design_low_pass(50.0, HIGH))
+    stride = two.low_pass.stride
+    assert stride == 5
+    time, z, qd, qdd, tau, thinned = together(two, clavel)
+    rows = np.searchsorted(frame["t"].to_numpy(), time)
+    assert np.all(np.diff(rows) == stride)
+    np.testing.assert_array_equal(time, frame["t"].to_numpy()[rows])
+    np.testing.assert_array_equal(tau, frame.select(names("tau")).to_numpy()[rows])
+    one = together(two.at_every_row(), clavel)
+    at = np.searchsorted(one[0], time)
+    at, kept = at[at < len(one[0])], slice(0, np.sum(at < len(one[0])))
+    for mine, other in zip((z, qd, qdd), one[1:4], strict=True):
+        assert np.abs(mine[kept] - other[at]).max() < 1e-4 * np.abs(other).max()
+    whole = (time, z, qd, qdd, tau, thinned)
+    for size in (61, 400):
+        monkeypatch.setattr(windowing, "WINDOW", size)
+        monkeypatch.setattr(windowing, "_LEAD_ROWS", 10 * size)
+        for mine, at_once in zip(together(two, clavel), whole, strict=True):
+            scale = np.abs(at_once).max()
+            np.testing.assert_allclose(mine, at_once, rtol=0, atol=1e-12 * scale)
+
+
+def test_a_high_rate_is_judged_as_by_one_stage(tmp_path, clavel: Dynamics) -> None:
+    """Torque errors of the true parameters and of others, and what the regressor says of them."""
+    frame, truth = at_high_rate()
+    noise = 0.1 * np.random.default_rng(0).standard_normal((len(frame), 3))
+    noisy = [frame[name] + noise[:, i] for i, name in enumerate(names("tau"))]
+    for columns in ([], noisy):
+        path = write(tmp_path / "log.parquet", frame.with_columns(columns))
+        log = open_log(path, clavel.kinematics)
+        two = Recording(log, design_low_pass(50.0, HIGH))
+        for p in (truth, prior_parameters(clavel.robot)):
+            a, b = (torque_error(clavel, p, one) for one in (two, two.at_every_row()))
+            np.testing.assert_allclose(a.rms, b.rms, rtol=0.02, atol=1e-3)
+            np.testing.assert_allclose(a.rms_unfiltered, b.rms_unfiltered, rtol=0.02, atol=1e-3)
+        rms = merge(gather(clavel, two)).rms(truth)
+        assert rms.max() < (0.01 if columns else 2e-3)
 
 
 def test_filter_is_chosen_by_what_is_recorded(tmp_path, clavel: Dynamics) -> None:

@@ -22,7 +22,7 @@ WINDOW = 8000
 # Rows that the first stage of a filter takes at a time; few samples remain of them.
 _LEAD_ROWS = 1 << 16
 
-Rows = Float[np.ndarray, "rows channels"]
+Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
