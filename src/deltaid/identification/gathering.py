@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.identification.information import (
+    Chunk,
     Condensed,
     Information,
     active_columns,
@@ -22,7 +23,7 @@ from deltaid.identification.information import (
     merge,
     triangle,
 )
-from deltaid.identification.places import Chunk, Places, Visits
+from deltaid.identification.places import Places, Visits
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
 

@@ -67,7 +67,8 @@ class Window:
         """
         if self.low_pass is None:
             return of(self.wide)
-        values = np.hstack([self._led(of(part)) for part in self._parts()])
+        parts = [self._led(of(part)) for part in self._parts()]
+        values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
 
     def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
