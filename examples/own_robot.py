@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 import deltaid
-from deltaid.identification.least_squares import random_motion_base
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 

@@ -19,7 +19,7 @@ from composed import (
     twin,
 )
 from deltaid.errors import KinematicsError
-from deltaid.identification.least_squares import random_motion_base
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.mechanism.kinematics import Kinematics
 from support import assert_close, slope
 

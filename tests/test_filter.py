@@ -1,17 +1,25 @@
 """The zero-phase filter, its derivatives, and filtering in windows against filtering at once."""
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy import signal
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.identification.gathering import gather
+from deltaid.identification.information import merge
+from deltaid.identification.torque_error import torque_error
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import SpectrumEstimate, apply, design_low_pass
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.recording.windows import Window
+from deltaid.robot.load import load_robot
 from logs import names, recorded, write
 
 RATE = 1000.0
@@ -118,7 +126,7 @@ def together(recording: Recording, dynamics: Dynamics) -> list[np.ndarray]:
     """Time, motion, torques and decimated torques of all windows."""
 
     def parts(w: Window) -> list[np.ndarray]:
-        own, thinned = w.own, w.filtered(w.wide.tau.T).T
+        own, thinned = w.own, w.filtered(lambda s: s.tau.T).T
         np.testing.assert_array_equal(w.trimmed(w.wide.z), own.z)
         return [own.time, own.z, own.qd, own.qdd, own.tau, thinned]
 
@@ -164,6 +172,86 @@ def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates
         assert np.abs(mine - true[inner]).max() < 1e-3 * np.abs(true).max()
     np.testing.assert_array_equal(found.time, frame["t"].to_numpy()[inner])
     np.testing.assert_array_equal(found.tau, frame.select(names("tau")).to_numpy()[inner])
+
+
+HIGH = 20_000.0  # Hz
+
+
+def at_high_rate() -> tuple[pl.DataFrame, np.ndarray]:
+    """Two seconds of the three-drive robot with steps of friction, and its parameters."""
+    dynamics, rng = Dynamics(load_robot("clavel-delta3")), np.random.default_rng(5)
+    motion = random_motion(dynamics.kinematics, rng, period=4.0)
+    p = surrogate_parameters(dynamics.robot, rng)
+    return simulate_recording(dynamics, p, motion, rng, duration=2.0, rate=HIGH), p
+
+
+def test_stages_of_a_high_rate() -> None:
+    """The first passes all that the second lets through, and nothing that would fold there."""
+    for rate in (16_000.0, HIGH, 200_000.0):
+        low_pass = design_low_pass(50.0, rate)
+        assert 4000 <= rate / low_pass.stride < 8000
+        frequency, response = signal.freqz(low_pass.lead, worN=1 << 16, fs=rate)
+        gain = np.abs(response)
+        assert np.abs(gain[frequency < 70] - 1).max() < 2e-5
+        spacing = rate / low_pass.stride
+        folded = np.abs(frequency - spacing * np.round(frequency / spacing)) < 70
+        assert gain[folded & (frequency > 70)].max() < 2e-5
+        assert rate / low_pass.thinned >= 2 * 1.4 * 50.0
+        one = design_low_pass(50.0, rate, single=True)
+        assert (one.stride, one.lead.tolist(), one.rate) == (1, [1.0], rate)
+        assert low_pass.noise_gain == pytest.approx(np.linalg.norm(one.smooth), rel=1e-3)
+
+
+def test_a_row_costs_the_same_at_any_rate() -> None:
+    """Multiplications a row and channel for position, velocity and acceleration."""
+
+    def multiplications(rate: float) -> float:
+        f = design_low_pass(50.0, rate)
+        lead = len(f.lead) if f.stride > 1 else 0
+        return (lead + 3 * len(f.first)) / f.stride
+
+    usual = multiplications(1000.0)
+    assert all(multiplications(rate) < 1.01 * usual for rate in (2e4, 5e4, 2e5, 1e6))
+
+
+@pytest.mark.parametrize("recorded_rates", ["", "qd", "qd qdd"])
+def test_two_stages_are_the_same_low_pass(
+    tmp_path, clavel: Dynamics, monkeypatch, recorded_rates: str
+) -> None:
+    frame, _ = at_high_rate()
+    columns = names("t", "q", *recorded_rates.split(), "tau")
+    log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
+    two, one = (Recording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True))
+    assert (two.stride, one.stride) == (5, 1)
+    found, expected = together(two, clavel), together(one, clavel)
+    time = frame["t"].to_numpy()
+    (first,) = np.flatnonzero(time == found[0][0])
+    kept = slice(first, first + len(found[0]))
+    np.testing.assert_array_equal(found[0], time[kept])
+    np.testing.assert_array_equal(found[4], frame.select(names("tau")).to_numpy()[kept])
+    (offset,) = np.flatnonzero(expected[0] == found[0][0])
+    for mine, other in zip(found[1:4], expected[1:4], strict=True):
+        same = other[offset : offset + len(mine)]
+        assert np.abs(mine[: len(same)] - same).max() < 2e-5 * np.abs(other).max()
+    for size in (61, 400):
+        monkeypatch.setattr(windowing, "WINDOW", size)
+        for mine, at_once in zip(together(two, clavel), found, strict=True):
+            scale = np.abs(at_once).max()
+            np.testing.assert_allclose(mine, at_once, rtol=0, atol=1e-12 * scale)
+
+
+def test_two_stages_judge_as_one(tmp_path, clavel: Dynamics) -> None:
+    """Torque errors of the true parameters and of others, and what the regressor says of them."""
+    frame, truth = at_high_rate()
+    log = open_log(write(tmp_path / "log.parquet", frame), clavel.kinematics)
+    two, one = (Recording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True))
+    for p in (truth, prior_parameters(clavel.robot)):
+        a, b = (torque_error(clavel, p, recording) for recording in (two, one))
+        np.testing.assert_allclose(a.rms, b.rms, rtol=0.05)
+        np.testing.assert_allclose(a.rms_unfiltered, b.rms_unfiltered, rtol=0.05)
+    a, b = (merge(gather(clavel, recording)) for recording in (two, one))
+    np.testing.assert_allclose(a.rms(truth), b.rms(truth), rtol=0.05)
+    assert a.rms(truth).max() < 1e-4 * a.torque_max.max()
 
 
 def test_filter_is_chosen_by_what_is_recorded(tmp_path, clavel: Dynamics) -> None:

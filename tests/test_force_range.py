@@ -16,8 +16,8 @@ from deltaid.forces.ranges import (
     structural_determinacy,
 )
 from deltaid.forces.unknowns import unknowns
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
-from deltaid.identification.least_squares import random_motion_base
 from deltaid.identification.model import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (

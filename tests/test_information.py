@@ -10,12 +10,9 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.gathering import BLOCKS, gather, places_of
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.information import gather_samples, merge
-from deltaid.identification.least_squares import (
-    estimate_base,
-    identify_base,
-    random_motion_base,
-)
+from deltaid.identification.least_squares import estimate_base, identify_base
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (

@@ -13,9 +13,9 @@ from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.conic import Conic
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.fit import pose
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.identification.information import gather_samples
-from deltaid.identification.least_squares import random_motion_base
 from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.model import IdentifiedModel, Settings
 from deltaid.identification.reduction import build_reduction

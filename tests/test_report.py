@@ -96,7 +96,7 @@ def result(folder: Path) -> Identification:
 @pytest.fixture(scope="module")
 def comparison(result: Identification) -> Comparison:
     dynamics = compiled(result.model.robot)
-    return compare(dynamics, result.model.p, *result.recordings[0])
+    return compare(dynamics, result.model.p, result.recordings[0])
 
 
 def test_a_page_is_one_file_that_loads_nothing(result: Identification) -> None:

@@ -66,7 +66,14 @@ def _options(
         Path | None,
         typer.Option(help="Python file with the geometry of a mechanism of your own; it is run."),
     ] = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Compile all code anew and keep none of it.")
+    ] = False,
 ) -> None:
+    if no_cache:
+        from deltaid.kernel.store import switch_off
+
+        switch_off()
     if mechanism is not None:
         from deltaid.robot.own import use_mechanism
 

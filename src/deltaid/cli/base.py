@@ -38,15 +38,20 @@ def base(
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""
     from deltaid.cli.output import positive, print_json, progress
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.identification.least_squares import identify_base, random_motion_base
-    from deltaid.recording.columns import load_mapping
+    from deltaid.identification.generic_motion import random_motion_base
     from deltaid.robot.load import load_robot
 
     positive("--cutoff", cutoff)
+    mapping = None
+    if columns:
+        from deltaid.recording.columns import load_mapping
+
+        mapping = load_mapping(columns)
     dynamics = compiled(load_robot(robot))
-    mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
         if logs:
+            from deltaid.identification.least_squares import identify_base
+
             say("reading logs")
             result, estimate = identify_base(dynamics, logs, method, columns=mapping, cutoff=cutoff)
         else:

@@ -45,7 +45,7 @@ def torque(
     with progress(False) as say:
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
-        recording = model_filtered(known, surveyed).at_every_row()
+        recording = model_filtered(known, surveyed)
         print_warnings([f"{log}: {text}" for text in surveyed.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:

@@ -111,7 +111,7 @@ def open_trajectory(
         RecordingError: the file cannot be used, or has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
-    windows = with_filter(log).at_every_row().windows(kinematics)
+    windows = with_filter(log).windows(kinematics)
     parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in windows]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
     if len(time) <= _DEGREE:

@@ -17,7 +17,7 @@ from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Wei
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
 from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.least_squares import random_motion_base
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
 from deltaid.model import ModelLike, load
 

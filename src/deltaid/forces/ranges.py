@@ -31,8 +31,9 @@ from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import svec
 from deltaid.identification.gathering import gather_all
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.information import Information, triangle
-from deltaid.identification.least_squares import BaseEstimate, estimate_base, random_motion_base
+from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile

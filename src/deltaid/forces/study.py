@@ -98,7 +98,7 @@ def study(
     """
     model = load(model)
     progress(f"computing forces along {moving.path}")
-    motion = motion_of(moving.at_every_row(), forces.kinematics)
+    motion = motion_of(moving, forces.kinematics)
     found = extremes(forces, model.p, motion, [viewer.add for viewer in viewers])
     ranges = None
     if recordings:

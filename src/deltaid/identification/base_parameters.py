@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import qr
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
@@ -102,8 +101,8 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     norms = np.linalg.norm(Y, axis=0)
     shown = np.flatnonzero(norms > _DEPENDENT * norms.max())
     scaled = Y[:, shown] / norms[shown]
-    R, _ = qr(scaled, mode="r", pivoting=True)
-    pivots = np.abs(np.diag(R)) / abs(R[0, 0])
+    pivots = _pivots(scaled)
+    pivots /= pivots[0]
     rank = int(np.sum(pivots > _DEPENDENT))
     chosen = _representatives(scaled, information.columns[shown], layout)
     if len(chosen) != rank:
@@ -121,6 +120,25 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
         condition=float(np.linalg.cond(scaled[:, chosen])),
         pivots=pivots,
     )
+
+
+def _pivots(A: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, " pivots"]:
+    """|R_kk| of a QR factorisation with column pivoting, by Householder reflections.
+
+    Written out, because loading SciPy for one small matrix takes longer than all the rest.
+    """
+    A, pivots = A.copy(), []
+    for k in range(min(A.shape)):
+        norms = np.linalg.norm(A[k:, k:], axis=0)
+        largest = k + int(np.argmax(norms))
+        A[:, [k, largest]] = A[:, [largest, k]]
+        pivots.append(norms.max())
+        v = A[k:, k].copy()
+        v[0] += np.copysign(pivots[-1], v[0])
+        square = v @ v
+        if square > 0:
+            A[k:, k:] -= np.outer(v, 2 / square * (v @ A[k:, k:]))
+    return np.array(pivots)
 
 
 def _representatives(

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.identification.information import (
+    Chunk,
     Condensed,
     Information,
     active_columns,
@@ -22,9 +23,9 @@ from deltaid.identification.information import (
     merge,
     triangle,
 )
-from deltaid.identification.places import Chunk, Places, Visits
+from deltaid.identification.places import Places, Visits
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Window
+from deltaid.recording.windows import Samples, Window
 
 # Blocks that a log is cut into: enough to judge by their scatter, each still much longer than the
 # filter's memory.
@@ -163,7 +164,7 @@ def _blocks(
         visits = places.visits(z, chunks(values, tau)) if places else []
         pieces = (
             (number, condense(chunks(values[:, part], tau[:, part]), tau[:, part]))
-            for number, part in _cuts(window.start // window.decimation, tau.shape[1], length)
+            for number, part in _cuts(window.start // window.thinned, tau.shape[1], length)
         )
         return _Share(tuple(pieces), visits)
 
@@ -188,11 +189,13 @@ def _thinned(
     regressor: Regressor, window: Window, load: Parameters | None
 ) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
     """Nonzero regressor entries and torques, both filtered and thinned alike, and z there."""
-    w = window.wide
-    seen = w.tau if load is None else regressor.torque(w.z, w.qd, w.qdd, load)
-    values = regressor.sparse_regressor(w.z, w.qd, w.qdd, seen).values
-    z = window.own.z[:: window.decimation]
-    return window.filtered(values), window.filtered(w.tau.T), z
+
+    def entries(w: Samples) -> _Values:
+        seen = w.tau if load is None else regressor.torque(w.z, w.qd, w.qdd, load)
+        return regressor.sparse_regressor(w.z, w.qd, w.qdd, seen).values
+
+    tau = window.filtered(lambda w: w.tau.T)
+    return window.filtered(entries), tau, window.own.z[:: window.thinned]
 
 
 def _cuts(start: int, count: int, length: int) -> Iterator[tuple[int, slice]]:

@@ -11,16 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
-from deltaid.identification.places import Chunk
-from deltaid.recording.windows import WINDOW
+
+# Samples whose regressor is in memory at once.
+_AT_ONCE = 8000
 
 # Entries of a matrix that is factored at once: it stays in the cache.
-_PANEL = 20_000
+_PANEL = 60_000
+
+# Columns of [Y, τ] and their samples in rows.
+Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def gather_samples(
 ) -> Information:
     """The information of samples in memory."""
     parts = []
-    for part in (slice(i, i + WINDOW) for i in range(0, len(z), WINDOW)):
+    for part in (slice(i, i + _AT_ONCE) for i in range(0, len(z), _AT_ONCE)):
         values = regressor.sparse_regressor(z[part], qd[part], qdd[part], tau[part]).values
         parts.append(condense(chunks_of_drives(regressor, values, tau[part].T), tau[part].T))
     return collect(regressor, parts, "samples")
@@ -164,7 +167,5 @@ def _chunk_triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, 
     step = max(_PANEL // n - n, n)
     R = np.zeros((0, n))
     for start in range(0, samples, step):
-        piece = np.hstack([R.T, chunk[:, start : start + step]])
-        qr, _, _, _ = lapack.dgeqrf(piece.T, overwrite_a=1)  # in place: no copy in either order
-        R = np.triu(qr[:n])
+        R = triangle(np.vstack([R, chunk[:, start : start + step].T]))
     return R

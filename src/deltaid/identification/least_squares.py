@@ -16,15 +16,13 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import gather_all, places_of, whitened
-from deltaid.identification.information import Information, gather_samples, triangle
+from deltaid.identification.information import Information, triangle
 from deltaid.identification.options import LeastSquaresMethod
 from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
 from deltaid.identification.torque_error import torque_error
-from deltaid.motion.random_motion import random_motion
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.recording import Recording, open_recordings
 
@@ -49,22 +47,6 @@ class BaseEstimate:
     interval: Float[np.ndarray, " base"]
     full: Float[np.ndarray, " parameters"]
     noise: Noise
-
-
-def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
-    """The base parameters that a generic motion within the robot's limits determines.
-
-    Raises:
-        KinematicsError: the description's limits leave no room for a motion.
-    """
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 2000))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = np.zeros_like(z)
-    if dynamics.robot.load_drives:
-        tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
-    information = gather_samples(dynamics, z, qd, qdd, tau)
-    return base_parameters(information, dynamics.layout)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait

@@ -11,16 +11,14 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.identification.information import Chunk
 from deltaid.recording.recording import Recording
 
 # Each of the platform's three coordinates is cut into so many parts of its range. Finer places part
 # errors that belong together, coarser ones are too few to see a scatter.
 _PARTS = 3
 
-# Columns of [Y, τ] and their samples in rows.
-Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
-
-# The same columns, and the chunk's product with itself at each place.
+# Columns of a chunk, and its product with itself at each place.
 Visits = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "places _ _"]]
 
 

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse.csgraph import connected_components
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
 from deltaid.errors import IdentificationError
@@ -215,10 +214,13 @@ def _body_blocks(
     if not rows.size:
         return []
     inner = np.ix_(rows, rows)
-    _, part_of = connected_components((index[inner] >= 0) | (M[inner] != 0), directed=False)
+    linked = (index[inner] >= 0) | (M[inner] != 0) | np.eye(len(rows), dtype=bool)
+    together = np.linalg.matrix_power(linked.astype(int), len(rows)) > 0
     blocks = []
-    for part in np.unique(part_of):
-        members = rows[part_of == part]
+    for i, part in enumerate(together):
+        if part[:i].any():
+            continue  # has been seen with its first row
+        members = rows[part]
         ix = np.ix_(members, members)
         if np.all(index[ix] < 0):
             continue  # constant and consistent, since the prior is

@@ -19,8 +19,7 @@ class TorqueError:
     Attributes:
         rms: root mean square of measured minus predicted, both through the recording's filter.
         nrmse: rms as a share of the measured torque's own root mean square.
-        rms_unfiltered: the same against the torque as recorded, at the samples where the model is
-            evaluated.
+        rms_unfiltered: the same against the torque as recorded.
         covariance: mean of e eᵀ over the samples, of the filtered errors.
         cutoff: the filter's cut-off [Hz]; None without a filter.
     """
@@ -34,15 +33,17 @@ class TorqueError:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Measured and predicted torques of consecutive samples, as recorded and through the filter,
-    and the drives' speeds there."""
+    """Measured and predicted torques of consecutive samples, and the drives' speeds there.
+
+    Those through the filter are of every `Recording.stride`-th sample, from the first one on.
+    """
 
     time: Float[np.ndarray, " samples"]
     speed: Float[np.ndarray, "samples dof"]
     measured: Float[np.ndarray, "samples torques"]
     predicted: Float[np.ndarray, "samples dof"]
-    filtered_measured: Float[np.ndarray, "samples torques"]
-    filtered_predicted: Float[np.ndarray, "samples dof"]
+    filtered_measured: Float[np.ndarray, "apart torques"]
+    filtered_predicted: Float[np.ndarray, "apart dof"]
 
 
 def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator[Prediction]:
@@ -66,24 +67,24 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
 def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueError:
     """The torque errors of parameters p on a recording."""
 
-    def sums(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def sums(window: Window) -> tuple[np.ndarray, ...]:
         part = _prediction(dynamics, p, window)
         error = part.filtered_measured - part.filtered_predicted
         raw = np.sum((part.measured - part.predicted) ** 2, axis=0)
-        return error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, len(error)
+        counts = np.array([len(error), len(part.time)])
+        return error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, counts
 
     dof = dynamics.dof
-    covariance, power, raw, samples = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), 0
-    for products, squares, unfiltered, count in recording.evaluate(dynamics.kinematics, sums):
-        covariance += products
-        power += squares
-        raw += unfiltered
-        samples += count
+    totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros(2, dtype=int)
+    for one in recording.evaluate(dynamics.kinematics, sums):
+        for total, part in zip(totals, one, strict=True):
+            total += part
+    covariance, power, raw, (samples, all_samples) = totals
     rms = np.sqrt(np.diag(covariance) / samples)
     return TorqueError(
         rms=rms,
         nrmse=rms / np.sqrt(power / samples),
-        rms_unfiltered=np.sqrt(raw / samples),
+        rms_unfiltered=np.sqrt(raw / all_samples),
         covariance=covariance / samples,
         cutoff=recording.cutoff,
     )

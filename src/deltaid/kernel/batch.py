@@ -43,13 +43,29 @@ class BatchKernel:
     def __init__(self, batched: ca.SX, output: ca.SX, uniform: ca.SX | None = None) -> None:
         shared = ca.SX(0, 1) if uniform is None else uniform
         dense = ca.vec(ca.densify(output))
-        self.function = ca.Function("f", [batched, shared], ca.cse([dense]))
+        self._graph = ca.Function("f", [batched, shared], [dense])
         self.n_in, self.n_out, self.n_uniform = batched.numel(), dense.numel(), shared.numel()
         self._width = _vector_width()
-        self._engine = _engine(_machine_code(self.function, self._width))
+        self._engine = _engine(self._machine_code())
         self._call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
             self._engine.get_function_address(KERNEL_NAME)
         )
+
+    @functools.cached_property
+    def function(self) -> ca.Function:
+        """The same by CasADi's own evaluator: what is compiled, common subexpressions once."""
+        inputs = self._graph.sx_in()
+        return ca.Function("f", inputs, ca.cse(self._graph.call(inputs)))
+
+    def _machine_code(self) -> bytes:
+        """The object file of the graph: from the store, or compiled and kept there."""
+        name = store.key(self._graph.serialize(), *_circumstances(), f"{self._width} lanes")
+        known = store.load(name)
+        if known is not None:
+            return known
+        code = _compile(vector_ir(self.function, self._width))
+        store.save(name, code)
+        return code
 
     def __call__(
         self,
@@ -124,17 +140,6 @@ def _initialise() -> None:
         address = ctypes.cast(getattr(libm, name), ctypes.c_void_p).value
         assert address is not None
         llvm.add_symbol(name, address)
-
-
-def _machine_code(function: ca.Function, width: int) -> bytes:
-    """The object file of a function: from the store, or compiled and kept there."""
-    name = store.key(function.serialize(), *_circumstances(), f"{width} lanes")
-    known = store.load(name)
-    if known is not None:
-        return known
-    code = _compile(vector_ir(function, width))
-    store.save(name, code)
-    return code
 
 
 @functools.cache

@@ -5,9 +5,10 @@ first and second derivative are the same filter convolved with central differenc
 so q, q̇ and q̈ stay consistent. Filtered signals carry nothing above the cut-off and are thinned to
 the rate that this allows.
 
-Recordings of a high rate are thinned in two stages, or the low-pass would grow with the rate: a
-short filter (`lead`) leads to a rate still far above cut-off and friction's steps, where motion and
-torques are evaluated; the low-pass itself works there.
+At a high rate the low-pass works in two stages, or it would grow with the rate: a short filter
+(`lead`) thins to a rate that is still far above the cut-off, the low-pass itself works there, and
+where values for every sample are wanted `lead` brings them back by interpolation. Either way it is
+the same low-pass but for what `lead` lets through of its stop band, 120 dB.
 """
 
 import math
@@ -29,9 +30,9 @@ _LOWEST, _HIGHEST = 1e-6, 0.1
 _LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
 _SEGMENT = 4096
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
-# The rate at which motion and torques are evaluated at least [Hz], and as a multiple of the
-# cut-off; and the stop-band attenuation [dB] of the filter that leads there.
-_EVALUATED, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 100.0
+# The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band
+# attenuation [dB] of the filter that leads there.
+_BETWEEN, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 120.0
 # Outputs of a filter that one row of a matrix product gives, and numbers that it takes in at once:
 # few enough to stay in the cache.
 _OUTPUTS, _CHUNK = 16, 1 << 17
@@ -44,8 +45,8 @@ class LowPass:
     Attributes:
         cutoff: frequency of half amplitude [Hz].
         rate: sampling rate of what goes in [Hz].
-        stride: every how many samples motion and torques are evaluated.
-        lead: coefficients of the filter before they are; a single 1 where all are evaluated.
+        stride: every how many samples are left by the first stage; 1 where there is a single one.
+        lead: coefficients of the first stage, a single 1 where there is none.
         smooth: coefficients of the low-pass, `first` and `second` of its derivatives [1/s, 1/s²],
             for samples `stride` apart.
         decimation: every how many of these samples of the output are kept.
@@ -62,12 +63,12 @@ class LowPass:
 
     @property
     def half(self) -> int:
-        """Evaluated samples that the low-pass reaches to either side."""
+        """Samples, `stride` apart, that the low-pass reaches to either side."""
         return len(self.smooth) // 2
 
     @property
     def margin(self) -> int:
-        """Evaluated samples lost at either end by a derivative."""
+        """Samples, `stride` apart, lost at either end by a derivative."""
         return len(self.first) // 2
 
     @property
@@ -82,9 +83,32 @@ class LowPass:
         spread[:: self.stride] = self.smooth
         return float(np.linalg.norm(np.convolve(spread, self.lead)))
 
-    def at_every_row(self) -> "LowPass":
-        """The same low-pass in one stage, for results that have a value for every sample."""
-        return design_low_pass(self.cutoff, self.rate, every_row=True)
+    @property
+    def lead_half(self) -> int:
+        """Samples that the first stage reaches to either side."""
+        return len(self.lead) // 2
+
+    @property
+    def spread_half(self) -> int:
+        """Samples, `stride` apart, lost at either end by `spread`."""
+        return -(-self.lead_half // self.stride)
+
+    @property
+    def lead_loss(self) -> int:
+        """Samples, `stride` apart, that a run of n · `stride` samples loses in the first stage."""
+        return -(-len(self.lead) // self.stride) - 1
+
+    def spread(self, x: Float[np.ndarray, "channels apart"]) -> Float[np.ndarray, "channels all"]:
+        """Values for every sample from those `stride` apart, `spread_half` lost at either end."""
+        if self.stride == 1:
+            return x
+        near = 2 * self.spread_half + 1
+        at = np.arange(self.stride) - self.stride * np.arange(near)[:, None]
+        at += self.lead_half + self.stride * self.spread_half
+        inside = (at >= 0) & (at < len(self.lead))
+        weights = np.where(inside, self.lead[at * inside], 0.0) * self.stride
+        around = np.lib.stride_tricks.sliding_window_view(x, near, axis=1)
+        return (np.ascontiguousarray(around) @ weights).reshape(len(x), -1)
 
 
 def lowest_rate() -> float:
@@ -108,21 +132,21 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
     return 8 * ((taps + len(_FIRST) - 1) // 2)
 
 
-def design_low_pass(cutoff: float, rate: float, *, every_row: bool = False) -> LowPass:
+def design_low_pass(cutoff: float, rate: float, *, single: bool = False) -> LowPass:
     """A low-pass of `cutoff` Hz for data of `rate` Hz, in two stages if the rate is high.
 
     Args:
-        every_row: evaluate at all samples, whatever the rate.
+        single: in one stage, whatever the rate.
 
     Raises:
         RecordingError: the cut-off is not below a tenth of the sampling rate.
     """
     samples_needed(cutoff, rate)
-    enough = max(_EVALUATED, _OVERSAMPLED * cutoff)
-    stride = 1 if every_row else max(1, int(rate / enough))
-    evaluated = rate / stride
-    taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff / evaluated)
-    smooth = _sinc(taps, beta, cutoff / evaluated)
+    enough = max(_BETWEEN, _OVERSAMPLED * cutoff)
+    stride = 1 if single else max(1, int(rate / enough))
+    between = rate / stride
+    taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff / between)
+    smooth = _sinc(taps, beta, cutoff / between)
     highest = _highest(cutoff)
     return LowPass(
         cutoff=cutoff,
@@ -130,9 +154,9 @@ def design_low_pass(cutoff: float, rate: float, *, every_row: bool = False) -> L
         stride=stride,
         lead=_lead(highest, rate, stride),
         smooth=smooth,
-        first=np.convolve(smooth, _FIRST[::-1]) * evaluated,
-        second=np.convolve(smooth, _SECOND) * evaluated**2,
-        decimation=max(1, int(evaluated / (2 * highest))),
+        first=np.convolve(smooth, _FIRST[::-1]) * between,
+        second=np.convolve(smooth, _SECOND) * between**2,
+        decimation=max(1, int(between / (2 * highest))),
     )
 
 

@@ -1,7 +1,7 @@
 """A recording as a value: a surveyed log and its filter, whose windows come ready to use."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,16 +39,14 @@ class Recording:
         return self.low_pass.cutoff if self.low_pass else None
 
     @property
+    def stride(self) -> int:
+        """Every how many samples of the log `Window.smoothed` gives one."""
+        return self.low_pass.stride if self.low_pass else 1
+
+    @property
     def thinned(self) -> int:
         """Every how many samples of the log are kept in the end."""
         return self.low_pass.thinned if self.low_pass else 1
-
-    def at_every_row(self) -> "Recording":
-        """The same, evaluated at every row of the log however high its rate."""
-        low_pass = self.low_pass
-        if low_pass is None or low_pass.stride == 1:
-            return self
-        return replace(self, low_pass=low_pass.at_every_row())
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]

@@ -3,14 +3,13 @@
 A segment is a run of rows without a gap. No filter reaches beyond its ends.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.parallel import ordered
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LowPass, apply, convolve
 from deltaid.recording.table import recut
@@ -19,10 +18,8 @@ from deltaid.recording.table import recut
 # because rows of an array that lie a power of two apart fight for the same lines of the cache.
 WINDOW = 8000
 
-# Rows that the first stage of a filter takes at a time; few samples remain of them.
-_LEAD_ROWS = 1 << 16
-
-Rows = Float[np.ndarray, "rows channels"]
+Rows = Float[np.ndarray, "_ _"]
+Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +28,7 @@ class Samples:
 
     Attributes:
         time [s], z, qd, qdd: the motion; filtered if there is a filter.
-        tau: drive torques, not filtered by the low-pass; no columns if none are recorded.
+        tau: drive torques as recorded, never filtered here; no columns if the log has none.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -51,9 +48,8 @@ class Window:
 
     Attributes:
         start: number of samples of the recording's other windows before it.
-        own: its samples, with torques as recorded; those of all windows are the recording.
-        wide: the same and half a filter more at either end: where to evaluate what is to be
-            filtered. Torques there have passed the first stage of the filter.
+        own: its samples; those of all windows are the recording.
+        wide: the same and more at either end: where to evaluate what is to be filtered.
         low_pass: the filter, if there is one.
     """
 
@@ -62,47 +58,73 @@ class Window:
     wide: Samples
     low_pass: LowPass | None
 
-    def smoothed(
-        self, x: Float[np.ndarray, "channels wide"], thinned: int = 1
-    ) -> Float[np.ndarray, "channels kept"]:
-        """The low-pass over something computed from `wide`, at every `thinned`-th own sample."""
-        if self.low_pass is None:
-            return x[:, ::thinned]
-        return apply(self.low_pass.smooth, x, thinned)
+    def filtered(self, of: Callable[[Samples], Values]) -> Values:
+        """The low-pass over something that follows from samples, thinned as the cut-off allows.
 
-    def filtered(self, x: Float[np.ndarray, "channels wide"]) -> Float[np.ndarray, "channels kept"]:
-        """The same, thinned to the rate that the cut-off allows."""
-        return self.smoothed(x, self.decimation)
+        Args:
+            of: gives (channels, samples). Where the filter has two stages it is asked for a few
+                samples at a time, since few remain of them.
+        """
+        if self.low_pass is None:
+            return of(self.wide)
+        parts = [self._led(of(part)) for part in self._parts()]
+        values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
+        return apply(self.low_pass.smooth, values, self.low_pass.decimation)
+
+    def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
+        """The low-pass over something computed from `wide`, at every `stride`-th own sample."""
+        return x if self.low_pass is None else apply(self.low_pass.smooth, self._led(x))
 
     def trimmed(self, x: Float[np.ndarray, "wide ..."]) -> Float[np.ndarray, "own ..."]:
         """Something computed from `wide`, unfiltered, at the own samples."""
-        half = self.low_pass.half if self.low_pass else 0
-        return x[half : len(x) - half]
+        low_pass = self.low_pass
+        lost = low_pass.lead_half + low_pass.stride * low_pass.half if low_pass else 0
+        return x[lost : lost + len(self.own.time)]
 
     @property
-    def decimation(self) -> int:
-        """Every how many own samples `filtered` keeps, beginning with the first."""
-        return self.low_pass.decimation if self.low_pass else 1
+    def stride(self) -> int:
+        """Every how many own samples `smoothed` gives one, beginning with the first."""
+        return self.low_pass.stride if self.low_pass else 1
+
+    @property
+    def thinned(self) -> int:
+        """Every how many own samples `filtered` gives one, beginning with the first."""
+        return self.low_pass.thinned if self.low_pass else 1
+
+    def _parts(self) -> Iterator[Samples]:
+        """`wide` in parts of which the first stage makes consecutive samples."""
+        assert self.low_pass is not None
+        lead, stride = len(self.low_pass.lead), self.low_pass.stride
+        if stride == 1:
+            yield self.wide
+            return
+        size = -(-WINDOW // stride) * stride
+        for start in range(0, len(self.wide.time) - lead + 1, size):
+            yield self.wide.part(slice(start, start + size + lead - stride))
+
+    def _led(self, x: Values) -> Values:
+        """The filter's first stage."""
+        assert self.low_pass is not None
+        return x if self.low_pass.stride == 1 else apply(self.low_pass.lead, x, self.stride)
 
 
 def cut(
     rows: Iterable[Rows], columns: Columns, kinematics: Kinematics, low_pass: LowPass | None
 ) -> Iterator["Uncut"]:
     """The samples of one segment as blocks from which windows can be made apart from each other."""
-    if low_pass is None:
-        size, overlap = WINDOW, 0
-    else:
-        overlap = 2 * (low_pass.margin + low_pass.half)
-        size = -(-max(WINDOW, overlap) // low_pass.decimation) * low_pass.decimation
-        if low_pass.stride > 1:
-            rows = _led(rows, len(columns.torque), low_pass)
+    size, overlap = WINDOW, 0
+    if low_pass is not None:
+        lost = 2 * (low_pass.margin + low_pass.half + low_pass.spread_half) + low_pass.lead_loss
+        overlap = (lost - 1) * low_pass.stride + len(low_pass.lead)
+        # Of long filters the overlap is what costs.
+        size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
     for k, block in enumerate(recut(rows, size, overlap)):
         yield Uncut(k * size, block, columns, kinematics, low_pass)
 
 
 @dataclass(frozen=True, eq=False)
 class Uncut:
-    """Rows of one window: columns as in `Columns.all`, then torques as recorded if they differ."""
+    """Rows of one window, columns as in `Columns.all`."""
 
     start: int
     rows: Rows
@@ -116,27 +138,26 @@ class Uncut:
         Velocities and accelerations that are not recorded come from differentiating the highest
         derivative that is, through the filter. Without a filter both must be recorded.
         """
-        c = self.columns
-        counts = [len(part) for part in (c.position, c.velocity, c.acceleration, c.torque)]
-        q, qd, qdd, tau, recorded = np.split(self.rows[:, 1:], np.cumsum(counts), axis=1)
-        if self.low_pass is None:
-            samples = self._samples(self.rows[:, 0], q, qd, qdd, tau)
+        c, low_pass = self.columns, self.low_pass
+        counts = [len(c.position), len(c.velocity), len(c.acceleration)]
+        q, qd, qdd, tau = np.split(self.rows[:, 1:], np.cumsum(counts), axis=1)
+        if low_pass is None:
+            samples = self._samples(0, q, qd, qdd, tau)
             return Window(self.start, samples, samples, None)
-        margin, half = self.low_pass.margin, self.low_pass.half
-        inside = slice(margin, len(self.rows) - margin)
-        motion = _motion(self.low_pass, q, qd, qdd)
-        wide = self._samples(self.rows[inside, 0], *motion, tau[inside])
-        own = wide.part(slice(half, len(wide.time) - half))
-        if recorded.size:
-            as_recorded = recorded[margin + half : len(self.rows) - margin - half]
-            own = Samples(own.time, own.z, own.qd, own.qdd, as_recorded)
-        return Window(self.start, own, wide, self.low_pass)
+        first = low_pass.lead_half + low_pass.stride * (low_pass.margin + low_pass.spread_half)
+        wide = self._samples(first, *_motion(low_pass, q, qd, qdd), tau)
+        apart = len(wide.time) // low_pass.stride - low_pass.lead_loss - 2 * low_pass.half
+        lost = low_pass.lead_half + low_pass.stride * low_pass.half
+        own = wide.part(slice(lost, lost + max(0, apart) * low_pass.stride))
+        return Window(self.start, own, wide, low_pass)
 
     def _samples(
-        self, time: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, tau: np.ndarray
+        self, first: int, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, tau: np.ndarray
     ) -> Samples:
+        """Samples of some motion, which begins with a row of its own."""
         z, _ = self.kinematics.forward_unchecked(q)
-        return Samples(time, z, qd, qdd, tau)
+        rows = slice(first, first + len(q))
+        return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows])
 
 
 def _motion(
@@ -147,7 +168,8 @@ def _motion(
     orders = np.stack([np.pad(low_pass.smooth, longer), low_pass.first, low_pass.second])
 
     def derivatives(x: np.ndarray, count: int) -> list[np.ndarray]:
-        return [values.T for values in convolve(orders[:count], x.T)]
+        apart = x.T if low_pass.stride == 1 else apply(low_pass.lead, x.T, low_pass.stride)
+        return [low_pass.spread(values).T for values in convolve(orders[:count], apart)]
 
     if qd.size:
         ((smooth,), rates) = derivatives(q, 1), derivatives(qd, 1 if qdd.size else 2)
@@ -155,17 +177,3 @@ def _motion(
         smooth, *rates = derivatives(q, 2 if qdd.size else 3)
     acceleration = derivatives(qdd, 1)[0] if qdd.size else rates[1]
     return smooth, rates[0], acceleration
-
-
-def _led(rows: Iterable[Rows], torques: int, low_pass: LowPass) -> Iterator[Rows]:
-    """The first stage of a filter: every `stride`-th row behind `lead`, and torques as recorded."""
-    lead, stride = low_pass.lead, low_pass.stride
-    half = len(lead) // 2
-
-    def led(block: Rows) -> Rows:
-        at = block[half : len(block) - half : stride]
-        smooth = apply(lead, block[:, 1:].T, stride).T
-        return np.hstack([at[:, :1], smooth, at[:, block.shape[1] - torques :]])
-
-    size = -(-_LEAD_ROWS // stride) * stride
-    return ordered(led, recut(rows, size, len(lead) - 1))

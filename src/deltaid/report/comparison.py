@@ -48,7 +48,6 @@ class Comparison:
 
 def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
-    recording = recording.at_every_row()  # spectra go up to half the rate of the log
     log, thinned = recording.log, recording.thinned
     stretch = max(1, -(-log.samples // (thinned * _SHOWN)))
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
@@ -79,12 +78,13 @@ def _thinned(
     dynamics: Dynamics, p: Parameters, recording: Recording, spectrum: "_Spectrum"
 ) -> Iterator[Float[np.ndarray, "samples 4 dof"]]:
     """Time (in every drive's column), measured, predicted and speed, at the filter's own rate."""
-    step = recording.thinned
+    step, apart = recording.thinned, recording.stride
     for part in predict(dynamics, p, recording):
         spectrum.add(part)
         time = np.repeat(part.time[:, None], dynamics.dof, axis=1)
-        rows = (time, part.filtered_measured, part.filtered_predicted, part.speed)
-        yield np.stack([row[::step] for row in rows], axis=1)
+        filtered = (part.filtered_measured, part.filtered_predicted)
+        shown = [rows[:: step // apart] for rows in filtered]
+        yield np.stack([time[::step], *shown, part.speed[::step]], axis=1)
 
 
 def _stretches(

@@ -110,7 +110,6 @@ def reproduce_irb360(
         for motion in ("slow", "fast"):
             progress(f"verifying on the {motion} motion")
             (one,) = open_recordings([Path(folder) / f"{motion}.csv"], dynamics.kinematics)
-            one = one.at_every_row()
             tracks.append(_track(motion, settings, scene, one))
             verified += [_verify(c, motion, one) for c in candidates]
     return Irb360(
@@ -183,7 +182,7 @@ def _verify(candidate: Candidate, motion: str, one: Recording) -> Verified:
     dynamics, thinned = compiled(candidate.robot), one.thinned
     parts = list(predict(dynamics, candidate.p, one))
     error = np.vstack([part.filtered_measured - part.filtered_predicted for part in parts])
-    predicted = np.vstack([part.filtered_predicted for part in parts])[::thinned]
+    predicted = np.vstack([part.filtered_predicted for part in parts])[:: thinned // one.stride]
     return Verified(candidate.name, motion, np.sqrt(np.mean(error**2, axis=0)), predicted)
 
 
@@ -199,7 +198,7 @@ def _track(motion: str, settings: Irb360Settings, scene: "_Scene", one: Recordin
         motion=motion,
         time=np.concatenate([part.time for part in parts])[::thinned],
         speed=np.vstack([part.speed for part in parts])[::thinned],
-        measured=np.vstack([part.filtered_measured for part in parts])[::thinned],
+        measured=np.vstack([part.filtered_measured for part in parts])[:: thinned // one.stride],
         noise=noise * (one.low_pass.noise_gain if one.low_pass else 1.0),
         speed_max=float(np.abs(qd[:, 3]).max()),
         acceleration_max=float(np.abs(qdd[:, 3]).max()),

@@ -1,0 +1,172 @@
+"""Compiled kernels on disk: used again, never trusted blindly, bounded, and easy to go without."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from command import run
+from deltaid.errors import DeltaidError
+from deltaid.kernel import batch, store
+from deltaid.kernel.batch import BatchKernel
+
+X = np.random.default_rng(0).normal(size=(2, 37))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch) -> Path:
+    """Where entries are kept; does not exist yet."""
+    monkeypatch.setenv(store.VARIABLE, str(tmp_path / "kept" / "here"))
+    return tmp_path / "kept" / "here"
+
+
+@pytest.fixture
+def compiled(monkeypatch) -> list[str]:
+    """Counts what is compiled."""
+    done, honest = [], batch._compile
+
+    def counted(assembly: str) -> bytes:
+        done.append(assembly)
+        return honest(assembly)
+
+    monkeypatch.setattr(batch, "_compile", counted)
+    return done
+
+
+def kernel(factor: float = 2.0) -> BatchKernel:
+    """With functions of libm, which machine code from a file has to find."""
+    x = ca.SX.sym("x", 2)
+    values = ca.sin(x[0]) * ca.atan2(x[1], x[0]), ca.fabs(x[0]) ** x[1], factor * x[1]
+    return BatchKernel(x, ca.vertcat(*values))
+
+
+def test_a_kernel_is_compiled_once(folder: Path, compiled: list[str]) -> None:
+    first, again, other = kernel()(X), kernel()(X), kernel(3.0)(X)
+    assert len(compiled) == len(list(folder.iterdir())) == 2
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_a_new_process_finds_it_and_its_functions(folder: Path) -> None:
+    expected = kernel()(X)
+    script = (
+        "import sys, numpy as np; sys.path.insert(0, sys.argv[1])\n"
+        "import test_kernel_store as t\n"
+        "def never(assembly): raise AssertionError('compiled again')\n"
+        "t.batch._compile = never\n"
+        "sys.stdout.write(t.kernel()(t.X).tobytes().hex())"
+    )
+    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == expected.tobytes().hex()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: data[:20],
+        lambda data: data[:-1],
+        lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
+        lambda data: b"\0" * len(data),
+    ],
+)
+def test_a_damaged_entry_is_compiled_anew(folder: Path, compiled: list[str], damage) -> None:
+    expected = kernel()(X)
+    (entry,) = folder.iterdir()
+    whole = entry.read_bytes()
+    entry.write_bytes(damage(whole))
+    np.testing.assert_array_equal(kernel()(X), expected)
+    assert len(compiled) == 2
+    assert entry.read_bytes() == whole
+
+
+def test_another_machine_or_version_has_entries_of_its_own(
+    folder: Path, compiled: list[str], monkeypatch
+) -> None:
+    kernel()
+    known = batch._circumstances()
+    assert len(known) == 9
+    for i in range(len(known)):
+        changed = (*known[:i], "another", *known[i + 1 :])
+        monkeypatch.setattr(batch, "_circumstances", lambda changed=changed: changed)
+        kernel()
+    assert len(compiled) == len(list(folder.iterdir())) == 1 + len(known)
+
+
+def test_without(folder: Path, compiled: list[str], monkeypatch) -> None:
+    kernel()
+    assert run("--no-cache", "base", "clavel-delta3").code == 0
+    before = len(compiled)
+    assert before > 2
+    monkeypatch.setenv(store.VARIABLE, "OFF")
+    kernel()
+    monkeypatch.setenv(store.VARIABLE, str(folder))
+    store.switch_off()
+    kernel()
+    assert len(compiled) == before + 2
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch) -> None:
+    """The user's own is told; in the system's there is nothing to be kept, and nothing to say."""
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv(store.VARIABLE, str(blocked / "kernels"))
+    with pytest.raises(DeltaidError, match="compiled kernels cannot be kept there") as caught:
+        kernel()
+    assert store.VARIABLE in caught.value.cure
+    monkeypatch.delenv(store.VARIABLE)
+    monkeypatch.setattr(store, "_caches", lambda: blocked)
+    assert kernel()(X).shape == (3, 37)
+    monkeypatch.setattr(store, "_caches", lambda: None)
+    assert kernel()(X).shape == (3, 37)
+
+
+def test_entries_used_longest_ago_make_room(folder: Path, monkeypatch) -> None:
+    names = [store.key(f"{i}") for i in range(4)]
+    folder.mkdir(parents=True)
+    (folder / "letter.txt").write_bytes(b"x" * 500)
+    monkeypatch.setattr(store, "_LARGEST", 350)
+    for i, name in enumerate(names[:3]):
+        store.save(name, bytes(68))  # 100 bytes with the checksum
+        os.utime(folder / name, (i + 1, i + 1))
+    assert store.load(names[0]) == bytes(68)  # used now
+    store.save(names[3], bytes(68))
+    assert [store.load(name) is not None for name in names] == [True, False, True, True]
+    assert (folder / "letter.txt").exists()
+
+
+def test_writers_at_the_same_time(folder: Path) -> None:
+    name, contents = store.key("x"), [bytes([i]) * 50_000 for i in range(4)]
+    seen: list[bytes | None] = []
+
+    def write(content: bytes) -> None:
+        for _ in range(20):
+            store.save(name, content)
+            seen.append(store.load(name))
+
+    writers = [threading.Thread(target=write, args=[content]) for content in contents]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert len(seen) == 80
+    assert set(seen) <= set(contents)
+    assert [entry.name for entry in folder.iterdir()] == [name]
+
+
+def test_the_systems_folder(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.delenv(store.VARIABLE, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert store.folder() == tmp_path / "deltaid" / "kernels"
+    monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert store.folder() == tmp_path / ".cache" / "deltaid" / "kernels"

@@ -1,0 +1,108 @@
+"""Work shared among threads: nothing may depend on how many there are."""
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from deltaid.errors import RecordingError
+from deltaid.parallel import cores, ordered, threads
+from deltaid.recording import table, windows
+from logs import recorded, write
+
+COUNTS = [1, 2, 3]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_results_come_in_order(count: int) -> None:
+    later = threading.Event()
+
+    def work(item: int) -> int:
+        if item == 1 and count > 1:
+            assert later.wait(10)  # is done after the one behind it
+        if item == 2:
+            later.set()
+        return item**2
+
+    with threads(count):
+        assert list(ordered(work, range(20))) == [i**2 for i in range(20)]
+        assert list(ordered(work, range(1))) == [0]
+        assert list(ordered(work, ())) == []
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_errors_come_in_order(count: int) -> None:
+    """A log that cannot be read further is told after what is wrong with the rows before."""
+
+    def rows() -> Iterator[int]:
+        yield from range(5)
+        raise RecordingError("cannot be read")
+
+    def work(item: int) -> int:
+        if item == bad:
+            raise RecordingError(f"item {item}")
+        return item
+
+    with threads(count):
+        for bad, found in ((3, [0, 1, 2]), (9, [0, 1, 2, 3, 4])):
+            seen = []
+            with pytest.raises(RecordingError) as caught:
+                seen.extend(iter_into(seen, ordered(work, rows())))
+            assert seen == found
+            assert str(caught.value) == ("item 3" if bad == 3 else "cannot be read")
+
+
+def iter_into(seen: list[int], results: Iterator[int]) -> list[int]:
+    """Take results one by one, so that those before an error are known."""
+    for result in results:
+        seen.append(result)  # noqa: PERF402 - extend would lose them
+    return []
+
+
+def test_few_items_are_in_memory_and_workers_share_no_further() -> None:
+    made, inside = [], []
+
+    def items() -> Iterator[int]:
+        for item in range(100):
+            made.append(item)
+            yield item
+
+    def work(item: int) -> int:
+        inside.append((threading.get_ident(), cores()))
+        return item
+
+    with threads(2):
+        results = ordered(work, items())
+        for taken in range(50):
+            assert next(results) == taken
+            assert len(made) <= taken + 6
+        results.close()
+        assert cores() == 2
+    here = threading.get_ident()
+    assert all(count == 1 for thread, count in inside if thread != here)
+    assert len({thread for thread, _ in inside} - {here}) in (1, 2)
+
+
+@pytest.mark.parametrize("columns", ["t q tau", "t q qd qdd tau"])
+def test_an_identification_has_the_same_bits_on_any_number_of_threads(
+    tmp_path: Path, monkeypatch, columns: str
+) -> None:
+    """Over many batches and windows."""
+    monkeypatch.setattr(table, "_BATCH_ROWS", 500)
+    monkeypatch.setattr(windows, "WINDOW", 400)
+    frame = recorded(4000, derivatives=True)
+    kinds = tuple(columns.split())
+    frame = frame.select([c for c in frame.columns if c.rstrip("0123456789") in kinds])
+    noise = np.random.default_rng(0).normal(size=(len(frame), 3))
+    noisy = [pl.Series(f"tau{i + 1}", frame[f"tau{i + 1}"] + noise[:, i]) for i in range(3)]
+    log = write(tmp_path / "log.parquet", frame.with_columns(noisy))
+    found = []
+    for count in COUNTS:
+        with threads(count):
+            result = deltaid.identify(deltaid.load_robot("clavel-delta3"), [log])
+        found.append((result.model.model_dump_json(), result.problem.groups.places.tobytes()))
+    assert found[0] == found[1] == found[2]
