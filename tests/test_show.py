@@ -1,6 +1,7 @@
 """`deltaid show`: readings equal kinematics, reach ends at limits, page, errors, live view."""
 
 import builtins
+import http.client
 import os
 import shutil
 import signal
@@ -18,6 +19,7 @@ from playwright import sync_api
 from command import refused, run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError
 from deltaid.model import load
 from deltaid.robot.load import load_robot
 from deltaid.show.page import percent_of, robot_page
@@ -270,3 +272,64 @@ def _visit(live, browser) -> None:
     assert all(live.server.scene.get_handle_by_name(name) is not None for name in names)
     assert said == []
     assert all(url.startswith((live.url, f"blob:{live.url}")) for url in asked)
+
+
+@pytest.fixture(scope="module")
+def live():
+    pytest.importorskip("viser")
+    from deltaid.show.live import LiveView
+
+    view = LiveView(at_rest("clavel-delta3"))
+    yield view
+    view.close()
+
+
+def _socket(port: int, origin: str | None, **headers: str):
+    """An attempt to open a websocket as a page of some origin would."""
+    import viser
+    from websockets.sync.client import connect
+
+    return connect(
+        f"ws://127.0.0.1:{port}",
+        origin=origin,
+        subprotocols=[f"viser-v{viser.__version__}"],
+        additional_headers=headers,
+        max_size=None,
+    )
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["https://evil.example", "http://evil.example:{port}", "http://127.0.0.1:1", "null", None,
+     "http://127.0.0.1:{port}.evil.example", "https://127.0.0.1:{port}", "127.0.0.1:{port}"],
+)  # fmt: skip
+def test_live_view_talks_to_no_other_page(live, origin: str | None) -> None:
+    from websockets.exceptions import InvalidStatus
+
+    port = live.server.get_port()
+    with pytest.raises(InvalidStatus, match="403"):
+        _socket(port, origin and origin.format(port=port)).close()
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
+def test_live_view_talks_to_its_own_page(live, name: str) -> None:
+    with _socket(live.server.get_port(), f"http://{name}:{live.server.get_port()}") as opened:
+        assert opened.recv(timeout=10)
+
+
+def test_live_view_shows_its_page_under_its_own_name_only(live) -> None:
+    port = live.server.get_port()
+    for host, status in ((f"127.0.0.1:{port}", 200), (f"localhost:{port}", 200),
+                         (f"evil.example:{port}", 403), ("127.0.0.1:1", 403)):  # fmt: skip
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection.request("GET", "/", headers={"Host": host})
+        assert connection.getresponse().status == status
+        connection.close()
+
+
+def test_a_viser_that_cannot_be_guarded_is_not_used() -> None:
+    pytest.importorskip("viser")
+    from deltaid.show.own_page import answering_own_page_only
+
+    with pytest.raises(DeltaidError, match="this version of viser"), answering_own_page_only():
+        pass

@@ -4,11 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from jaxtyping import Float
 
 from deltaid.excitation.run import Run
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Kinematics
 
+# Rows that are computed and written at once.
+_BLOCK = 1 << 16
 _TASK_NAMES = ("x", "y", "z", "psi")
 
 
@@ -17,8 +20,15 @@ def sample_run(kinematics: Kinematics, run: Run, rate: float) -> pl.DataFrame:
 
     The first and the last row are at rest.
     """
-    steps = int(np.ceil(run.duration * rate - 1e-9))
-    time = np.arange(steps + 1) / rate
+    return _sampled(kinematics, run, np.arange(run_rows(run, rate)) / rate)
+
+
+def run_rows(run: Run, rate: float) -> int:
+    """Number of rows of a run at a fixed rate."""
+    return int(np.ceil(run.duration * rate - 1e-9)) + 1
+
+
+def _sampled(kinematics: Kinematics, run: Run, time: Float[np.ndarray, " rows"]) -> pl.DataFrame:
     z, zd, zdd = run.evaluate(np.minimum(time, run.duration))
     drives = kinematics.drive_motion(z, zd, zdd)
     columns = {"t": time}
@@ -29,10 +39,13 @@ def sample_run(kinematics: Kinematics, run: Run, rate: float) -> pl.DataFrame:
 
 
 def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None:
-    """Write a run as CSV, whole or not at all.
+    """Write a run as CSV, whole or not at all, in constant memory.
 
     Raises:
         DeltaidError: the file cannot be written.
     """
+    rows = run_rows(run, rate)
     with written_whole(path) as file:
-        file.write(sample_run(kinematics, run, rate).write_csv())
+        for start in range(0, rows, _BLOCK):
+            part = _sampled(kinematics, run, np.arange(start, min(start + _BLOCK, rows)) / rate)
+            file.write(part.write_csv(include_header=start == 0))

@@ -18,6 +18,7 @@ from deltaid.report import style
 from deltaid.report.members import Member, members
 from deltaid.report.workspace import outline
 from deltaid.show.figures import limit_kinds, patches
+from deltaid.show.own_page import answering_own_page_only
 from deltaid.show.reach import reach
 from deltaid.show.rest import AtRest
 from deltaid.show.shapes import along, cylinder
@@ -86,7 +87,7 @@ class LiveView:
         self.robot = robot
         self.view: View = home_view(robot)
         self._lock = threading.RLock()
-        with _silence():
+        with _silence(), answering_own_page_only():
             self.server = viser.ViserServer(HOST, port, robot.robot.name, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self._skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
