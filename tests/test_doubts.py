@@ -46,5 +46,6 @@ def test_a_solver_that_fails_on_wrong_signs_does_not_ask_for_gamma(
 ) -> None:
     with pytest.raises(IdentificationError, match="drive1, drive2, drive3 contradict") as caught:
         identified(tmp_path, *names("tau"), settings=settings)
-    assert SIGNS in str(caught.value)
+    assert caught.value.where == str(tmp_path / "log.csv")
+    assert SIGNS in caught.value.cure
     assert "gamma" not in str(caught.value)
