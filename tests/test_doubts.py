@@ -3,12 +3,19 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.identify import identify
+from deltaid.identification.information import gather_samples
 from deltaid.identification.model import IdentifiedModel, Settings
+from deltaid.identification.signs import against_motion, told
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import names, recorded, write
 
@@ -36,6 +43,20 @@ def test_a_drive_with_the_wrong_sign_of_torque_is_named(tmp_path: Path, drive: i
 def test_a_drive_with_the_wrong_sign_of_its_motion_is_named(tmp_path: Path) -> None:
     text = " ".join(identified(tmp_path, "q2", "qd2", "qdd2").warnings)
     assert "motion of drive2 contradict" in text
+
+
+def test_inertia_alone_tells_where_there_is_no_friction() -> None:
+    data = load_robot("clavel-delta3").model_dump(exclude_none=True) | {"friction": {}}
+    dynamics = compiled(RobotDescription.model_validate(data))
+    rng = np.random.default_rng(0)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 500, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
+    tau = (tau + 0.05 * rng.standard_normal(tau.shape)) * [1, -1, 1]
+    found = against_motion(dynamics, gather_samples(dynamics, z, qd, qdd, tau))
+    assert [one.drive for one in found] == ["drive2"]
+    assert "friction" not in told(found, dynamics.robot)
 
 
 @pytest.mark.parametrize(
