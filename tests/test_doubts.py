@@ -3,12 +3,19 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.identify import identify
+from deltaid.identification.information import gather_samples
 from deltaid.identification.model import IdentifiedModel, Settings
+from deltaid.identification.signs import against_motion, told
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import names, recorded, write
 
@@ -38,6 +45,20 @@ def test_a_drive_with_the_wrong_sign_of_its_motion_is_named(tmp_path: Path) -> N
     assert "motion of drive2 contradict" in text
 
 
+def test_inertia_alone_tells_where_there_is_no_friction() -> None:
+    data = load_robot("clavel-delta3").model_dump(exclude_none=True) | {"friction": {}}
+    dynamics = compiled(RobotDescription.model_validate(data))
+    rng = np.random.default_rng(0)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 500, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
+    tau = (tau + 0.05 * rng.standard_normal(tau.shape)) * [1, -1, 1]
+    found = against_motion(dynamics, gather_samples(dynamics, z, qd, qdd, tau))
+    assert [one.drive for one in found] == ["drive2"]
+    assert "friction" not in told(found, dynamics.robot)
+
+
 @pytest.mark.parametrize(
     "settings", [Settings(gamma=1e-13), Settings(gamma=1e-12, regularizer="entropic")]
 )
@@ -46,5 +67,6 @@ def test_a_solver_that_fails_on_wrong_signs_does_not_ask_for_gamma(
 ) -> None:
     with pytest.raises(IdentificationError, match="drive1, drive2, drive3 contradict") as caught:
         identified(tmp_path, *names("tau"), settings=settings)
-    assert SIGNS in str(caught.value)
+    assert caught.value.where == str(tmp_path / "log.csv")
+    assert SIGNS in caught.value.cure
     assert "gamma" not in str(caught.value)

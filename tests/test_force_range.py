@@ -12,10 +12,11 @@ from deltaid.forces.ranges import (
     Determinacy,
     Evidence,
     Ranges,
+    _Ball,
     evidence,
     structural_determinacy,
 )
-from deltaid.forces.unknowns import unknowns
+from deltaid.forces.unknowns import Block, Unknowns, unknowns
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.identification.model import IdentifiedModel
@@ -130,6 +131,18 @@ def test_exact_recordings_leave_what_torques_leave_open(exact: Job) -> None:
         found, half = ranges.of(c), exact.known.openness(c).half_width
         assert 0.5 * half < 0.5 * (found.high - found.low) < 1.001 * half
         assert found.low < c @ exact.truth < found.high
+
+
+def test_a_range_counts_what_consistency_costs_the_best_of_all() -> None:
+    """One unknown u ≥ −1 that data and prior would have at −3, where ‖R u − b‖ is zero: the best
+    consistent one is 2 away, so all within √(2² + 1.96²) are compatible."""
+    block = Block(np.eye(1), (0,), np.ones((1, 1, 1)))
+    one = Unknowns(("u",), np.eye(1), np.zeros(1), (block,))
+    ball = _Ball(np.array([[1.0, -6.0]]), one)  # with the prior ‖u‖² on top: R = √2, R u_best = b
+    assert ball._u == pytest.approx(-3.0)
+    reach = np.hypot(2 * np.sqrt(2), 1.959964) / np.sqrt(2)
+    assert ball.largest(np.ones(1)) == pytest.approx(-3.0 + reach, rel=1e-5)
+    assert -ball.largest(-np.ones(1)) == pytest.approx(-1.0, rel=1e-5)
 
 
 def test_weight_of_an_arm_that_no_torque_shows(exact: Job) -> None:

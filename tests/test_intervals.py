@@ -1,15 +1,18 @@
 """Intervals of single parameters: what torques cannot see is the prior's; none is below zero."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from scipy import stats
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.model import IdentifiedModel, Parameter, Settings
+from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.robot.load import load_robot
@@ -98,6 +101,25 @@ def test_model_file_keeps_intervals_and_base_parameters(case, tmp_path: Path) ->
     assert [b.formula for b in loaded.base_parameters] == list(result.problem.base.formulas)
     half = [0.5 * (b.high - b.low) for b in loaded.base_parameters]
     assert np.allclose(half, result.problem.estimate.interval)
+
+
+def test_degrees_of_freedom_are_those_of_the_part_that_noise_adds(case) -> None:
+    """Welch and Satterthwaite: σ² = σ_n² + σ_p², σ_n² estimated with ν_n degrees of freedom, has
+    ν = ν_n σ⁴/σ_n⁴ of them. Twice the noise level in the same problem tells σ_n apart."""
+    problem, freedom = case[0].problem, 3
+
+    def with_noise(level: float) -> Uncertainty:
+        noise = replace(problem.estimate.noise, sigma=level, freedom=freedom, scatter=None)
+        return uncertainty(replace(problem, estimate=replace(problem.estimate, noise=noise)))
+
+    sigma = 20 * problem.noise  # noise and prior then matter both, here or there
+    one, two = with_noise(sigma), with_noise(2 * sigma)
+    by_noise = (two.std**2 - one.std**2) / 3
+    share = by_noise / np.maximum(one.std**2, 1e-300)
+    mixed = (share > 0.1) & (share < 0.9)
+    assert mixed.sum() >= 5
+    expected = stats.t.ppf(0.975, freedom / share[mixed] ** 2)
+    np.testing.assert_allclose(one.interval[mixed] / one.std[mixed], expected, rtol=1e-6)
 
 
 def test_model_file_of_format_1_loads() -> None:

@@ -12,7 +12,7 @@ from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import Conic
-from deltaid.identification.gathering import gather_all
+from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import LogCholesky
@@ -53,9 +53,7 @@ class FittedProblem:
     Attributes:
         dynamics: of the robot that was fitted.
         settings: what was asked for.
-        information: what all recordings together say.
-        groups: the same in stretches of time and in places of the platform.
-        used: how many samples each recording gave after its filter.
+        gathered: what the recordings say, together, in stretches of time and by place.
         objective: what was minimised, over which free variables.
         solution: its minimiser and certificate.
         base: which combinations of parameters the motion determines.
@@ -64,13 +62,21 @@ class FittedProblem:
 
     dynamics: Dynamics
     settings: Settings
-    information: Information
-    groups: Groups
-    used: tuple[int, ...]
+    gathered: Gathered
     objective: Objective
     solution: Solution
     base: BaseParameters
     estimate: BaseEstimate
+
+    @property
+    def information(self) -> Information:
+        """What all recordings together say."""
+        return self.gathered.information
+
+    @property
+    def used(self) -> tuple[int, ...]:
+        """How many samples each recording gave after its filter."""
+        return tuple(sum(block.samples for block in part) for part in self.gathered.parts)
 
     @property
     def reduction(self) -> Reduction:
@@ -101,14 +107,28 @@ def fit(
 ) -> FittedProblem:
     """Fit a robot's parameters to recordings.
 
-    Friction that depends on load sees the torques of the fit before, beginning with the prior,
-    until its coefficients stay as they are.
-
     Raises:
-        IdentificationError: they do not, or the fit fails.
+        IdentificationError: the fit cannot be posed, or its solver did not reach its end; with the
+            drives whose torques and motions contradict each other, if that is why.
     """
-    robot, layout = dynamics.robot, dynamics.layout
-    first = layout.friction.start
+    try:
+        gathered, objective, solution = _settled(dynamics, recordings, settings, progress)
+        information = gathered.information
+        base = base_parameters(information, dynamics.layout)
+        groups = Groups(gathered.blocks, gathered.places)
+        estimate = estimate_base(base, information, groups=groups)
+    except IdentificationError as error:
+        where = error.where or ", ".join(str(recording.path) for recording in recordings)
+        raise IdentificationError(error.what, where=where, cure=error.cure) from error
+    return FittedProblem(dynamics, settings, gathered, objective, solution, base, estimate)
+
+
+def _settled(
+    dynamics: Dynamics, recordings: Sequence[Recording], settings: Settings, progress: Progress
+) -> tuple[Gathered, Objective, Solution]:
+    """Friction that depends on load sees the torques of the fit before, beginning with the prior,
+    until its coefficients stay as they are."""
+    robot, first = dynamics.robot, dynamics.layout.friction.start
     shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
     load = prior_parameters(robot) if shares else None
     for _ in range(_LOAD_ROUNDS):
@@ -122,26 +142,11 @@ def fit(
         except IdentificationError as error:
             raise _explained(error, dynamics, information) from error
         if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
-            break
+            return gathered, objective, solution
         load = p
-    else:
-        raise IdentificationError(
-            "friction that depends on load does not settle: the recording cannot tell it from the "
-            "rest",
-            where=f"friction of {', '.join(robot.load_drives)}",
-            cure="leave the load term out of the friction law",
-        )
-    groups, base = Groups(gathered.blocks, gathered.places), base_parameters(information, layout)
-    return FittedProblem(
-        dynamics=dynamics,
-        settings=settings,
-        information=information,
-        groups=groups,
-        used=tuple(sum(block.samples for block in part) for part in gathered.parts),
-        objective=objective,
-        solution=solution,
-        base=base,
-        estimate=estimate_base(base, information, groups=groups),
+    raise IdentificationError(
+        "friction that depends on load does not settle: the recording cannot tell it from the rest",
+        cure=f"leave the load term out of the friction law of {', '.join(robot.load_drives)}",
     )
 
 

@@ -129,7 +129,11 @@ class LogCholeskyMap:
         M = pseudo_inertia(p[self.reduction.layout.body(body)])[np.ix_(order, order)]
         known = 4 - len(self.reduction.completed[body])
         if np.linalg.eigvalsh(M[:known, :known])[0] <= 0 if known else False:
-            raise IdentificationError(f"body {body} is not consistent, so it has no log-Cholesky")
+            raise IdentificationError(
+                "is not consistent, so it has no log-Cholesky factor",
+                where=f"bodies.{body}",
+                cure="change its prior, or use --method conic",
+            )
         U = np.zeros((4, 4))
         C = np.linalg.cholesky(M[:known, :known]).T if known else np.zeros((0, 0))
         U[:known, :known] = C
