@@ -15,7 +15,7 @@ from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.fit import pose
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
-from deltaid.identification.information import gather_samples
+from deltaid.identification.information import active_columns, gather_samples
 from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.model import IdentifiedModel, Settings
 from deltaid.identification.reduction import build_reduction
@@ -148,6 +148,20 @@ def test_bodies_may_be_called_like_kinds_of_parameters(tmp_path):
     assert expected <= set(random_motion_base(dynamics).formulas)
 
 
+def test_columns_that_cancel_only_in_numbers_are_not_visible(heli4):
+    dynamics, rng = Dynamics(heli4), np.random.default_rng(2)
+    visible = set(np.array(dynamics.layout.names)[active_columns(dynamics)])
+    assert len(visible) == 28
+    assert {n for n in visible if n.startswith("half")} == {"half.m"}  # only translates
+    assert {n for n in visible if n.startswith("arm")} == {"arm.mcx", "arm.mcz", "arm.Iyy"}
+    assert dynamics.equations.Y.nnz() > len(dynamics.regressor_pattern[0])
+    z = dynamics.kinematics.home + rng.uniform(-0.03, 0.03, (5, 4))
+    qd, qdd = rng.standard_normal((2, 5, 4))
+    p = rng.uniform(0.1, 1, len(dynamics.layout.names))
+    Y = dynamics.regressor(dynamics.kinematics.inverse(z), qd, qdd)
+    np.testing.assert_allclose(Y @ p, dynamics.torque(z, qd, qdd, p), rtol=1e-9)
+
+
 def test_the_example_runs_the_whole_pipeline(heli4, tmp_path):
     dynamics, rng = Dynamics(heli4), np.random.default_rng(1)
     exciter = Exciter(dynamics, ExcitationSettings(harmonics=3, duration=6.0, starts=1))
@@ -158,11 +172,14 @@ def test_the_example_runs_the_whole_pipeline(heli4, tmp_path):
         dynamics, truth, result.run, rng, duration=result.run.duration, rate=500.0
     )
     write_recording(recording, tmp_path / "log.csv")
+    friction = dynamics.layout.friction
     model = identify(heli4, [tmp_path / "log.csv"]).model
+    other = Settings(method="log-cholesky")
+    same = identify(heli4, [tmp_path / "log.csv"], settings=other).model
+    np.testing.assert_allclose(same.p[friction], model.p[friction], rtol=1e-6)
     z, _, _ = result.run.evaluate(np.linspace(0, result.run.duration, 200))
     diagonal, off = mass_matrix_error(dynamics, z, truth, model.p)
     assert max(diagonal, off) < 1e-4
-    friction = dynamics.layout.friction
     np.testing.assert_allclose(model.p[friction], truth[friction], rtol=1e-4)
     model.save(tmp_path / "model.yaml")
     assert IdentifiedModel.load(tmp_path / "model.yaml").robot == heli4

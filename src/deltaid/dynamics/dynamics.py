@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.equations import Equations, build_equations
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
@@ -17,6 +17,10 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
 Parameters = Float[np.ndarray, " parameters"]
+
+# Generic states in which entries of a mechanism of the user's own are looked at, and the share of
+# the largest entry below which one is zero: rounding leaves 1e-15 of it.
+_GENERIC, _ROUNDING = 64, 1e-12
 
 
 @dataclass(frozen=True)
@@ -151,13 +155,32 @@ class Dynamics:
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and parameter of every structurally nonzero entry of Y, drive by drive."""
+        """Drive and parameter of every entry of Y that is not always zero, drive by drive."""
         return self._pattern
 
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
-        return np.array(rows), np.array(columns)
+        return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
+
+    @cached_property
+    def _nonzero(self) -> Int[np.ndarray, " entries"]:
+        """Which of the structural entries of Y are not zero but for rounding.
+
+        What a described robot's torques do not show is zero by structure. Rotations of a mechanism
+        of the user's own cancel only in numbers, so its entries are looked at in generic states.
+        """
+        if self.robot.mechanism is None:
+            return np.arange(self.equations.Y.nnz())
+        e, rng, home = self.equations, np.random.default_rng(0), self.kinematics.home
+        turn = 0.5 * (self.robot.turn.high - self.robot.turn.low)
+        half = np.append(self.robot.workspace.inner_box[1], np.full(self.dof - 3, turn))
+        z = home + 0.5 * half * rng.uniform(-1, 1, (_GENERIC, self.dof))
+        others = rng.standard_normal((_GENERIC, 3 * self.dof))
+        Y = ca.Function("Y", [ca.vertcat(e.z, e.qd, e.qdd, e.tau)], [e.Y.T.nz[:]])
+        sizes = np.abs(np.array(Y(np.hstack([z, others]).T)))
+        largest = np.nanmax(sizes, axis=1, initial=0.0)  # NaN out of reach
+        return np.flatnonzero(~(largest <= _ROUNDING * largest.max()))
 
     def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """Drive torques τ = Y(q, q̇, q̈) p, eq. (2); solved for τ where friction depends on it.
@@ -201,7 +224,8 @@ class Dynamics:
     def _regressor_kernel(self) -> BatchKernel:
         e = self.equations
         load = [e.tau] if self.robot.load_drives else []
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd, *load), e.Y.T.nz[:])
+        entries = e.Y.T.nz[self._nonzero.tolist()]
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd, *load), entries)
 
     @cached_property
     def _torque_kernel(self) -> BatchKernel:

@@ -18,11 +18,13 @@ class Wrench:
     """What a motion takes from a body's joints; one column for each column of accelerations.
 
     Attributes:
-        force: in the body's inertial frame L [N].
-        moment: about the origin of the link frame B, resolved in B [N m].
+        push: m a, in the body's inertial frame L [N].
+        swing: what the rotation adds to it, in the link frame B [N].
+        moment: about the origin of B, in B [N m].
     """
 
-    force: ca.SX
+    push: ca.SX
+    swing: ca.SX
     moment: ca.SX
 
 
@@ -31,13 +33,13 @@ def wrench(
 ) -> Wrench:
     """Force and moment about the origin of a link frame B,
 
-        force  = m a + R (ω̇ × mc + ω × (ω × mc)),
+        push   = m a,   swing = ω̇ × mc + ω × (ω × mc),
         moment = mc × Rᵀa + Θ ω̇ + ω × Θ ω.
 
     With `spin` in place of the second ω, both are bilinear in the two such that partial velocities
     and their rates give the Coriolis matrix of Christoffel symbols: with Σ = ½ tr(Θ) − Θ,
 
-        force  = m a + R (ω̇ × mc + ω × (spin × mc)),   moment = mc × Rᵀa + Θ ω̇ + Σω × spin.
+        swing  = ω̇ × mc + ω × (spin × mc),   moment = mc × Rᵀa + Θ ω̇ + Σω × spin.
 
     Args:
         R: from B to L.
@@ -49,11 +51,11 @@ def wrench(
     """
     mc, Theta, W = p[1:4], inertia_tensor(p), skew(w)
     second = w if spin is None else spin
-    turned = -skew(mc) @ alpha - W @ (skew(mc) @ second)
+    swing = -skew(mc) @ alpha - W @ (skew(mc) @ second)
     moment = skew(mc) @ (R.T @ a) + Theta @ alpha - skew(Theta @ w) @ second
     if spin is not None:
         moment += 0.5 * ca.trace(Theta) * (W @ spin)
-    return Wrench(p[0] * a + R @ turned, moment)
+    return Wrench(p[0] * a, swing, moment)
 
 
 def potential(body: MovingBody, p: ca.SX, gravity: ca.SX) -> ca.SX:

@@ -1,7 +1,7 @@
 """Forces of bodies and joints on the generalised speeds u of a mechanism: physics once.
 
 A force Q on u does the work Qᵀu; on y it is Nᵀ Q with N = ∂u/∂ẏ (`mechanism.speeds`). A body whose
-velocity is (V u, W u) passes its wrench on as Vᵀ force + Wᵀ moment (Jourdain's principle), a joint
+velocity is (V u, W u) passes a wrench on as Vᵀ force + Wᵀ moment (Jourdain's principle), a joint
 its effort along ∂ϑ/∂y.
 """
 
@@ -151,7 +151,8 @@ class SpeedForces:
     def on_speeds(self, body: MovingBody, found: Wrench) -> ca.SX:
         """A body's wrench as forces on u; for each of its columns one."""
         V, W = self._partials(body)
-        return V.T @ found.force + W.T @ found.moment
+        turned = body.rotation.R.T @ V
+        return V.T @ found.push + turned.T @ found.swing + W.T @ found.moment
 
     def _sum(self, of: Callable[[MovingBody], Wrench]) -> ca.SX:
         """Over all bodies."""

@@ -124,16 +124,15 @@ def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
     NaN where A is not positive definite.
     """
     n = A.shape[0]
-    L = ca.SX(n, n)
+    L, share = ca.SX(n, n), ca.SX(n, 1)
     for j in range(n):
         rest = A[j, j] - ca.sumsqr(L[j, :j])
-        root = ca.sqrt(rest)
-        L[j, j] = root
+        share[j] = ca.sqrt(rest) / rest  # 1 / L_jj
         for i in range(j + 1, n):
-            L[i, j] = (A[i, j] - ca.dot(L[i, :j], L[j, :j])) / root
+            L[i, j] = (A[i, j] - ca.dot(L[i, :j], L[j, :j])) * share[j]
     X = ca.densify(B)
     for i in range(n):
-        X[i, :] = (X[i, :] - L[i, :i] @ X[:i, :]) / L[i, i]
+        X[i, :] = (X[i, :] - L[i, :i] @ X[:i, :]) * share[i]
     for i in reversed(range(n)):
-        X[i, :] = (X[i, :] - L[i + 1 :, i].T @ X[i + 1 :, :]) / L[i, i]
+        X[i, :] = (X[i, :] - L[i + 1 :, i].T @ X[i + 1 :, :]) * share[i]
     return X

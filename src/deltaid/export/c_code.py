@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.equations import Equations
+from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.errors import DeltaidError
 from deltaid.export.fill import rendered
-from deltaid.export.straight_line import Array, number, straight_line
+from deltaid.export.straight_line import SIGN, Array, number, straight_line
 from deltaid.export.text import c_comment
 from deltaid.model import Model
 
@@ -95,11 +96,8 @@ def c_code(subject: Model, prefix: str) -> CCode:
                 limbs=len(dynamics.robot.limb_geometry),
                 table=table.rows,
                 home=[number(x) for x in subject.home],
-                load=[
-                    (dynamics.robot.drives.index(drive), number(subject.value(f"load.{drive}")))
-                    for drive in dynamics.robot.load_drives
-                ],
                 functions=_functions(subject, prefix, table),
+                accelerations=accelerations(subject, table),
                 forward=_forward(subject),
                 newton_steps=_NEWTON_STEPS,
                 closed=number(_CLOSED),
@@ -147,6 +145,27 @@ def bias(subject: Model, e: Equations) -> ca.SX:
     for drive in subject.robot.load_drives:
         p[names.index(f"load.{drive}")] = 0
     return ca.substitute([e.torque], [e.qdd, e.p], [ca.SX.zeros(e.qdd.numel()), p])[0]
+
+
+def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: str = SIGN) -> str:
+    """C text of `static void accelerations(z, qd, tau, …, qdd)`: M q̈ = τ − C q̇ − g − f.
+
+    By Cholesky's method in one piece with all that M and the forces share; NaN where M is not
+    positive definite. Friction that depends on load takes its share of τ.
+
+    Args:
+        smooth: further arguments.
+        sign: C expression of the sign of a speed {a}.
+    """
+    e, robot = subject.dynamics.equations, subject.robot
+    tau = ca.SX.sym("tau", e.qd.numel())
+    forces = tau - bias(subject, e)
+    for drive in robot.load_drives:
+        i, share = robot.drives.index(drive), subject.value(f"load.{drive}")
+        forces[i] -= share * ca.sign(e.qd[i]) * ca.fabs(tau[i])
+    qdd = ca.substitute([cholesky_solve(e.M, forces)], [e.p], [table.p])[0]
+    arrays = [Array("z", e.z), Array("qd", e.qd), Array("tau", tau), *smooth, table.array]
+    return straight_line("accelerations", arrays, ("qdd", qdd), linkage="static ", sign=sign)
 
 
 def _forward(subject: Model) -> dict[str, str]:

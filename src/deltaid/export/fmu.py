@@ -23,7 +23,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from deltaid.export.c_code import ParameterTable, bias, c_code, parameter_table
+from deltaid.export.c_code import ParameterTable, accelerations, c_code, parameter_table
 from deltaid.export.fill import rendered
 from deltaid.export.fmu_variables import (
     FRICTION_SPEED,
@@ -89,27 +89,12 @@ def fmu(subject: Model, name: str, *, forward: bool) -> FmuExport:
 
 
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
-    """ż and the forces that accelerate the robot, as C text.
-
-    Friction that depends on load takes its share of τ, whose sign is that of a torque, not a speed.
-    """
-    e, robot = subject.dynamics.equations, subject.robot
-    tau, speed = ca.SX.sym("tau", e.qd.numel()), ca.SX.sym("speed")
+    """ż and the accelerations of the robot, as C text."""
+    e, speed = subject.dynamics.equations, Array("speed", ca.SX.sym("speed"))
     z, qd = Array("z", e.z), Array("qd", e.qd)
     rates = straight_line("rates", [z, qd], ("zd", e.T @ e.qd), linkage="static ")
-    forces = tau - bias(subject, e)
-    for drive in robot.load_drives:
-        i, share = robot.drives.index(drive), subject.value(f"load.{drive}")
-        forces[i] -= share * ca.sign(e.qd[i]) * ca.fabs(tau[i])
-    forces = ca.substitute([forces], [e.p], [table.p])[0]
-    text = straight_line(
-        "forces",
-        [z, qd, Array("tau", tau), Array("speed", speed), table.array],
-        ("b", forces),
-        linkage="static ",
-        sign="tanh({a} / speed[0])",
-    )
-    return {"rates": rates, "forces": text}
+    smooth = accelerations(subject, table, speed, sign="tanh({a} / speed[0])")
+    return {"rates": rates, "accelerations": smooth}
 
 
 def _friction_step(subject: Model) -> float:

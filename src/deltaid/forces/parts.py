@@ -39,7 +39,12 @@ class Part:
     @property
     def force(self) -> ca.SX:
         """The force in the link frame [N]."""
-        return self.body.rotation.R.T @ self.taken.force
+        return self.body.rotation.R.T @ self.taken.push + self.taken.swing
+
+    @property
+    def inertial_force(self) -> ca.SX:
+        """The force in the body's inertial frame L [N]."""
+        return self.taken.push + self.body.rotation.R @ self.taken.swing
 
     @property
     def moment(self) -> ca.SX:
@@ -49,7 +54,7 @@ class Part:
     @property
     def world_force(self) -> ca.SX:
         """The force in the world [N]."""
-        return fixed(self.body.R_WL) @ self.taken.force
+        return fixed(self.body.R_WL) @ self.inertial_force
 
     @property
     def world_moment(self) -> ca.SX:
@@ -124,7 +129,7 @@ def bearing_load(
             end in S, and how many struts that stands for.
     """
     R_LD = driven.body.rotation.R
-    force, moment = ca.SX(driven.taken.force), R_LD @ driven.moment
+    force, moment = driven.inertial_force, R_LD @ driven.moment
     for aside, through, count in at_elbow:
         on_strut = -strut.R_LS @ through
         force += on_strut

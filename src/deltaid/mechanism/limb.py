@@ -15,7 +15,7 @@ from jaxtyping import Float
 from deltaid.mechanism.mechanism import LimbBodies, MovingBody
 from deltaid.mechanism.rotation import Path, Turn, pointing, rotation
 from deltaid.mechanism.speeds import Speed
-from deltaid.mechanism.vectors import fixed
+from deltaid.mechanism.vectors import fixed, reciprocal
 from deltaid.robot.limbs import LimbGeometry
 
 
@@ -138,7 +138,7 @@ def _rotary(d: ca.SX, limb: LimbGeometry) -> _Drive:
     rho_squared = outwards**2 + height**2
     kappa = (rho_squared + (lateral**2 + (L**2 - l**2))) * (0.5 / L)
     root = ca.sqrt(rho_squared - kappa**2) * (1 if limb.outwards else -1)
-    share = 1 / rho_squared
+    share = reciprocal(rho_squared)
     cos_q = (kappa * outwards - root * height) * share
     sin_q = -(kappa * height + root * outwards) * share
     arm = ca.sparsify(ca.vertcat(L * cos_q, 0, -L * sin_q))

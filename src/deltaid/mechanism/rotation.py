@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism.vectors import fixed, skew
+from deltaid.mechanism.vectors import fixed, reciprocal, skew
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,9 @@ def pointing(axes: str, v: Path, length: Path) -> tuple[Turn, Turn]:
     """
     j, k = ("xyz".index(axis) for axis in axes)
     x, y, z = v[3 - j - k], v[j], v[k]
-    radius = ca.sqrt(ca.sumsqr(x.at) + ca.sumsqr(z.at))  # ℓ cos γ
-    inverse, shorter = 1 / radius, 1 / length.at
+    squared = x.at**2 + z.at**2  # (ℓ cos γ)²
+    radius = ca.sqrt(squared)
+    inverse, shorter = radius / squared, reciprocal(length.at)
     c_b, s_b = x.at * inverse, -z.at * inverse
     c_g, s_g = radius * shorter, y.at * shorter
     b_rate = -(s_b * x.rate + c_b * z.rate) * inverse

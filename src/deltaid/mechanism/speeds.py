@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from deltaid.mechanism.vectors import inverse
+from deltaid.mechanism.vectors import inverse, reciprocal
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ class Speeds:
 
     def by_task(self) -> Motion:
         """Given ż and z̈: q̇ = J ż, q̈ = B⁻¹ (A z̈ − c)."""
-        B_inverse = ca.diag(1 / ca.diag(self.B))
-        qd = B_inverse @ (self.A @ self.z.u)
+        over_gain = self._over_gain
+        qd = over_gain @ (self.A @ self.z.u)
         c = ca.substitute(self.c, self.q.u, qd)
-        qdd = B_inverse @ (self.A @ self.z.ud - c)
+        qdd = over_gain @ (self.A @ self.z.ud - c)
         return self._motion((qd, qdd), (self.z.u, self.z.ud))
 
     def _motion(self, q: tuple[ca.SX, ca.SX], z: tuple[ca.SX, ca.SX]) -> Motion:
@@ -123,12 +123,16 @@ class Speeds:
     @property
     def jacobian(self) -> ca.SX:
         """J = ∂q/∂z."""
-        return ca.diag(1 / ca.diag(self.B)) @ self.A
+        return self._over_gain @ self.A
 
     @property
     def inverse_jacobian(self) -> ca.SX:
         """T = ∂z/∂q."""
         return inverse(self.A) @ self.B
+
+    @property
+    def _over_gain(self) -> ca.SX:
+        return ca.diag(reciprocal(ca.diag(self.B)))
 
     @property
     def drives_to_all(self) -> ca.SX:

@@ -16,6 +16,11 @@ def skew(v: ca.SX) -> ca.SX:
     return ca.sparsify(ca.skew(v))
 
 
+def reciprocal(x: ca.SX) -> ca.SX:
+    """1 / x as x / x², because CasADi makes a division of every product with 1 / x."""
+    return x / (x * x)
+
+
 def inverse(A: ca.SX) -> ca.SX:
     """Inverse of a small square matrix by cofactors; decoupled rows and columns cost nothing."""
-    return ca.inv_minor(A)
+    return reciprocal(ca.det(A)) * ca.adj(A)
