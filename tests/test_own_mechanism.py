@@ -231,7 +231,7 @@ def _file(folder: Path, text: str, name: str = "mine.py") -> Path:
          "mine.py, mechanism(z): fails: line 3, ZeroDivisionError"),
         (returning("drives", "3"), "returns drives as int, not as a list"),
         (returning("bodies", "None"), "returns bodies as NoneType, not as a list"),
-        (returning("bodies", "['arm']"), "returns str as entry 1 of bodies, not a del"),
+        (returning("bodies", "['arm']"), "returns entry 1 of bodies as str, not as a del"),
         (returning("drives", "['a', 1, 2]"), "drive 1 is of type str; it must be numb"),
         (returning("drives", "[z, z, z]"), "drive 1 has the shape (3, 1); it must be"),
         (returning("drives", "[1.0, 2.0, 3.0]"), "drive 1 does not depend on z"),

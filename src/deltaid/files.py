@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _finished: ContextVar[list[_Finished] | None] = ContextVar("_finished", default=
 
 
 @contextmanager
-def together() -> Iterator[None]:
+def together() -> Generator[None, None, None]:
     """All files that are written inside appear at its end, or none of them.
 
     They lie beside their places until all are complete; what is left then needs no space. Missing
@@ -49,7 +49,7 @@ def together() -> Iterator[None]:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[TextIO]:
+def written_whole(path: Path) -> Generator[TextIO, None, None]:
     """A text file that appears under its name only when everything has been written.
 
     Raises:
@@ -87,7 +87,7 @@ def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:
 
 
 @contextmanager
-def _replacing(path: Path) -> Iterator[int]:
+def _replacing(path: Path) -> Generator[int, None, None]:
     """The handle of a temporary file that takes a path's place at the end."""
     with together():
         target, handle, name = _begin(path)

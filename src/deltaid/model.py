@@ -142,6 +142,11 @@ def load(source: ModelLike) -> Model:
             return Model(source.robot, source.p, source.robot.name, source)
         case RobotDescription():
             return Model(source, prior_parameters(source), source.name)
+        case _:
+            return _from_file(source)
+
+
+def _from_file(source: str | Path) -> Model:
     name = Path(source).name
     named = str(source) in catalogue()
     if not named and os.path.exists(source) and holds_a_model(read_text(Path(source))):

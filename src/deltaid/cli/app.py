@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -100,7 +100,7 @@ def main() -> None:
 
 
 @contextmanager
-def _cleaning_up() -> Iterator[None]:
+def _cleaning_up() -> Generator[None, None, None]:
     """Leave by the way of errors when told to end, so that no half-written file stays."""
 
     def on_end(number: int, frame: object) -> None:

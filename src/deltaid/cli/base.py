@@ -1,7 +1,7 @@
 """`deltaid base`: which combinations of parameters torques can tell."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -65,7 +65,7 @@ def base(
 
 def _as_dictionary(
     dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None"
-) -> dict:
+) -> dict[str, Any]:
     layout = dynamics.layout
     value = {
         "robot": dynamics.robot.name,

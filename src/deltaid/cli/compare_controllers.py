@@ -1,7 +1,7 @@
 """`deltaid compare-controllers`: every controller with every model of a robot, on one plant."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -91,7 +91,7 @@ def compare_controllers(
         _print(known.robot.title or known.robot.name, runs, report)
 
 
-def _as_dictionary(run: "Run") -> dict:
+def _as_dictionary(run: "Run") -> dict[str, Any]:
     from deltaid.cli.simulate import error_dictionary
 
     head = {

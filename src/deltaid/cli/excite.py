@@ -1,11 +1,11 @@
 """`deltaid excite`: a motion that makes the parameters visible and keeps the machine's limits."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from enum import StrEnum
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -139,7 +139,7 @@ def excite(
 
 
 @contextmanager
-def _stop_on_interrupt() -> "Iterator[Event]":
+def _stop_on_interrupt() -> "Generator[Event, None, None]":
     """An event that Ctrl-C sets; a second Ctrl-C interrupts as usual."""
     import signal
     from threading import Event
@@ -159,7 +159,7 @@ def _stop_on_interrupt() -> "Iterator[Event]":
         signal.signal(signal.SIGINT, before)
 
 
-def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict:
+def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict[str, Any]:
     run, motion = result.run, result.run.motion
     return {
         "robot": exciter.dynamics.robot.name,

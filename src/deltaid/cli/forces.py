@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -153,7 +153,7 @@ def print_tables(computed: "ConstraintForces", result: "Study") -> None:
     console.print(what_is_open(result))
 
 
-def as_dictionary(computed: "ConstraintForces", name: str, result: "Study") -> dict:
+def as_dictionary(computed: "ConstraintForces", name: str, result: "Study") -> dict[str, Any]:
     """The result as one JSON object."""
     found = result.extremes
     return {
@@ -174,7 +174,7 @@ def as_dictionary(computed: "ConstraintForces", name: str, result: "Study") -> d
     }
 
 
-def _finding(finding: "Finding", socket_force: float | None) -> dict:
+def _finding(finding: "Finding", socket_force: float | None) -> dict[str, Any]:
     worst, known = finding.worst, finding.range
     margin = worst.value + socket_force if worst.kind == "socket" and socket_force else None
     return {

@@ -1,7 +1,7 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -136,7 +136,7 @@ def write_report(
     write_page(identification_page(result, verification), path)
 
 
-def as_dictionary(result: "Identification", verification: "TorqueError | None") -> dict:
+def as_dictionary(result: "Identification", verification: "TorqueError | None") -> dict[str, Any]:
     """The result as one JSON object."""
     from deltaid.cli.validate import error_dictionary
 

@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,7 +76,7 @@ def styled(text: str, style: str = "bold") -> Text:
     return Text(visible(text), style)
 
 
-def print_json(value: dict) -> None:
+def print_json(value: dict[str, Any]) -> None:
     """One JSON object on standard output."""
     text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False)
     print(_CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
@@ -107,7 +107,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 
 
 @contextmanager
-def progress(silent: bool) -> Iterator[Callable[[str], None]]:
+def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
     """A line on standard error that says what is being done; nothing when silent or not a tty."""
     if silent or not error_console.is_terminal:
         yield lambda _: None

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -184,7 +184,7 @@ def load_trajectory(
     return motion, [f"{path}: {text}" for text in log.warnings]
 
 
-def drives_dictionary(drives: "Drives", bandwidth: float) -> dict:
+def drives_dictionary(drives: "Drives", bandwidth: float) -> dict[str, Any]:
     """Settings for JSON."""
     return {
         "bandwidth_hz": bandwidth,
@@ -194,7 +194,7 @@ def drives_dictionary(drives: "Drives", bandwidth: float) -> dict:
     }
 
 
-def error_dictionary(result: "Tracking") -> dict:
+def error_dictionary(result: "Tracking") -> dict[str, Any]:
     """Tracking errors for JSON, SI units."""
     error = result.error
     return {

@@ -1,7 +1,7 @@
 """`deltaid validate`: how well a model predicts a recording."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -74,7 +74,7 @@ def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -
     write_page(validation_page(model, model_filtered(model, log), error), path)
 
 
-def error_dictionary(error: "TorqueError") -> dict:
+def error_dictionary(error: "TorqueError") -> dict[str, Any]:
     """Torque errors for JSON."""
     return {
         "rms": error.rms.tolist(),

@@ -113,7 +113,7 @@ class _Program:
         self._size = 2 * objective.reduction.size
         self._rows: list[sparse.csc_matrix] = []
         self._right: list[np.ndarray] = []
-        self._cones: list = []
+        self._cones: list[object] = []
         self._linear: dict[int, float] = {}
         self._constant = 0.0
 

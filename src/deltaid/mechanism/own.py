@@ -127,13 +127,9 @@ def _require(
     """Refuse what is of the wrong kind, or does not fit the description."""
     for name in ("drives", "bodies", "segments"):
         check.sequence(getattr(parts, name), name)
-    if not isinstance(parts.joints, Mapping):
-        raise check.wrong(f"returns joints as {type(parts.joints).__name__}, not as a dict")
+    check.kind(parts.joints, Mapping, "joints", "a dict")
     for i, body in enumerate(parts.bodies):
-        if not isinstance(body, BodyPose):
-            raise check.wrong(
-                f"returns {type(body).__name__} as entry {i + 1} of bodies, not a deltaid.BodyPose"
-            )
+        check.kind(body, BodyPose, f"entry {i + 1} of bodies", "a deltaid.BodyPose")
     if len(parts.drives) != len(own.drives):
         raise check.wrong(
             f"returns {len(parts.drives)} drives, but the description has {len(own.drives)}"
@@ -165,8 +161,7 @@ def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
             f"{what} has a rotation of shape {rotation.shape} and an origin of shape "
             f"{origin.shape}; they must be (3, 3) and (3, 1)"
         )
-    if not isinstance(body.count, int) or body.count < 1:
-        raise check.wrong(f"{what} has the count {body.count!r}; it must be 1, 2, …")
+    check.count(body.count, what)
     J_w = ca.horzcat(*(_turning(rotation, z.at[i]) for i in range(z.at.numel())))
     w = J_w @ z.rate
     spin = Rotation(rotation, w, J_w @ z.acceleration + ca.jtimes(w, z.at, z.rate))

@@ -34,6 +34,16 @@ class Checker:
         if not isinstance(value, Sequence) or isinstance(value, str):
             raise self.wrong(f"returns {name} as {type(value).__name__}, not as a list")
 
+    def kind(self, value: object, wanted: type, name: str, words: str) -> None:
+        """Refuse what is of another type."""
+        if not isinstance(value, wanted):
+            raise self.wrong(f"returns {name} as {type(value).__name__}, not as {words}")
+
+    def count(self, value: object, what: str) -> None:
+        """Refuse what is no number of bodies."""
+        if not isinstance(value, int) or value < 1:
+            raise self.wrong(f"{what} has the count {value!r}; it must be 1, 2, …")
+
     def names(self, kind: str, found: Sequence[object], wanted: Sequence[str]) -> None:
         """Refuse names other than those of the description."""
         for name in wanted:

@@ -80,6 +80,12 @@ class ColumnMapping(_Part):
         """The file it comes from, for messages."""
         return self._source
 
+    def of(self, source: str) -> "ColumnMapping":
+        """The same, known by the file that it comes from."""
+        mapping = self.model_copy()
+        mapping._source = source
+        return mapping
+
     @model_validator(mode="after")
     def _check(self) -> "ColumnMapping":
         if self.data_row is not None and self.data_row <= self.header_row:
@@ -119,9 +125,7 @@ def load_mapping(path: str | Path) -> ColumnMapping:
     Raises:
         DescriptionError: the file does not fit.
     """
-    mapping = load_yaml(Path(path), ColumnMapping)
-    mapping._source = str(path)
-    return mapping
+    return load_yaml(Path(path), ColumnMapping).of(str(path))
 
 
 def resolve_columns(

@@ -1,7 +1,7 @@
 """Reading Parquet in slices."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -56,7 +56,7 @@ def _scan(path: Path) -> pl.LazyFrame:
 
 
 @contextmanager
-def _silent_panics() -> Iterator[None]:
+def _silent_panics() -> Generator[None, None, None]:
     """Keep standard error clean while polars decodes.
 
     Over a damaged file its threads panic, and each reports that on file descriptor 2 before an

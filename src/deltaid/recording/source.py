@@ -1,6 +1,6 @@
 """A log file as it lies on the disk: what it is called, how it is laid out, how it is opened."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader
@@ -42,7 +42,7 @@ class Table:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BufferedReader]:
+def opened(path: Path) -> Generator[BufferedReader, None, None]:
     """A file open for reading bytes.
 
     Raises:
@@ -60,7 +60,7 @@ def opened(path: Path) -> Iterator[BufferedReader]:
 
 
 @contextmanager
-def readable(path: Path) -> Iterator[None]:
+def readable(path: Path) -> Generator[None, None, None]:
     """Turn what the system or polars say about a file that cannot be read into one message.
 
     Raises:

@@ -108,7 +108,7 @@ def _other_kind(
 
 
 @cache
-def _registry() -> "pint.UnitRegistry":
+def _registry() -> "pint.UnitRegistry[float]":
     import pint
 
     registry = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]

@@ -1,6 +1,7 @@
 """A robot moving along its recorded or planned motion, in three dimensions."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -133,7 +134,7 @@ def _controls(
 ) -> None:
     """Buttons to play and pause, and a slider over time; `pause` in ms from frame to frame."""
 
-    def settings(duration: int, **more: object) -> dict:
+    def settings(duration: int, **more: object) -> dict[str, Any]:
         frame = {"duration": duration, "redraw": True}
         return {"frame": frame, "transition": {"duration": 0}, "mode": "immediate", **more}
 

@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, cast
 
 import plotly.graph_objects as go
 import plotly.io
@@ -105,16 +106,20 @@ def render(page: Page) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.tests |= {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Figure)}
-    environment.filters |= {
-        "json": _figure_json,
-        "paragraphs": _paragraphs,
-        "numeric": _numeric,
-        "cell": _cell,
-        "heading": _heading,
-        "typeset": _typeset,
-        "long": lambda cell: len(cell) > _LONG,
-    }
+    cast("dict[str, Any]", environment.tests).update(
+        {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Figure)}
+    )
+    cast("dict[str, Any]", environment.filters).update(
+        {
+            "json": _figure_json,
+            "paragraphs": _paragraphs,
+            "numeric": _numeric,
+            "cell": _cell,
+            "heading": _heading,
+            "typeset": _typeset,
+            "long": lambda cell: len(cell) > _LONG,
+        }
+    )
     templates = [_embedded(style.template(dark).to_plotly_json()) for dark in (False, True)]
     return environment.get_template("page.html.jinja").render(
         page=page,
@@ -146,7 +151,7 @@ def _figure_json(block: Figure) -> Markup:
     return _embedded(figure)
 
 
-def _embedded(value: dict) -> Markup:
+def _embedded(value: dict[str, Any]) -> Markup:
     """JSON that stays inside its script element whatever its strings hold.
 
     Plotly's own encoder escapes the same character, but does not promise to.

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def write_files(result: Irb360, folder: Path) -> tuple[Path, ...]:
     return tuple(written)
 
 
-def as_dictionary(result: Irb360) -> dict:
+def as_dictionary(result: Irb360) -> dict[str, Any]:
     """All numbers in SI units. The keys are explained in docs/cli.md."""
     names, truth = result.dynamics.layout.names, result.truth
     models = {c.name: c.identification.model for c in result.candidates if c.identification}

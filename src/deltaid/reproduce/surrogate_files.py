@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from deltaid.excitation.run import Run
 from deltaid.files import require_writable, written_whole
@@ -65,7 +66,7 @@ def model_name(fit: Fit) -> str:
     return f"{fit.prior.replace('RG', 'ID')}{'-noisy' if fit.noisy else ''}.yaml"
 
 
-def as_dictionary(result: Reproduction) -> dict:
+def as_dictionary(result: Reproduction) -> dict[str, Any]:
     """All numbers; shares, not per cent. The keys are explained in docs/cli.md."""
     names, units = result.dynamics.layout.names, result.dynamics.layout.units
     columns = {"nominal": result.truth}
@@ -98,7 +99,7 @@ def as_dictionary(result: Reproduction) -> dict:
     }
 
 
-def _motion(run: Run) -> dict:
+def _motion(run: Run) -> dict[str, Any]:
     return {
         "duration": run.duration,
         "period": run.motion.period,
@@ -107,7 +108,7 @@ def _motion(run: Run) -> dict:
     }
 
 
-def _fit(fit: Fit) -> dict:
+def _fit(fit: Fit) -> dict[str, Any]:
     reached = fit.identification.model.fit
     return {
         "prior": fit.prior,
@@ -125,7 +126,7 @@ def _fit(fit: Fit) -> dict:
     }
 
 
-def _accuracy(a: Accuracy) -> dict:
+def _accuracy(a: Accuracy) -> dict[str, Any]:
     return {
         "mass_diagonal": a.mass_diagonal,
         "mass_off_diagonal": a.mass_off_diagonal,
@@ -139,7 +140,7 @@ def _accuracy(a: Accuracy) -> dict:
     }
 
 
-def _descents(prior: str, descents: Descents) -> dict:
+def _descents(prior: str, descents: Descents) -> dict[str, Any]:
     return {
         "prior": prior,
         "gamma": descents.gamma,
@@ -152,7 +153,7 @@ def _descents(prior: str, descents: Descents) -> dict:
     }
 
 
-def _descent(way: Descent) -> dict:
+def _descent(way: Descent) -> dict[str, Any]:
     return {
         "way": way.way,
         "steps": len(way.objective) - 1,
@@ -172,7 +173,7 @@ def _descent(way: Descent) -> dict:
     }
 
 
-def _sweep(sweep: Sweep, result: Reproduction) -> dict:
+def _sweep(sweep: Sweep, result: Reproduction) -> dict[str, Any]:
     chosen = result.fit(sweep.prior, noisy=sweep.noisy).identification.model.fit.gamma
     return {
         "prior": sweep.prior,

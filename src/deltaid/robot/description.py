@@ -5,7 +5,7 @@ those of `docs/conventions.md`.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -279,7 +279,7 @@ def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
         raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
 
 
-def _among(key: str, given: dict, allowed: tuple[str, ...]) -> None:
+def _among(key: str, given: dict[str, Any], allowed: tuple[str, ...]) -> None:
     extra = [name for name in given if name not in allowed]
     if extra:
         raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")

@@ -5,7 +5,7 @@ points at 127.0.0.1 (DNS rebinding) even makes such a page look like the server'
 server looks at where a request comes from (Origin) and whom it believes to ask (Host).
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any
@@ -16,7 +16,7 @@ _NAMES = ("127.0.0.1", "localhost")
 
 
 @contextmanager
-def answering_own_page_only() -> Iterator[None]:
+def answering_own_page_only() -> Generator[None, None, None]:
     """Servers that viser starts inside refuse all others.
 
     viser has no setting for it; its websocket library asks `process_request` about every request.
