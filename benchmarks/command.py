@@ -8,10 +8,10 @@ The logs are simulated once into a temporary folder, as CSV and as Parquet: one 
 thin. Counted is everything from the start of the process to its end: Python's start and imports,
 building the dynamics, the survey of the log, filtering, regressor and factor, the fit, and one more
 pass over the log for the torque errors; the model is saved, what is printed goes nowhere. Kernels
-are kept in the temporary folder, so the first run of all compiles them and the others do not. Every measurement is a process of its own, started by a process that does nothing else.
-Memory is its peak resident set as the operating system counts it. All cores are used, as by
-default; CPU time is that of all of them together and says more than the wall time on a machine that
-has other work to do.
+are kept in the temporary folder, so the first run of all compiles them and the others do not. Every
+measurement is a process of its own, started by a process that does nothing else. Memory is its peak
+resident set as the operating system counts it. All cores are used, as by default; CPU time is that
+of all of them together and says more than the wall time on a machine that has other work to do.
 
 The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
 `progress` callback announces them: without the start of Python and with imports done. Then the CPU
