@@ -6,20 +6,23 @@
 The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,
 1 kHz, time, positions and torques only, so the command has to choose a filter, differentiate and
 thin. Counted is everything from the start of the process to its end: Python's start and imports,
-building and compiling the dynamics, the survey of the log, filtering, regressor and factor, the
-fit, and a second pass over the log for the torque errors; the model is saved, what is printed goes
-nowhere. Every measurement is a process of its own, started by a process that does nothing else.
-Memory is its peak resident set as the operating system counts it. All cores are used, as by
-default; CPU time is that of all of them together and says more than the wall time on a machine that
-has other work to do.
+building the dynamics, the survey of the log, filtering, regressor and factor, the fit, and one more
+pass over the log for the torque errors; the model is saved, what is printed goes nowhere. Kernels
+are kept in the temporary folder, so the first run of all compiles them and the others do not. Every
+measurement is a process of its own, started by a process that does nothing else. Memory is its peak
+resident set as the operating system counts it. All cores are used, as by default; CPU time is that
+of all of them together and says more than the wall time on a machine that has other work to do.
 
 The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
-`progress` callback announces them: without the start of Python and with imports done.
+`progress` callback announces them: without the start of Python and with imports done. Then the CPU
+time of such a call for recordings of different rates and as many rows, with the cut-off given; and
+`deltaid base` with and without kernels on disk.
 """
 
 import argparse
 import itertools
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -30,10 +33,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from _timing import machine
+from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.identify import identify
+from deltaid.identification.model import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot
@@ -42,6 +46,7 @@ ROBOT = "irb360-6-1600"
 SIZES = (10**4, 10**5, 10**6, 10**7)
 USUAL = 10**6  # the longest log unless asked for; also what is simulated at once
 RATE = 1000.0
+RATES, ROWS, CUTOFF = (1e3, 1e4, 2e5), 500_000, 50.0
 KINDS = {"CSV": "csv", "Parquet": "parquet"}
 STAGES = {
     "checking": "survey: read, check, forward kinematics, spectrum, checksum",
@@ -80,12 +85,15 @@ def main() -> int:
     print(f"{ROBOT}, {RATE:g} Hz, positions and torques; median of {arguments.repeats}\n")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        os.environ["DELTAID_KERNEL_CACHE"] = str(folder / "kernels")
         for size in sizes:
             write_logs(folder, size, arguments.seed)
         for kind, suffix in KINDS.items():
             costs = {size: cost(folder, size, suffix, arguments.repeats) for size in sizes}
             _print_table(kind, costs, folder, suffix)
         _print_stages(folder / f"{min(sizes[-1], USUAL)}.csv", arguments.repeats)
+        _print_rates(folder, arguments.repeats, arguments.seed)
+        _print_start(arguments.repeats)
     return 0
 
 
@@ -117,14 +125,18 @@ def cost(folder: Path, samples: int, suffix: str, repeats: int) -> Cost:
         RuntimeError: the command failed.
     """
     log, model = folder / f"{samples}.{suffix}", folder / "model.yaml"
-    command = [*COMMAND, "identify", ROBOT, str(log), "--output", str(model)]
+    return _cost(["identify", ROBOT, str(log), "--output", str(model)], repeats)
+
+
+def _cost(arguments: list[str], repeats: int) -> Cost:
+    """Medians over some runs of `deltaid ARGUMENTS`."""
     runs: list[tuple[float, float, float]] = []
     for _ in range(repeats):
-        launch = [sys.executable, "-S", "-c", LAUNCHER, *command]
+        launch = [sys.executable, "-S", "-c", LAUNCHER, *COMMAND, *arguments]
         out = subprocess.run(launch, check=True, capture_output=True, text=True)
         seconds, cpu, peak, code = json.loads(out.stdout)
         if code != 0:
-            raise RuntimeError(f"deltaid identify failed on {log.name}: {out.stderr}")
+            raise RuntimeError(f"deltaid {' '.join(arguments)} failed: {out.stderr}")
         runs.append((seconds, cpu, peak * _RSS_UNIT))
     return Cost(*map(statistics.median, zip(*runs, strict=True)))
 
@@ -168,6 +180,34 @@ def _print_stages(log: Path, repeats: int) -> None:
     for name, seconds in found.items():
         share = 100 * seconds / sum(found.values())
         print(f"{seconds:8.2f} s {share:4.0f} %  {STAGES.get(name, name)}")
+
+
+def _print_rates(folder: Path, repeats: int, seed: int) -> None:
+    """CPU time of a row, by the rate it was recorded at."""
+    rng = np.random.default_rng(seed)
+    dynamics = Dynamics(load_robot(ROBOT))
+    p = surrogate_parameters(dynamics.robot, rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    print(f"\none identify call on {ROWS:,} rows, cut-off {CUTOFF:g} Hz")
+    for rate in RATES:
+        log = folder / f"{rate:g}.parquet"
+        simulate_recording(
+            dynamics, p, motion, rng, duration=ROWS / rate, rate=rate, noise=SensorNoise()
+        ).write_parquet(log)
+
+        def call(log: Path = log) -> None:
+            identify(load_robot(ROBOT), [log], settings=Settings(cutoff=CUTOFF))
+
+        seconds = measure(call, repeats, time.process_time)
+        print(f"{rate:10,.0f} Hz {1e6 * seconds / ROWS:8.2f} CPU µs a row")
+
+
+def _print_start(repeats: int) -> None:
+    """A command that computes next to nothing, without kernels on disk and with them."""
+    print(f"\ndeltaid base {ROBOT}")
+    for name, options in {"compiled": ["--no-cache"], "kept": []}.items():
+        cost = _cost([*options, "base", ROBOT], repeats)
+        print(f"{name:10} {cost.seconds:8.2f} s {cost.cpu:8.2f} CPU s")
 
 
 def _arguments() -> argparse.Namespace:

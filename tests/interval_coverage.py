@@ -25,6 +25,8 @@ from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
 
 RATE = 1000.0
+# What the torque columns count samples in [N m], so that they stay below what is taken for a fault.
+COUNT = 2.0**-10
 KINDS = ("white", "coloured", "ripple")
 ROBOTS = ("irb360-6-1600", "clavel-delta3")
 
@@ -55,7 +57,7 @@ class NoiseBesideRegressor:
 
     def sparse_regressor(self, z, qd, qdd, tau) -> SparseRegressor:
         own = self.dynamics.sparse_regressor(z, qd, qdd, tau).values
-        sample = np.rint(tau[:, 0]).astype(int)
+        sample = np.rint(tau[:, 0] / COUNT).astype(int)
         more = self.torques[:, :, sample].reshape(-1, len(sample))
         return SparseRegressor(np.vstack([own, more]), *self.regressor_pattern)
 
@@ -97,7 +99,7 @@ def estimates(
     tau = dynamics.torque(z, qd, qdd, p).T
     noise = noises(kind, seeds, q, rng) * np.abs(tau).max(axis=1)[:, None]
     step = SensorNoise().encoder_step
-    count = np.repeat(np.arange(float(len(time)))[:, None], dynamics.dof, axis=1)
+    count = np.repeat(np.arange(len(time))[:, None] * COUNT, dynamics.dof, axis=1)
     columns = {"t": time} | {f"q{i + 1}": np.round(x / step) * step for i, x in enumerate(q.T)}
     columns |= {f"tau{i + 1}": x for i, x in enumerate(count.T)}
     pl.DataFrame(columns).write_parquet(folder / "log.parquet")
