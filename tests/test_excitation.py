@@ -208,7 +208,7 @@ def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torq
     ],
 )
 def test_motions_stay_in_each_kind_of_workspace(space) -> None:
-    robot = load_robot("clavel-delta3").model_copy(update={"workspace": space})
+    robot = load_robot("clavel-delta3").changed(workspace=space)
     result = Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     z, _, _ = result.run.evaluate(np.linspace(0, result.run.duration, 3000))
     assert np.all(space.contains(z[:, :3]))
@@ -280,8 +280,8 @@ def test_true_torques_keep_tight_limits_where_friction_changes_its_sign(torque: 
 
 def test_a_middle_of_the_workspace_that_is_out_of_bounds_is_no_dead_end() -> None:
     robot = load_robot("irb360-6-1600")
-    bar = robot.telescope.model_copy(update={"stroke": (0.80, 1.0)})
-    robot = robot.model_copy(update={"telescope": bar})
+    bar = robot.telescope.changed(stroke=(0.80, 1.0))
+    robot = robot.changed(telescope=bar)
     result = Exciter(compiled(robot), ExcitationSettings(starts=2)).optimise()
     assert np.isfinite(result.criterion_after)
     assert all(limit.share <= 1.0 for limit in result.limits)

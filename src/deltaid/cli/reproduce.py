@@ -32,7 +32,9 @@ def reproduce(
         Path, typer.Option("--output", "-o", help="Folder for report, results, models and logs.")
     ],
     seed: Annotated[int, typer.Option(help="Of motions, regularisations and noise.", min=0)] = 0,
-    starts: Annotated[int, typer.Option(help="Starts of each motion's search.", min=1)] = 4,
+    starts: Annotated[
+        int, typer.Option(help="Starts of each motion's search.", min=1, max=1000)
+    ] = 4,
     quick: Annotated[
         bool, typer.Option("--quick", help="Short motions and few steps, for a first look.")
     ] = False,
