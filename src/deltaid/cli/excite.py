@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,21 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deltaid.cli.options import output_file
+from deltaid.excitation.options import CriterionName
 
 if TYPE_CHECKING:
     from threading import Event
 
     from deltaid.excitation.excite import Excitation, Exciter
     from deltaid.robot.joint_units import JointUnits
-
-
-class Criterion(StrEnum):
-    """What the motion is optimised for."""
-
-    LOGDET = "logdet"
-    COND = "cond"
-    A_OPTIMAL = "a-optimal"
-    E_OPTIMAL = "e-optimal"
 
 
 # Start values of the verification motion: as many seeds further on as anybody will ask starts for.
@@ -45,8 +36,8 @@ def excite(
         Path | None, output_file(help="CSV file for a second motion, to verify the model on.")
     ] = None,
     criterion: Annotated[
-        Criterion, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
-    ] = Criterion.LOGDET,
+        CriterionName, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
+    ] = "logdet",
     weigh_prior: Annotated[
         bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
     ] = False,
@@ -99,8 +90,12 @@ def excite(
     picture = plot.suffix.lower().lstrip(".") if plot else ""
     if plot and picture not in ("png", "svg"):
         raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
+    if plot:
+        from deltaid.excitation.plot import require_matplotlib
+
+        require_matplotlib()
     settings = ExcitationSettings(
-        criterion=criterion.value,
+        criterion=criterion,
         harmonics=harmonics,
         duration=duration,
         repeats=repeats,

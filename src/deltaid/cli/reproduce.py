@@ -2,18 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-
-class Example(StrEnum):
-    """Which of the paper's examples."""
-
-    SURROGATE = "surrogate"
-    IRB360 = "irb360"
+Example = Literal["surrogate", "irb360"]
 
 
 def register(app: typer.Typer) -> None:
@@ -44,7 +38,7 @@ def reproduce(
 
     The folder is made if it does not exist; files in it are replaced.
     """
-    run = _surrogate if example is Example.SURROGATE else _irb360
+    run = _surrogate if example == "surrogate" else _irb360
     run(output, seed=seed, starts=starts, quick=quick, as_json=as_json)
 
 
