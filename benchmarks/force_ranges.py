@@ -53,8 +53,8 @@ def main() -> int:
     """Count and print."""
     robot = load_robot(ROBOT)
     assert robot.limbs is not None
-    limbs = robot.limbs.model_copy(update={"strut_spacing": STRUT_SPACING})
-    robot = robot.model_copy(update={"limbs": limbs})
+    limbs = robot.limbs.changed(strut_spacing=STRUT_SPACING)
+    robot = robot.changed(limbs=limbs)
     determined, others = Count(), Count()
     for seed in range(RECORDINGS):
         _one(robot, np.random.default_rng(seed), determined, others)

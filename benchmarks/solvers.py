@@ -129,9 +129,9 @@ def forces() -> float:
     """CPU time of all constraint forces for one of 100,000 states [s]."""
     robot = load_robot("irb360-6-1600")
     assert robot.limbs is not None
-    limbs = robot.limbs.model_copy(update={"strut_spacing": 0.1})
+    limbs = robot.limbs.changed(strut_spacing=0.1)
     computed, p = (
-        ConstraintForces(robot.model_copy(update={"limbs": limbs})),
+        ConstraintForces(robot.changed(limbs=limbs)),
         prior_parameters(robot),
     )
     motion = random_motion(computed.kinematics, np.random.default_rng(0))

@@ -36,7 +36,7 @@ def subject(name: str) -> Model:
     carrier = name.partition("/")[2]
     if carrier:
         changed = {"tool_on": carrier, "tool": (0.03, -0.02, 0.05)}
-        robot = robot.model_copy(update={"platform": robot.platform.model_copy(update=changed)})
+        robot = robot.changed(platform=robot.platform.changed(**changed))
     return disturbed(robot)
 
 

@@ -5,11 +5,15 @@ import io
 import numpy as np
 import polars as pl
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import RecordingError
 from deltaid.recording import parquet
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import open_log
+from deltaid.recording.units import si_factor
 from logs import recorded, refusal, text, write
 
 ROWS = 300
@@ -89,6 +93,15 @@ def drives(**keys: object) -> list[dict]:
 
 TORQUES = [{"column": f"M{i}", "unit": "Nm"} for i in (1, 2, 3)]
 BAD_MAPPINGS = [
+    ({"position": drives(unit="nan")}, "position[0]: unit 'nan' is not known"),
+    ({"position": drives(unit="0.1 nan*rad")}, "is not known"),
+    ({"position": drives(unit="inf")}, "is not known"),
+    ({"position": drives(unit="1/0")}, "is not known"),
+    ({"position": drives(unit="m**1e9")}, "is not known"),
+    ({"position": drives(unit="degC")}, "is not known"),
+    ({"position": drives(unit="1e99 rad")}, "no recording of this robot goes beyond"),
+    ({"time": {"column": "t", "unit": "nan"}}, "time.unit: unit 'nan' is not known"),
+    ({"time": {"column": "t", "unit": "0 s"}}, "time does not increase"),
     ({"position": drives(unit="furlong")}, "position[0]: unit 'furlong' is not known"),
     ({"position": drives(unit="")}, "position[0]: unit '' is not known"),
     ({"position": drives(unit="rad/0")}, "is not known"),
@@ -121,6 +134,22 @@ def test_bad_mappings(tmp_path, opened, declared: dict, fragment: str) -> None:
     path = write(tmp_path / "log.csv", GOOD)
     mapping = ColumnMapping.model_validate(declared)
     assert fragment in refusal(opened, path, mapping)
+
+
+UNIT_PARTS = [*"degsNmAkµ01.-+*/^²()°_ ·", "rad", "rad/s", "nan", "inf", "1e99", "**", "and"]
+UNITS = st.lists(st.sampled_from(UNIT_PARTS), max_size=6).map("".join) | st.text(max_size=8)
+
+
+@settings(max_examples=300, deadline=None)
+@given(UNITS, st.booleans())
+def test_any_unit_has_a_factor_or_is_refused(unit: str, current: bool) -> None:
+    for target in ("rad", "s", "N m"):
+        try:
+            factor = si_factor(unit, target, where="x", torque_constant=2.0 if current else None)
+        except RecordingError as error:
+            assert str(error).startswith("x: unit '")  # noqa: PT017 - both ends are right
+        else:
+            assert factor >= 0
 
 
 DERIVATIVES = recorded(1500, derivatives=True)

@@ -244,8 +244,8 @@ def test_doubts_are_warned_of(tmp_path, opened, content: str, warning: str) -> N
 
 def test_leaving_the_workspace_is_warned_of(tmp_path, clavel: Dynamics) -> None:
     robot = clavel.robot
-    small = robot.workspace.model_copy(update={"radius": 1e-3})
-    narrow = Dynamics(robot.model_copy(update={"workspace": small}))
+    small = robot.workspace.changed(radius=1e-3)
+    narrow = Dynamics(robot.changed(workspace=small))
     log = open_log(write(tmp_path / "log.csv", GOOD), narrow.kinematics)
     pattern = rf"{ROWS} of {ROWS} samples lie outside .* first in row 2 at \[.*\] m"
     assert re.fullmatch(pattern, log.warnings[0])

@@ -224,8 +224,8 @@ def test_the_whole_robot_turned_by_a_half_is_the_same_robot(kind: str) -> None:
         k, turned = 0.0, {"direction_deg": robot.platform.direction_deg + 180}
     else:
         turned = {"angle_deg": tuple(angle + 180 * k for angle in robot.platform.angle_deg)}
-    limbs = robot.limbs.model_copy(update=half)
-    platform = robot.platform.model_copy(update=turned)
+    limbs = robot.limbs.changed(**half)
+    platform = robot.platform.changed(**turned)
     kinematics = Kinematics(robot.model_copy(update={"limbs": limbs, "platform": platform}))
     at = np.column_stack([-z[:, 0], -z[:, 1], z[:, 2], z[:, 3] + k * np.pi])
     np.testing.assert_allclose(kinematics.inverse(at), q, rtol=0, atol=1e-13)

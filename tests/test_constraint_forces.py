@@ -37,8 +37,8 @@ def label(make: Make) -> str:
 
 def spaced(robot: RobotDescription, spacing: float | None = SPACING, **more: float):
     assert robot.limbs is not None
-    limbs = robot.limbs.model_copy(update={"strut_spacing": spacing, **more})
-    return robot.model_copy(update={"limbs": limbs})
+    limbs = robot.limbs.changed(strut_spacing=spacing, **more)
+    return robot.changed(limbs=limbs)
 
 
 @cache

@@ -276,8 +276,8 @@ def test_delay_beyond_the_phase_margin_loses_the_robot() -> None:
 
 def test_torques_stay_within_the_limits() -> None:
     robot = load_robot(ROBOT)
-    limits = {d: robot.drive_limits[d].model_copy(update={"torque": 12.0}) for d in robot.drives}
-    robot = robot.model_copy(update={"drive_limits": limits})
+    limits = {d: robot.drive_limits[d].changed(torque=12.0) for d in robot.drives}
+    robot = robot.changed(drive_limits=limits)
     forward, p = ForwardDynamics(robot), prior_parameters(robot)
     model, trajectory = ControlModel(robot, p), motion(forward, 0.5)
     result = track(Model(forward.robot, p), ComputedTorque(60.0), model, trajectory, Drives())

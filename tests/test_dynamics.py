@@ -59,7 +59,7 @@ def case(name: str) -> Case:
     robot, states = twin.robot, random_states(twin.oracle, np.random.default_rng(8), 20)
     if name == "offset bar":
         bar = Telescope(base_joint=(0.04, -0.03, 0.1), platform_joint=(-0.02, 0.03, 0.05))
-        robot = robot.model_copy(update={"telescope": bar})
+        robot = robot.changed(telescope=bar)
     return Case(Dynamics(robot), twin.p, *states)
 
 

@@ -1,20 +1,27 @@
 """Excitation: exact gradients, limits that hold everywhere, rest at both ends, predictions."""
 
+import builtins
 from dataclasses import replace
 from threading import Event
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from command import refused, run
+from deltaid.control.options import ControllerName
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.excitation.criterion import Criterion
 from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
 from deltaid.excitation.motion_file import sample_run
 from deltaid.excitation.optimize import largest_use, optimise, random_start
+from deltaid.excitation.options import CriterionName
 from deltaid.excitation.run import plan_run
+from deltaid.export.options import TargetName
+from deltaid.identification.options import Method
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere
@@ -208,7 +215,7 @@ def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torq
     ],
 )
 def test_motions_stay_in_each_kind_of_workspace(space) -> None:
-    robot = load_robot("clavel-delta3").model_copy(update={"workspace": space})
+    robot = load_robot("clavel-delta3").changed(workspace=space)
     result = Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     z, _, _ = result.run.evaluate(np.linspace(0, result.run.duration, 3000))
     assert np.all(space.contains(z[:, :3]))
@@ -280,8 +287,37 @@ def test_true_torques_keep_tight_limits_where_friction_changes_its_sign(torque: 
 
 def test_a_middle_of_the_workspace_that_is_out_of_bounds_is_no_dead_end() -> None:
     robot = load_robot("irb360-6-1600")
-    bar = robot.telescope.model_copy(update={"stroke": (0.80, 1.0)})
-    robot = robot.model_copy(update={"telescope": bar})
+    bar = robot.telescope.changed(stroke=(0.80, 1.0))
+    robot = robot.changed(telescope=bar)
     result = Exciter(compiled(robot), ExcitationSettings(starts=2)).optimise()
     assert np.isfinite(result.criterion_after)
     assert all(limit.share <= 1.0 for limit in result.limits)
+
+
+def test_a_picture_without_matplotlib_is_refused_before_any_work(tmp_path, monkeypatch) -> None:
+    original = builtins.__import__
+
+    def without_matplotlib(name: str, *rest: object, **more: object) -> object:
+        if name.startswith("matplotlib"):
+            raise ImportError(name)
+        return original(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without_matplotlib)
+    message = refused("excite", "clavel-delta3", "--plot", tmp_path / "x.svg", folder=tmp_path)
+    assert "pip install 'deltaid[plot]'" in message
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "kind"),
+    [
+        ("excite", "--criterion", CriterionName),
+        ("simulate", "--controller", ControllerName),
+        ("export", "--to", TargetName),
+        ("identify", "--method", Method),
+    ],
+)
+def test_choices_of_the_command_line_are_those_of_the_package(command, option, kind) -> None:
+    outcome = run(command, "clavel-delta3", "log.csv", option, "nothing")
+    assert outcome.code == 2
+    told = "".join(outcome.err.replace("│", "").split())
+    assert ",".join(f"'{name}'" for name in get_args(kind)) in told

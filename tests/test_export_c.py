@@ -154,8 +154,8 @@ def test_other_working_mode_is_told(tmp_path: Path) -> None:
     chosen = subject("clavel-delta3")
     library = build(chosen, tmp_path)
     inwards = {"working_mode": ("inwards", "outwards", "outwards")}
-    limbs = chosen.robot.limbs.model_copy(update=inwards)
-    other = disturbed(chosen.robot.model_copy(update={"limbs": limbs}))
+    limbs = chosen.robot.limbs.changed(**inwards)
+    other = disturbed(chosen.robot.changed(limbs=limbs))
     pose = np.zeros(3)
     q = other.dynamics.kinematics.inverse(other.home[None])[0]
     assert library.call("forward_kinematics", q, out=pose) == OTHER_MODE

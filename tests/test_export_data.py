@@ -166,7 +166,7 @@ def test_command_refuses(tmp_path: Path) -> None:
 
 def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
     changed = {"title": "a--->b & <c> \x01 ü--", "name": 'n"<\x02'}
-    robot = load_robot("linear-delta").model_copy(update=changed)
+    robot = load_robot("linear-delta").changed(**changed)
     chosen = Model(robot, prior_parameters(robot), "--.yaml")
     unit = zipfile.ZipFile(io.BytesIO(fmu(chosen, "a", forward=True).content))
     for text in (mjcf(chosen), urdf(chosen).urdf, unit.read("modelDescription.xml")):

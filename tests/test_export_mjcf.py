@@ -240,7 +240,7 @@ def test_springs_and_gravity_are_in_the_file() -> None:
 
 def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
     robot = load_robot("clavel-delta3")
-    law = robot.friction["drive2"].model_copy(update={"load": 0.1})
+    law = robot.friction["drive2"].changed(load=0.1)
     chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive2": law}}))
     with pytest.raises(DeltaidError, match=r"viscous and Coulomb friction only.*load\.drive2"):
         mjcf(chosen)

@@ -61,7 +61,7 @@ def problem(
 
 
 def freed(robot: RobotDescription, body: str, entries: tuple[str, ...]) -> RobotDescription:
-    changed = robot.bodies[body].model_copy(update={"free": entries})
+    changed = robot.bodies[body].changed(free=entries)
     return robot.model_copy(update={"bodies": robot.bodies | {body: changed}})
 
 

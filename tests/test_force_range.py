@@ -55,8 +55,8 @@ class Job:
 def made(folder: Path, noise: SensorNoise | None) -> Job:
     robot = load_robot("irb360-6-1600")
     assert robot.limbs is not None
-    limbs = robot.limbs.model_copy(update={"strut_spacing": 0.12})
-    robot = robot.model_copy(update={"limbs": limbs})
+    limbs = robot.limbs.changed(strut_spacing=0.12)
+    robot = robot.changed(limbs=limbs)
     rng = np.random.default_rng(5)
     dynamics = compiled(robot)
     truth = surrogate_parameters(robot, rng)
@@ -100,8 +100,8 @@ def test_ranges_hold_truth_and_model_and_are_wide_where_torques_are_blind(noisy:
 def test_what_base_parameters_determine_has_their_interval(noisy: Job) -> None:
     """Without cones, and with a prior that says next to nothing: that of least squares with what
     the description holds at zero left out, from the regressor's rows themselves."""
-    weak = noisy.model.settings.model_copy(update={"prior_spread": 100.0})
-    model = noisy.model.model_copy(update={"settings": weak})
+    weak = noisy.model.settings.changed(prior_spread=100.0)
+    model = noisy.model.changed(settings=weak)
     known, information = Determinacy(model, noisy.known.base), noisy.evidence.information
     known.unknowns = replace(known.unknowns, blocks=())
     ranges = Ranges(noisy.evidence, known, noisy.model.p)

@@ -98,10 +98,10 @@ def test_noisy_log_predicts_as_well_as_the_truth(noisy, share: float) -> None:
     # The platform is a disc without thickness, which to rounding is no body; no torque shows it.
     truth[result.model.layout.names.index("P.Izz")] *= 0.999
     rows = [
-        parameter.model_copy(update={"value": float(value)})
+        parameter.changed(value=float(value))
         for parameter, value in zip(result.model.parameters, truth, strict=True)
     ]
-    true_model = result.model.model_copy(update={"parameters": tuple(rows)})
+    true_model = result.model.changed(parameters=tuple(rows))
     ours, _ = validate(result.model, folder / "verify.csv")
     theirs, _ = validate(true_model, folder / "verify.csv")
     assert np.all(ours.rms < 1.05 * theirs.rms)

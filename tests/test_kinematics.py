@@ -49,12 +49,12 @@ RANDOM = {"random": False, "telescope": True, "offset telescope": True}
 @cache
 def kinematics(name: str) -> Kinematics:
     robot = random_twin(list(GEOMETRIES).index(name), telescope=RANDOM.get(name, False)).robot
-    robot = robot.model_copy(update={"name": name})
+    robot = robot.changed(name=name)
     if name not in RANDOM:
-        robot = robot.model_copy(update={"limbs": Limbs(**GEOMETRIES[name])})
+        robot = robot.changed(limbs=Limbs(**GEOMETRIES[name]))
     if name == "offset telescope":
         bar = Telescope(base_joint=(0.03, -0.02, 0.1), platform_joint=(-0.01, 0.025, 0.04))
-        robot = robot.model_copy(update={"telescope": bar})
+        robot = robot.changed(telescope=bar)
     return Kinematics(robot)
 
 
@@ -419,8 +419,8 @@ def test_forward_refuses_an_elbow_that_points_inwards(name: str, limb: int) -> N
 def test_forward_tells_the_strut_length_missing(name: str) -> None:
     """The shortest strut that still closes the loops is the radius of the circle of the elbows."""
     k = kinematics(name)
-    short = k.robot.limbs.model_copy(update={"strut": 0.45})
-    k = Kinematics(k.robot.model_copy(update={"limbs": short}))
+    short = k.robot.limbs.changed(strut=0.45)
+    k = Kinematics(k.robot.changed(limbs=short))
     q = np.array([[0.3, 0.5, 0.4], [0.2, -0.3, 0.1]])
     corners = elbows(short, q[1]) - platform_joints(short, np.zeros(3))
     a, b, c = (np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))

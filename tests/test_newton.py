@@ -126,7 +126,7 @@ def test_other_branches_are_not_taken_for_the_home_pose_s() -> None:
 def test_a_home_pose_out_of_reach_is_said_so() -> None:
     robot = twin(MAKES["par4"]).robot
     far = Box(shape="box", x=(2.0, 2.2), y=(-0.1, 0.1), z=(-0.9, -0.7))
-    kinematics = Kinematics(robot.model_copy(update={"workspace": far}))
+    kinematics = Kinematics(robot.changed(workspace=far))
     with pytest.raises(KinematicsError, match="middle of the workspace") as caught:
         kinematics.forward(np.zeros((1, 4)))
     assert caught.value.where == "workspace"

@@ -255,8 +255,8 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path, text, message):
 
     def build() -> None:
         digest = deltaid.use_mechanism(_file(tmp_path, text))
-        named = robot.mechanism.model_copy(update={"sha256": digest})
-        Dynamics(robot.model_copy(update={"mechanism": named}))
+        named = robot.mechanism.changed(sha256=digest)
+        Dynamics(robot.changed(mechanism=named))
 
     with pytest.raises(DescriptionError) as caught:
         build()

@@ -118,8 +118,8 @@ def test_volume_is_that_of_points_inside() -> None:
 def test_limits_that_cut_the_workspace_are_warned_of() -> None:
     described = load_robot("clavel-delta3")
     tight = {**described.drive_limits}
-    tight["drive1"] = tight["drive1"].model_copy(update={"angle_deg": (0.0, 30.0)})
-    robot = described.model_copy(update={"drive_limits": tight})
+    tight["drive1"] = tight["drive1"].changed(angle_deg=(0.0, 30.0))
+    robot = described.changed(drive_limits=tight)
     rest = AtRest(compiled(robot), prior_parameters(robot))
     surveyed = survey(rest)
     z = surveyed.poses.z

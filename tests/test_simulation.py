@@ -115,7 +115,7 @@ def test_breakaway_takes_the_friction_of_rest() -> None:
     """With Stribeck's term a drive holds 1.3 of what keeps it moving, once it moves."""
     robot = load_robot("linear-delta")
     law = Friction(viscous=40, coulomb=30, stribeck=Stribeck(coefficient=15, speed=0.02))
-    robot = robot.model_copy(update={"friction": dict.fromkeys(robot.drives, law)})
+    robot = robot.changed(friction=dict.fromkeys(robot.drives, law))
     forward, p = ForwardDynamics(robot), prior_parameters(robot)
     z = forward.kinematics.home[None]
     tau, unit = holding(forward, z, p), np.ones((1, 3))
@@ -133,7 +133,7 @@ def test_friction_of_load_holds_a_share_of_the_motor() -> None:
     """μ |τ| is added to Coulomb's: |τ − τ_holding| up to c + μ |τ| is held."""
     robot = load_robot("linear-delta")
     laws = {drive: Friction(viscous=40, coulomb=30, load=0.2) for drive in robot.drives}
-    forward = ForwardDynamics(robot.model_copy(update={"friction": laws}))
+    forward = ForwardDynamics(robot.changed(friction=laws))
     p = prior_parameters(forward.robot)
     z = forward.kinematics.home[None]
     tau = holding(forward, z, p)

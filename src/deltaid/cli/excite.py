@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
-from enum import StrEnum
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,21 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import output_file
+from deltaid.excitation.options import CriterionName
 
 if TYPE_CHECKING:
     from threading import Event
 
     from deltaid.excitation.excite import Excitation, Exciter
     from deltaid.robot.joint_units import JointUnits
-
-
-class Criterion(StrEnum):
-    """What the motion is optimised for."""
-
-    LOGDET = "logdet"
-    COND = "cond"
-    A_OPTIMAL = "a-optimal"
-    E_OPTIMAL = "e-optimal"
 
 
 # Start values of the verification motion: as many seeds further on as anybody will ask starts for.
@@ -45,8 +36,8 @@ def excite(
         Path | None, output_file(help="CSV file for a second motion, to verify the model on.")
     ] = None,
     criterion: Annotated[
-        Criterion, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
-    ] = Criterion.LOGDET,
+        CriterionName, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
+    ] = "logdet",
     weigh_prior: Annotated[
         bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
     ] = False,
@@ -58,13 +49,13 @@ def excite(
         int, typer.Option(help="Run it so often, for averaging.", min=1, max=1000)
     ] = 1,
     velocity_weight: Annotated[
-        float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0, max=1e6)
+        float, typer.Option(help="Weight w of the speed term in eq. (9).")
     ] = 0.1,
     torque_noise: Annotated[
         float, typer.Option(help="Torque noise for the prediction, share of the largest torque.")
     ] = 0.02,
     rate: Annotated[float, typer.Option(help="Samples per second of the file.")] = 1000.0,
-    starts: Annotated[int, typer.Option(help="Number of starts.", min=1)] = 8,
+    starts: Annotated[int, typer.Option(help="Number of starts.", min=1, max=1000)] = 8,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
     plot: Annotated[Path | None, output_file(help="PNG or SVG picture of the motion.")] = None,
     report: Annotated[
@@ -76,21 +67,35 @@ def excite(
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.cli.output import positive, print_json, print_note, progress, require_outputs
+    from deltaid.cli.output import (
+        positive,
+        print_json,
+        print_note,
+        progress,
+        require_outputs,
+        within,
+    )
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import ExcitationSettings, Exciter
-    from deltaid.excitation.motion_file import write_run
+    from deltaid.excitation.motion_file import LONGEST, MOST_ROWS, write_run
     from deltaid.files import together, write_bytes
     from deltaid.model import load
 
     positive("--duration", duration, (0.1, 3600.0))
     positive("--torque-noise", torque_noise, (1e-9, 10.0))
     positive("--rate", rate, (1.0, 1e5))
+    within("--velocity-weight", velocity_weight, (0.0, 1e6))
+    within("--duration times --repeats", duration * repeats, (0.0, LONGEST))
+    within("rows (duration, repeats, rate)", duration * repeats * rate, (0.0, MOST_ROWS))
     picture = plot.suffix.lower().lstrip(".") if plot else ""
     if plot and picture not in ("png", "svg"):
         raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
+    if plot:
+        from deltaid.excitation.plot import require_matplotlib
+
+        require_matplotlib()
     settings = ExcitationSettings(
-        criterion=criterion.value,
+        criterion=criterion,
         harmonics=harmonics,
         duration=duration,
         repeats=repeats,

@@ -1,22 +1,11 @@
 """`deltaid export`: a model in forms that other programs run."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-
-class Target(StrEnum):
-    """What a model can be written as."""
-
-    C = "c"
-    MJCF = "mjcf"
-    URDF = "urdf"
-    FMU = "fmu"
-    FMU_INVERSE = "fmu-inverse"
-    CASADI = "casadi"
-    NPZ = "npz"
+from deltaid.export.options import TargetName
 
 
 def register(app: typer.Typer) -> None:
@@ -29,7 +18,7 @@ def export(
         str,
         typer.Argument(help="A model saved by `deltaid identify`, or a robot, by its prior."),
     ],
-    to: Annotated[Target, typer.Option("--to", help="Form to write.")],
+    to: Annotated[TargetName, typer.Option("--to", help="Form to write.")],
     output: Annotated[
         str,
         typer.Option("--output", "-o", help="File to write, or folder (name/).", metavar="PATH"),
@@ -49,6 +38,6 @@ def export(
     found = load(model)
     if without_friction:
         found = found.without_friction()
-    written = write_export(found, to.value, output, (Path(model),))
+    written = write_export(found, to, output, (Path(model),))
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

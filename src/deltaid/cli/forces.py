@@ -73,7 +73,7 @@ def forces(
     from deltaid.recording.log import open_log
 
     positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
-    positive("--socket-force", socket_force)
+    positive("--socket-force", socket_force, (1e-6, 1e7))
     inputs = [path for path in (Path(model), motion, *(logs or ()), columns, log_columns) if path]
     require_outputs(inputs, {"--output": output}, report)
     mapping, log_mapping = (load_mapping(path) if path else None for path in (columns, log_columns))

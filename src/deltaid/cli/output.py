@@ -124,6 +124,11 @@ def positive(
         return
     if not 0 < value < math.inf:
         raise DeltaidError(f"must be a positive number, not {value:g}", where=option)
+    within(option, value, limits)
+
+
+def within(option: str, value: float, limits: tuple[float, float]) -> None:
+    """Refuse an option's value outside limits, or that is no number."""
     low, high = limits
     if not low <= value <= high:
         raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)

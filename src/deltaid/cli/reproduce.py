@@ -2,18 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-
-class Example(StrEnum):
-    """Which of the paper's examples."""
-
-    SURROGATE = "surrogate"
-    IRB360 = "irb360"
+Example = Literal["surrogate", "irb360"]
 
 
 def register(app: typer.Typer) -> None:
@@ -32,7 +26,9 @@ def reproduce(
         Path, typer.Option("--output", "-o", help="Folder for report, results, models and logs.")
     ],
     seed: Annotated[int, typer.Option(help="Of motions, regularisations and noise.", min=0)] = 0,
-    starts: Annotated[int, typer.Option(help="Starts of each motion's search.", min=1)] = 4,
+    starts: Annotated[
+        int, typer.Option(help="Starts of each motion's search.", min=1, max=1000)
+    ] = 4,
     quick: Annotated[
         bool, typer.Option("--quick", help="Short motions and few steps, for a first look.")
     ] = False,
@@ -42,7 +38,7 @@ def reproduce(
 
     The folder is made if it does not exist; files in it are replaced.
     """
-    run = _surrogate if example is Example.SURROGATE else _irb360
+    run = _surrogate if example == "surrogate" else _irb360
     run(output, seed=seed, starts=starts, quick=quick, as_json=as_json)
 
 

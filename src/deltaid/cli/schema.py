@@ -1,17 +1,10 @@
 """`deltaid schema`: JSON Schemas that editors complete and check YAML files with."""
 
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-
-class Kind(StrEnum):
-    """What a schema describes."""
-
-    ROBOT = "robot"
-    COLUMNS = "columns"
-    MODEL = "model"
+Kind = Literal["robot", "columns", "model"]
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +15,7 @@ def register(app: typer.Typer) -> None:
 def schema(
     kind: Annotated[
         Kind, typer.Argument(help="robot, columns (a log's mapping) or model.")
-    ] = Kind.ROBOT,
+    ] = "robot",
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
     from deltaid.cli.output import print_json
@@ -31,8 +24,8 @@ def schema(
     from deltaid.robot.description import RobotDescription
 
     models = {
-        Kind.ROBOT: RobotDescription,
-        Kind.COLUMNS: ColumnMapping,
-        Kind.MODEL: IdentifiedModel,
+        "robot": RobotDescription,
+        "columns": ColumnMapping,
+        "model": IdentifiedModel,
     }
     print_json(models[kind].model_json_schema())

@@ -1,12 +1,12 @@
 """`deltaid simulate`: a controller that knows a model, on a robot, along a motion."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltaid.cli.options import output_file
+from deltaid.control.options import ControllerName
 
 if TYPE_CHECKING:
     import polars as pl
@@ -15,16 +15,6 @@ if TYPE_CHECKING:
     from deltaid.control.trajectory import SampledTrajectory
     from deltaid.model import Model
     from deltaid.robot.description import RobotDescription
-
-
-class Law(StrEnum):
-    """What a controller does."""
-
-    PD = "pd"
-    PD_FEEDFORWARD = "pd-feedforward"
-    COMPUTED_TORQUE = "computed-torque"
-    AUGMENTED_PD = "augmented-pd"
-    SLOTINE_LI = "slotine-li"
 
 
 Trajectory = Annotated[
@@ -56,8 +46,9 @@ def simulate(
     model: Annotated[str, typer.Argument(help="A saved model; or a robot, by name or file.")],
     trajectory: Trajectory,
     controller: Annotated[
-        Law, typer.Option(help="pd, pd-feedforward, computed-torque, augmented-pd or slotine-li.")
-    ] = Law.COMPUTED_TORQUE,
+        ControllerName,
+        typer.Option(help="What the drives' computer does."),
+    ] = "computed-torque",
     plant: OnPlant = None,
     rate: Rate = DEFAULT_RATE,
     bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
@@ -100,7 +91,7 @@ def simulate(
         say(f"checking {trajectory}")
         motion, warnings = load_trajectory(trajectory, subject.robot, columns)
         say("simulating")
-        law = gains(controller.value, known, motion, bandwidth)
+        law = gains(controller, known, motion, bandwidth)
         result = track(runs_on, law, known, motion, drives)
         if output is not None:
             with written_whole(output) as file:
@@ -110,13 +101,13 @@ def simulate(
             from deltaid.report.tracking import tracking_page
 
             say(f"writing {report}")
-            title = f"{controller.value} with {Path(model).name} on {Path(plant or model).name}"
+            title = f"{controller} with {Path(model).name} on {Path(plant or model).name}"
             title = f"{title} along {trajectory.name}"
             page = tracking_page(runs_on.forward.robot, result, title, drives, bandwidth)
             write_page(page, report)
     print_warnings(warnings)
     if as_json:
-        settings = {"controller": controller.value, "model": model, "plant": plant or model}
+        settings = {"controller": controller, "model": model, "plant": plant or model}
         settings |= drives_dictionary(drives, bandwidth)
         print_json(settings | error_dictionary(result))
     else:

@@ -11,9 +11,9 @@ from deltaid.control.controllers import (
     CONTROLLERS,
     NEED_MASS_MATRIX,
     Controller,
-    ControllerName,
     tuned,
 )
+from deltaid.control.options import ControllerName
 from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters

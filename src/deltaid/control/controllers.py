@@ -16,16 +16,16 @@ model these functions of the state never grow beyond the work of disturbances:
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.control.control_model import ControlModel
+from deltaid.control.options import ControllerName
 from deltaid.control.trajectory import Desired
 from deltaid.mechanism.kinematics import Samples
 
-ControllerName = Literal["pd", "pd-feedforward", "computed-torque", "augmented-pd", "slotine-li"]
 CONTROLLERS: tuple[ControllerName, ...] = (
     "pd", "pd-feedforward", "computed-torque", "augmented-pd", "slotine-li"
 )  # fmt: skip

@@ -5,12 +5,11 @@ G, smaller is better, with the gradient ∂J/∂G = V diag(φ′) Vᵀ.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-CriterionName = Literal["cond", "logdet", "a-optimal", "e-optimal"]
+from deltaid.excitation.options import CriterionName
 
 # A direction that a motion does not excite at all has eigenvalue zero; the logarithm then stops
 # here instead of at minus infinity.

@@ -10,6 +10,8 @@ from deltaid.excitation.run import Run
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Kinematics
 
+# The longest run [s], ten hours, and the most rows of a file, some ten gigabytes.
+LONGEST, MOST_ROWS = 36_000.0, 3e7
 # Rows that are computed and written at once.
 _BLOCK = 1 << 16
 _TASK_NAMES = ("x", "y", "z", "psi")

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from deltaid.errors import DeltaidError
 from deltaid.excitation.excite import Exciter
 from deltaid.excitation.run import Run
 from deltaid.robot.joint_units import JointUnits
@@ -15,12 +16,33 @@ if TYPE_CHECKING:
 _SAMPLES = 2000
 
 
+def require_matplotlib() -> None:
+    """Find out before a long computation whether a picture can be drawn.
+
+    Raises:
+        DeltaidError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401 - only whether it is there
+    except ImportError:
+        raise DeltaidError(
+            "the picture needs matplotlib, which is not installed",
+            where="--plot",
+            cure="pip install 'deltaid[plot]', or pip install matplotlib; --report needs nothing "
+            "more",
+        ) from None
+
+
 def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
     """The picture as PNG or SVG.
 
     Path of the platform from above and from the side, and for each drive angle, speed and predicted
     torque; dotted lines are the ends of the ramps.
+
+    Raises:
+        DeltaidError: matplotlib is not installed.
     """
+    require_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

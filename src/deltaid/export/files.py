@@ -13,6 +13,7 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
+from deltaid.export.options import TargetName
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.model import Model, ModelLike, load
@@ -82,7 +83,7 @@ def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
     return Export({".fmu": unit.content}, unit.warnings)
 
 
-TARGETS: Mapping[str, Target] = {
+TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), _c),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
     "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
@@ -93,7 +94,7 @@ TARGETS: Mapping[str, Target] = {
 }
 
 
-def output_path(target: str, robot: str, output: str | Path) -> Path:
+def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
     """The file to write, where a folder may be given: one that is there, or a name with a slash.
 
     Raises:
@@ -114,7 +115,7 @@ def output_path(target: str, robot: str, output: str | Path) -> Path:
 
 
 def write_export(
-    model: ModelLike, target: str, output: str | Path, inputs: tuple[Path, ...] = ()
+    model: ModelLike, target: TargetName, output: str | Path, inputs: tuple[Path, ...] = ()
 ) -> Written:
     """Write a model in some target's form, all files or none.
 

@@ -70,7 +70,7 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
         return model
     if limbs.struts_per_limb == 1:
         raise DescriptionError("limbs of one strut have no spacing and no sockets", where="limbs")
-    robot = model.robot.model_copy(update={"limbs": limbs.model_copy(update=given)})
+    robot = model.robot.changed(limbs=limbs.changed(**given))
     return replace(model, robot=robot)
 
 

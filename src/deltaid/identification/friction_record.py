@@ -2,16 +2,12 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from deltaid.robot.part import Part
 
 AdditionKind = Literal["offset", "both_ways", "power", "stribeck", "load"]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class FrictionTrial(_Part):
+class FrictionTrial(Part):
     """One joint's law with one more term, judged by cross-validation.
 
     Attributes:
@@ -33,7 +29,7 @@ class FrictionTrial(_Part):
     useful: bool
 
 
-class FrictionChoice(_Part):
+class FrictionChoice(Part):
     """The choice of friction laws.
 
     Attributes:

@@ -57,7 +57,7 @@ class FrictionSearch:
         An offset, which may have either sign, takes two; a law for each direction has the column
         for forward motion as difference of both ways and backwards.
         """
-        terms = robot.model_copy(update={"friction": dict(laws)}).friction_terms
+        terms = robot.changed(friction=dict(laws)).friction_terms
         columns = []
         for term in terms:
             column = np.zeros(len(self.place))

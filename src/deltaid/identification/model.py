@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.errors import DescriptionError
@@ -22,6 +22,7 @@ from deltaid.identification.reduction import least_margin
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate
 
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
@@ -30,11 +31,7 @@ FORMAT = 2
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Settings(_Part):
+class Settings(Part):
     """How a model is fitted.
 
     Attributes:
@@ -54,7 +51,7 @@ class Settings(_Part):
     friction: FrictionLaws = "described"
 
 
-class Parameter(_Part):
+class Parameter(Part):
     """One parameter: value, standard deviation, 95 % interval, prior, and which of both decided it.
 
     `determined_by` is 'data' where the data shrank the prior's standard deviation to less than a
@@ -77,7 +74,7 @@ class Parameter(_Part):
     determined_by: Literal["data", "prior", "structure", "fixed", "consistency"]
 
 
-class BaseParameter(_Part):
+class BaseParameter(Part):
     """A combination that torques determine: least squares without prior and consistency.
 
     Value, standard deviation and 95 % interval.
@@ -94,7 +91,7 @@ class BaseParameter(_Part):
     unit: str
 
 
-class Source(_Part):
+class Source(Part):
     """A log that a model comes from, and how it was filtered."""
 
     log: str
@@ -105,7 +102,7 @@ class Source(_Part):
     used_samples: int
 
 
-class Fit(_Part):
+class Fit(Part):
     """What the fit reached; torque errors are per drive.
 
     `lower_bound` is the certified bound below J of the same objective and `duality_gap` what lies
@@ -127,14 +124,14 @@ class Fit(_Part):
     rms_unfiltered: tuple[float, ...]
 
 
-class Consistency(_Part):
+class Consistency(Part):
     """Eigenvalues of each body's pseudo-inertia matrix (12), ascending, all positive."""
 
     body: str
     eigenvalues: tuple[float, float, float, float]
 
 
-class IdentifiedModel(_Part):
+class IdentifiedModel(Part):
     """A robot with identified parameters."""
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
@@ -187,7 +184,7 @@ class IdentifiedModel(_Part):
         text, where = read_text(Path(path)), str(path)
         _require_readable(text, where)
         model = parse(text, cls, where=where)
-        return model.model_copy(update={"robot": bound(model.robot, where)})
+        return model.changed(robot=bound(model.robot, where))
 
     @model_validator(mode="after")
     def _check(self) -> "IdentifiedModel":

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from deltaid.errors import RecordingError
 from deltaid.recording.units import si_factor
 from deltaid.robot.load import load_yaml
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
 
 Name = Annotated[str, Field(min_length=1, description="as in the log's header")]
@@ -21,11 +22,7 @@ _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class DriveColumn(_Part):
+class DriveColumn(Part):
     """One column of one drive, and how its numbers become SI at the robot's joint.
 
     joint value = sign · unit · (number − zero) / gear for motion, and
@@ -51,14 +48,14 @@ class DriveColumn(_Part):
     )
 
 
-class TimeColumn(_Part):
+class TimeColumn(Part):
     """The time column."""
 
     column: Name = "t"
     unit: str = "s"
 
 
-class ColumnMapping(_Part):
+class ColumnMapping(Part):
     """The user's mapping file: columns of a log by name, one entry a drive in order of q."""
 
     time: TimeColumn = TimeColumn()

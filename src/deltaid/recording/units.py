@@ -74,7 +74,7 @@ def si_factor(unit: str, target: str, *, where: str, torque_constant: float | No
         if torque_constant is not None:
             return _number(match) * float(quantity.m_as("A")) * torque_constant
         return _number(match) * float(quantity.m_as(target.replace(" ", "*")))
-    except pint.UndefinedUnitError:
+    except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
         raise _unknown(unit, where) from None
     except pint.DimensionalityError:
         raise _other_kind(unit, target, where, torque_constant) from None

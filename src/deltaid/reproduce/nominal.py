@@ -39,19 +39,15 @@ BELOW, ABOVE = (0.6, 0.8), (1.25, 1.6)
 
 def nominal_robot(robot: RobotDescription) -> RobotDescription:
     """The catalogue's robot with the nominal parameters as its prior: the truth."""
-    return robot.model_copy(
-        update={
-            "name": f"{robot.name}-nominal",
-            "bodies": {
-                name: robot.bodies[name].model_copy(
-                    update={"prior": ExplicitInertia.of(_body(*values))}
-                )
-                for name, values in _BODIES.items()
-            },
-            "friction": {j: Friction(viscous=v, coulomb=c) for j, (v, c) in _FRICTION.items()},
-            "rotor_inertia": {"drive4": _ROTOR},
-            "sources": {},
-        }
+    return robot.changed(
+        name=f"{robot.name}-nominal",
+        bodies={
+            name: robot.bodies[name].changed(prior=ExplicitInertia.of(_body(*values)))
+            for name, values in _BODIES.items()
+        },
+        friction={j: Friction(viscous=v, coulomb=c) for j, (v, c) in _FRICTION.items()},
+        rotor_inertia={"drive4": _ROTOR},
+        sources={},
     )
 
 
@@ -67,7 +63,7 @@ def regularisation(
     for body, given in nominal.bodies.items():
         G = np.diag(np.sqrt(rng.uniform(*share, 4)))
         prior = inertia_parameters(G @ pseudo_inertia(given.prior_parameters()) @ G)
-        bodies[body] = given.model_copy(update={"prior": ExplicitInertia.of(prior)})
+        bodies[body] = given.changed(prior=ExplicitInertia.of(prior))
     friction = {
         joint: Friction(
             viscous=law.viscous * rng.uniform(*share), coulomb=law.coulomb * rng.uniform(*share)
@@ -75,14 +71,7 @@ def regularisation(
         for joint, law in nominal.friction.items()
     }
     rotors = {drive: I * rng.uniform(*share) for drive, I in nominal.rotor_inertia.items()}
-    return nominal.model_copy(
-        update={
-            "name": name,
-            "bodies": bodies,
-            "friction": friction,
-            "rotor_inertia": rotors,
-        }
-    )
+    return nominal.changed(name=name, bodies=bodies, friction=friction, rotor_inertia=rotors)
 
 
 def _body(

@@ -102,9 +102,9 @@ def prior_robot(robot: RobotDescription, column: str) -> RobotDescription:
     bodies = dict(robot.bodies)
     if column != "RG simple":
         bodies |= {name: _body(robot, name, column) for name in ("U", "S", "P", "TU", "TL")}
-    bodies["EE"] = bodies["EE"].model_copy(update={"free": ()})
+    bodies["EE"] = bodies["EE"].changed(free=())
     name = column.lower().replace(" ", "-")
-    return robot.model_copy(update={"name": name, "bodies": bodies, "sources": {}})
+    return robot.changed(name=name, bodies=bodies, sources={})
 
 
 def stand_in(robot: RobotDescription) -> RobotDescription:
@@ -115,18 +115,16 @@ def stand_in(robot: RobotDescription) -> RobotDescription:
     truth = prior_robot(robot, "ID geom")
     laws = {j: Friction(viscous=v, coulomb=c) for j, (v, c) in FRICTION.items()}
     laws["drive4"] = Friction(viscous=1e-12, coulomb=1e-12)
-    return truth.model_copy(
-        update={"name": "stand-in", "friction": laws, "rotor_inertia": {"drive4": ROTOR}}
-    )
+    return truth.changed(name="stand-in", friction=laws, rotor_inertia={"drive4": ROTOR})
 
 
 def slow(robot: RobotDescription) -> RobotDescription:
     """The same robot, with drive 4 no faster than on the paper's verification motion."""
     speed, acceleration = SLOW
-    limits = robot.drive_limits["drive4"].model_copy(
-        update={"speed_deg_s": speed, "acceleration_deg_s2": acceleration}
+    limits = robot.drive_limits["drive4"].changed(
+        speed_deg_s=speed, acceleration_deg_s2=acceleration
     )
-    return robot.model_copy(update={"drive_limits": {**robot.drive_limits, "drive4": limits}})
+    return robot.changed(drive_limits={**robot.drive_limits, "drive4": limits})
 
 
 def _body(robot: RobotDescription, name: str, column: str) -> Body:
@@ -141,4 +139,4 @@ def _body(robot: RobotDescription, name: str, column: str) -> Body:
         p[4], p[6] = 2e-3, p[5]  # about x and z, which no torque shows
     if name == "P":
         p[4:7] *= p[0] / robot.bodies[name].reduced_prior()[0]
-    return robot.bodies[name].model_copy(update={"prior": ExplicitInertia.of(p)})
+    return robot.bodies[name].changed(prior=ExplicitInertia.of(p))

@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from deltaid.robot.inertia import (
     PSEUDO_INERTIA_ENTRIES,
@@ -13,17 +13,14 @@ from deltaid.robot.inertia import (
     why_inconsistent,
     with_thickness,
 )
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Mass, NotNegative, Vector
 from deltaid.robot.shapes import Shape
 
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class InertiaTensor(_Part):
+class InertiaTensor(Part):
     """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
 
     xx: NotNegative
@@ -34,7 +31,7 @@ class InertiaTensor(_Part):
     xz: Coordinate = 0.0
 
 
-class ExplicitInertia(_Part):
+class ExplicitInertia(Part):
     """A body given by its numbers: mass, first moment and inertia tensor about the link frame."""
 
     mass: Mass = Field(description="kg")
@@ -57,7 +54,7 @@ class ExplicitInertia(_Part):
         return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
 
 
-class Body(_Part):
+class Body(Part):
     """A body's prior and which of its ten parameters the identification may change.
 
     `free` names independent entries of the pseudo-inertia matrix: m, the first moments mcx, mcy,

@@ -35,18 +35,24 @@ _SAY_ALL = (
 
 @dataclass(frozen=True)
 class _Complaint:
-    line: int
+    line: int  # 0 if there is none
     path: tuple[str, ...]
     reason: str
     value: str = ""  # what stands there instead, where that is short to say
     of_kind: bool = False
 
     def __str__(self) -> str:
-        return f"line {self.line}, {'.'.join(self.path) or 'top level'}: {self.reason}{self.value}"
+        said = f"{self.reason}{self.value}"
+        if self.line:
+            return f"line {self.line}, {'.'.join(self.path) or 'top level'}: {said}"
+        return f"{'.'.join(self.path)}: {said}" if self.path else said
 
 
 def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> str:
-    """All that is wrong, as 'line 12, limbs.strut: is missing; …'; the first few if it is a lot."""
+    """All that is wrong, as 'line 12, limbs.strut: is missing; …'; the first few if it is a lot.
+
+    Values that come from no file are on line 0, which is not named.
+    """
     found = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
     found = [c for c in found if not any(_below(other.path, c.path) for other in found)]
     texts = [str(c) for c in _joined(found)]
@@ -78,7 +84,7 @@ def _joined(found: list[_Complaint]) -> list[_Complaint]:
 
 def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Complaint:
     path: list[str] = []
-    line, node = 1, tree.value
+    line, node = tree.line, tree.value
     for depth, key in enumerate(item["loc"]):
         found = child(node, key)
         if found is None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from deltaid.robot.body import Body
 from deltaid.robot.drive_limits import DriveLimits
@@ -17,6 +17,7 @@ from deltaid.robot.friction import Friction, FrictionTerm, friction_terms
 from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.own import OwnMechanism
+from deltaid.robot.part import Part
 from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
 from deltaid.robot.telescope import Telescope
@@ -25,11 +26,7 @@ from deltaid.robot.workspace import Workspace
 TELESCOPE_BODIES = ("TU", "TL", "EE")
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Spring(_Part):
+class Spring(Part):
     """A linear spring across a joint: force on the joint −stiffness · (ϑ − rest)."""
 
     stiffness: Positive = Field(description="prior, N m/rad, or N/m in a sliding joint")
@@ -55,7 +52,7 @@ class Turn:
 _TURN_SPEED = float(np.deg2rad(1500.0))
 
 
-class RobotDescription(_Part):
+class RobotDescription(Part):
     """A Delta robot as a user writes it in YAML."""
 
     name: str = Field(min_length=1)

@@ -1,16 +1,13 @@
 """What a drive can do, as a user writes it."""
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Position, Positive, Speed
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class DriveLimits(_Part):
+class DriveLimits(Part):
     """What one drive can do: a motor in degrees and newton metres, a rail in metres and newtons."""
 
     angle_deg: tuple[Coordinate, Coordinate] | None = Field(

@@ -20,28 +20,25 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from deltaid.robot.joint_units import TURNING, JointUnits
 from deltaid.robot.parameter import Parameter
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
 
 EXPONENTS = (0.05, 5.0)
 Exponent = Annotated[float, Field(ge=EXPONENTS[0], le=EXPONENTS[1])]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class PowerLaw(_Part):
+class PowerLaw(Part):
     """coefficient · sign(v) |v|^exponent."""
 
     coefficient: Positive = Field(description="N m (s/rad)^exponent, or N (s/m)^exponent")
     exponent: Exponent = Field(description="constant that is not identified with the rest")
 
 
-class Stribeck(_Part):
+class Stribeck(Part):
     """coefficient · sign(v) exp(−(|v|/speed)^exponent)."""
 
     coefficient: Positive = Field(
@@ -51,7 +48,7 @@ class Stribeck(_Part):
     exponent: Exponent = Field(default=1.0, description="1: Tustin's form, 2: Gauss's")
 
 
-class HessSoom(_Part):
+class HessSoom(Part):
     """coefficient · sign(v) / (1 + (v/speed)²), after Hess and Soom 1990."""
 
     coefficient: Positive = Field(
@@ -60,7 +57,7 @@ class HessSoom(_Part):
     speed: Positive = Field(description="speed at which it has fallen to a half, rad/s or m/s")
 
 
-class Friction(_Part):
+class Friction(Part):
     """Prior friction of one joint; see the module's text for the law."""
 
     viscous: Positive = Field(description="N m s/rad, or N s/m in a sliding joint")

@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Length, Point, Positive, Radius
 
 DriveKind = Literal["rotary", "linear"]
@@ -56,10 +57,8 @@ class LimbGeometry:
     spacing: float | None = None
 
 
-class Limbs(BaseModel):
+class Limbs(Part):
     """All limbs of a robot, alike but for what is given as a list."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     drive: DriveKind = Field(default="rotary", description="arm on a motor, or carriage on a rail")
     azimuth_deg: tuple[Coordinate, ...] = Field(

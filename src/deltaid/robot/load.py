@@ -123,7 +123,7 @@ def bound(robot: RobotDescription, where: str) -> RobotDescription:
     if robot.mechanism is None:
         return robot
     own = with_named_file(robot.mechanism, where)
-    return robot.model_copy(update={"mechanism": own})
+    return robot.changed(mechanism=own)
 
 
 def load_yaml(path: Path, model: type[_Model]) -> _Model:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Positive
 
 JointKind = Literal["rotary", "linear"]
@@ -35,10 +36,8 @@ class NamedFile:
 _named: dict[str, NamedFile] = {}
 
 
-class OwnMechanism(BaseModel):
+class OwnMechanism(Part):
     """A mechanism whose geometry is a Python function."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     drives: tuple[JointKind, ...] = Field(
         min_length=3,
@@ -119,7 +118,7 @@ def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
             where=where,
             cure="name the file that it was made with, or take mechanism.sha256 out of it",
         )
-    return own.model_copy(update={"sha256": digest})
+    return own.changed(sha256=digest)
 
 
 def named_file(own: OwnMechanism) -> NamedFile:

@@ -15,8 +15,9 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Length, Point, Positive
 
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3)]
@@ -27,11 +28,7 @@ def _direction(angle: float) -> Float[np.ndarray, " 3"]:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-class _Platform(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class RigidPlatform(_Platform):
+class RigidPlatform(Part):
     """One body that all limbs hold; it only translates."""
 
     kind: Literal["rigid"] = "rigid"
@@ -39,7 +36,7 @@ class RigidPlatform(_Platform):
     slides: ClassVar[bool] = False
 
 
-class _Articulated(_Platform, ABC):
+class _Articulated(Part, ABC):
     first: tuple[int, ...] = Field(
         default=(1, 2), description="numbers of the limbs that hold the first part"
     )

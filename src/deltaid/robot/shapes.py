@@ -4,22 +4,21 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from deltaid.robot.inertia import inertia_parameters
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Length, Mass, Point, Positive, Radius
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-class HollowCylinder(BaseModel):
+class HollowCylinder(Part):
     """A tube (or, with `inner_radius: 0`, a solid cylinder) along one axis of the link frame.
 
     About its own centre, with outer and inner radius R_o and R_i and length L, the moment along
     the axis is ½ m (R_o² + R_i²) and across it m (L² + 3 (R_o² + R_i²)) / 12.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     shape: Literal["hollow_cylinder"]
     axis: Literal["x", "y", "z"] = Field(description="axis of the link frame along the cylinder")
@@ -51,10 +50,8 @@ class HollowCylinder(BaseModel):
         return _about_link_frame(mass, np.array(self.centre), np.diag(second_moments))
 
 
-class PointMass(BaseModel):
+class PointMass(Part):
     """A mass concentrated at one point."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     shape: Literal["point_mass"]
     mass: Mass = Field(description="kg")

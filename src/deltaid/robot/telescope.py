@@ -1,14 +1,13 @@
 """The telescope bar of a 4-DOF Delta as a user writes it."""
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Point
 
 
-class Telescope(BaseModel):
+class Telescope(Part):
     """Telescope bar (Cardan axle) from base to platform; adds the rotation ψ as fourth axis."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     base_joint: Point = Field(
         default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"

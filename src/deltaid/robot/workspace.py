@@ -4,18 +4,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from deltaid.robot.part import Part
 from deltaid.robot.quantities import Length, Position
 
 Range = tuple[Position, Position]
 
 
-class _Space(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Cylinder(_Space):
+class Cylinder(Part):
     """A cylinder about world z."""
 
     shape: Literal["cylinder"]
@@ -40,7 +37,7 @@ class Cylinder(_Space):
         return inside & (points[:, 2] >= self.z[0]) & (points[:, 2] <= self.z[1])
 
 
-class Hemisphere(_Space):
+class Hemisphere(Part):
     """The lower half of a ball whose centre lies on world z at height `top`."""
 
     shape: Literal["hemisphere"]
@@ -59,7 +56,7 @@ class Hemisphere(_Space):
         return (np.linalg.norm(centred, axis=1) <= self.radius) & (centred[:, 2] <= 0)
 
 
-class Box(_Space):
+class Box(Part):
     """A box along the world's axes."""
 
     shape: Literal["box"]
