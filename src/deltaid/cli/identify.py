@@ -139,27 +139,14 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
     """The result as one JSON object."""
     from deltaid.cli.validate import error_dictionary
 
-    model, fit = result.model, result.model.fit
-    layout = model.layout
+    model, layout = result.model, result.model.layout
     value = {
         "robot": model.robot.name,
         "method": model.settings.method,
         "regularizer": model.settings.regularizer,
-        "objective": fit.objective,
-        "lower_bound": fit.lower_bound,
-        "duality_gap": fit.duality_gap,
-        "gamma": fit.gamma,
-        "status": fit.status,
-        "iterations": fit.iterations,
-        "optimization_variables": fit.optimization_variables,
-        "base_parameters": fit.base_parameters,
-        "base_condition": fit.base_condition,
-        "noise_level": fit.noise_level,
+        **model.fit.model_dump(),
         "samples": result.problem.information.samples,
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
-        "rms": list(fit.rms),
-        "nrmse": list(fit.nrmse),
-        "rms_unfiltered": list(fit.rms_unfiltered),
         "friction": {
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),
