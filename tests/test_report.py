@@ -172,19 +172,17 @@ def test_only_the_data_gives_intervals(result: Identification) -> None:
     assert list(rows) == [p.name for p in shown]
     assert {p.determined_by for p in shown} >= {"data", "prior"}
     for parameter in shown:
-        _, _, value, interval, unit, decided = rows[parameter.name]
+        _, _, value, half, unit, decided = rows[parameter.name]
         assert unit == parameter.unit
         if parameter.determined_by == "data":
-            low, high = map(float, interval.split(" … "))
-            assert parameter.low is not None
             assert parameter.high is not None
-            reach = parameter.high - parameter.low
-            assert low == pytest.approx(parameter.low, abs=0.03 * reach)
-            assert high == pytest.approx(parameter.high, abs=0.03 * reach)
-            assert low < float(value) < high
+            reach = parameter.high - parameter.value
+            assert float(half) == pytest.approx(reach, rel=0.06)
+            assert float(value) == pytest.approx(parameter.value, abs=0.1 * reach)
+            assert decided == "data"
         else:
-            assert interval == "—"
-            assert decided != "the data"
+            assert half == ""
+            assert decided.startswith(("prior", "fixed", "consistency"))
 
 
 def test_what_is_drawn_is_the_torque_error(result: Identification, comparison: Comparison) -> None:

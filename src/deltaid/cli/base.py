@@ -89,7 +89,8 @@ def _as_dictionary(
 
 
 def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
-    from deltaid.cli.output import HALF_WIDTH, console, styled, table, with_uncertainty
+    from deltaid.cli.output import console, shown, styled
+    from deltaid.report.model_tables import estimate_table
 
     robot, layout = dynamics.robot, dynamics.layout
     visible = len(layout.names) - len(result.invisible)
@@ -98,15 +99,8 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
         f"{len(layout.names)} parameters, {visible} visible in torques, {result.rank} base "
         f"parameters; {_free(dynamics)} free in a consistent fit"
     )
-    rows = []
-    for i, formula in enumerate(result.formulas):
-        row = [f"{i + 1}", formula]
-        if estimate is not None:
-            unit = layout.units[result.groups[i].representative]
-            row += [*with_uncertainty(estimate.values[i], estimate.interval[i]), unit]
-        rows.append(row)
-    numbers = ["value", HALF_WIDTH, "unit"] if estimate is not None else []
-    console.print(table("", ["", "base parameter", *numbers], rows))
+    units = [layout.units[group.representative] for group in result.groups]
+    console.print(shown(estimate_table(result.formulas, units, estimate)))
     names = ", ".join(layout.names[i] for i in result.invisible)
     console.print(f"not visible in any torque: {names}")
 

@@ -1,6 +1,7 @@
 """`deltaid demo`: the whole job on a surrogate robot whose truth is known."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,33 +52,16 @@ def demo(
 
 def _print(result: "Demonstration", keep: Path | None) -> None:
     from deltaid.cli.identify import summary
-    from deltaid.cli.output import (
-        HALF_WIDTH,
-        console,
-        number,
-        origin_cell,
-        percent,
-        styled,
-        table,
-        value_cells,
-    )
-    from deltaid.cli.validate import error_table
+    from deltaid.cli.output import console, percent, shown, styled
     from deltaid.identification.demo import FILES
     from deltaid.model import load
+    from deltaid.report.model_tables import error_table, parameter_table
 
-    model, rows = result.identification.model, []
-    for parameter, truth in zip(model.parameters, result.truth, strict=True):
-        if parameter.determined_by == "structure":
-            continue
-        value, std = value_cells(parameter)
-        rows.append(
-            [parameter.name, number(parameter.prior), number(truth), value, std, parameter.unit,
-             origin_cell(parameter)]
-        )  # fmt: skip
-    columns = ["parameter", "prior", "truth", "identified", HALF_WIDTH, "unit", "from"]
-    console.print(table(f"{model.robot.title}, simulated", columns, rows))
+    model = result.identification.model
+    parameters = parameter_table(model, result.truth.tolist())
+    console.print(shown(replace(parameters, title=f"{parameters.title}, simulated")))
     console.print()
-    console.print(error_table(load(model), result.verification))
+    console.print(shown(error_table(load(model), result.verification)))
     console.print()
     for line in summary(result.identification):
         console.print(line)

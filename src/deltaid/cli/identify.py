@@ -16,7 +16,6 @@ from deltaid.identification.options import (
 
 if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
-    from deltaid.identification.model import IdentifiedModel
     from deltaid.identification.torque_error import TorqueError
     from deltaid.recording.log import Log
 
@@ -140,27 +139,14 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
     """The result as one JSON object."""
     from deltaid.cli.validate import error_dictionary
 
-    model, fit = result.model, result.model.fit
-    layout = model.layout
+    model, layout = result.model, result.model.layout
     value = {
         "robot": model.robot.name,
         "method": model.settings.method,
         "regularizer": model.settings.regularizer,
-        "objective": fit.objective,
-        "lower_bound": fit.lower_bound,
-        "duality_gap": fit.duality_gap,
-        "gamma": fit.gamma,
-        "status": fit.status,
-        "iterations": fit.iterations,
-        "optimization_variables": fit.optimization_variables,
-        "base_parameters": fit.base_parameters,
-        "base_condition": fit.base_condition,
-        "noise_level": fit.noise_level,
+        **model.fit.model_dump(),
         "samples": result.problem.information.samples,
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
-        "rms": list(fit.rms),
-        "nrmse": list(fit.nrmse),
-        "rms_unfiltered": list(fit.rms_unfiltered),
         "friction": {
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),
@@ -185,41 +171,28 @@ def print_result(
     result: "Identification", verification: "TorqueError | None", output: Path | None
 ) -> None:
     """The result as tables."""
-    from deltaid.cli.friction import choice_sentence, choice_table
-    from deltaid.cli.output import console
-    from deltaid.cli.validate import error_table
+    from deltaid.cli.output import console, shown
     from deltaid.model import load
+    from deltaid.report.model_tables import (
+        choice_sentence,
+        choice_table,
+        error_table,
+        parameter_table,
+    )
 
     model = result.model
-    console.print(parameter_table(model))
+    console.print(shown(parameter_table(model)))
     console.print()
-    console.print(error_table(load(model), verification))
+    console.print(shown(error_table(load(model), verification)))
     console.print()
     if model.friction_choice is not None:
-        console.print(choice_table(model.friction_choice, model.robot))
+        console.print(shown(choice_table(model.friction_choice, model.robot)))
         console.print(choice_sentence(model.friction_choice))
         console.print()
     for line in summary(result):
         console.print(line)
     if output is not None:
         console.print(f"saved {output}")
-
-
-def parameter_table(model: "IdentifiedModel") -> object:
-    """Prior, value and interval of every parameter that is not zero by structure."""
-    from deltaid.cli.output import HALF_WIDTH, number, origin_cell, table, value_cells
-
-    rows = []
-    for parameter in model.parameters:
-        if parameter.determined_by == "structure":
-            continue
-        value, half = value_cells(parameter)
-        rows.append(
-            [parameter.name, number(parameter.prior), value, half, parameter.unit,
-             origin_cell(parameter)]
-        )  # fmt: skip
-    columns = ["parameter", "prior", "identified", HALF_WIDTH, "unit", "from"]
-    return table(model.robot.title or model.robot.name, columns, rows)
 
 
 def summary(result: "Identification") -> list[str]:

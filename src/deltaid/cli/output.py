@@ -15,11 +15,11 @@ from rich.text import Text
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.files import require_writable
-from deltaid.report.numbers import number, with_uncertainty
+from deltaid.report.numbers import number as number
 from deltaid.report.numbers import percent as percent  # for the commands too
+from deltaid.report.table import Table as Finished
 
 if TYPE_CHECKING:
-    from deltaid.identification.model import Parameter
     from deltaid.model import Model
 
 # Columns whose cells are words.
@@ -80,6 +80,11 @@ def print_json(value: dict[str, Any]) -> None:
     """One JSON object on standard output."""
     text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False)
     print(_CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+
+
+def shown(finished: Finished) -> Table:
+    """A finished table as the terminal prints it."""
+    return table(finished.title, finished.columns, finished.rows)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
@@ -163,24 +168,3 @@ def require_outputs(
             raise DeltaidError(
                 f"is the file of {other} as well; give another name", where=f"{option} {path}"
             )
-
-
-# What ± stands for in tables.
-HALF_WIDTH = "± (95 %)"
-
-
-def value_cells(parameter: "Parameter") -> tuple[str, str]:
-    """Value and half the width of its 95 % interval, if the data decided it."""
-    if parameter.determined_by == "data":
-        if parameter.high is None:  # a model of an earlier version
-            return with_uncertainty(parameter.value, 1.96 * parameter.std)
-        return with_uncertainty(parameter.value, parameter.high - parameter.value)
-    bound = "≥ " if parameter.determined_by == "consistency" else ""
-    return bound + number(parameter.value), ""
-
-
-def origin_cell(parameter: "Parameter") -> str:
-    """What decided a parameter; where it was the prior, how wide the interval of that is."""
-    if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
-        return parameter.determined_by
-    return f"prior ± {percent((parameter.high - parameter.prior) / abs(parameter.prior))}"

@@ -39,11 +39,13 @@ def validate(
         print_warnings,
         progress,
         require_report,
+        shown,
     )
     from deltaid.identification.validation import remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model import load
     from deltaid.recording.columns import load_mapping
+    from deltaid.report.model_tables import error_table
 
     if report is not None:
         require_report(report, [Path(model), log, *([columns] if columns else [])])
@@ -60,7 +62,7 @@ def validate(
     if as_json:
         print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
     else:
-        console.print(error_table(known, error))
+        console.print(shown(error_table(known, error)))
         if report is not None:
             console.print(f"wrote {report}")
 
@@ -82,27 +84,3 @@ def error_dictionary(error: "TorqueError") -> dict[str, Any]:
         "rms_unfiltered": error.rms_unfiltered.tolist(),
         "cutoff_hz": error.cutoff,
     }
-
-
-def error_table(model: "Model", verification: "TorqueError | None") -> object:
-    """Torque errors per drive, on the identification's recordings and on another one."""
-    from deltaid.cli.output import number, percent, table
-
-    fit, units = model.identified and model.identified.fit, model.robot.drive_units
-    errors = [error for error in (fit, verification) if error is not None]
-    alike, first = len(set(units.values())) == 1, next(iter(units.values()))
-    heading = [f"{first.effort} error, {first.force}"] if alike else ["error of drive", "unit"]
-    rows = []
-    for i, drive in enumerate(model.robot.drives):
-        row = [drive, *([] if alike else [units[drive].force])]
-        for error in errors:
-            row += [
-                number(error.rms[i], 3),
-                percent(error.nrmse[i]),
-                number(error.rms_unfiltered[i], 3),
-            ]
-        rows.append(row)
-    columns = [*heading, "rms", "share", "unfiltered"]
-    if len(errors) > 1:
-        columns += ["verify rms", "share", "unfiltered"]
-    return table("", columns, rows)

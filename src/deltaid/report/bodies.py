@@ -12,9 +12,9 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.report import style
 from deltaid.report.animation import CAMERA
+from deltaid.report.model_tables import origin
 from deltaid.report.numbers import number
 from deltaid.report.page import Figure, Section, Table, Text
-from deltaid.report.parameters import DECIDED
 from deltaid.robot.inertia import pseudo_inertia
 
 _POINTS = 240  # of a sphere's surface
@@ -182,12 +182,12 @@ def _masses(model: IdentifiedModel) -> Table:
                 body,
                 number(mass.prior),
                 number(mass.value),
-                DECIDED.get(mass.determined_by, mass.determined_by),
+                origin(mass),
                 ", ".join(f"{1000 * value:.1f}" for value in centre),
                 " × ".join(number(1000 * value, 3) for value in axes),
             )
         )
-    columns = ("body", "prior mass [kg]", "mass [kg]", "mass decided by")
+    columns = ("body", "prior mass [kg]", "mass [kg]", "mass from")
     return Table(
         (*columns, "centre of mass [mm]", "half axes of the ellipsoid [mm]"),
         tuple(rows),

@@ -12,18 +12,12 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.model import Model, ModelLike, load
 from deltaid.report import style
 from deltaid.report.comparison import Comparison
+from deltaid.report.model_tables import ADDITIONS, choice_sentence, choice_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Figure, Section, Table, Text
 from deltaid.robot.description import RobotDescription
 
 _POINTS, _DOTS = 200, 1500
-_ADDITIONS = {
-    "offset": "constant offset",
-    "both_ways": "a law for each direction",
-    "power": "power of the speed",
-    "stribeck": "Stribeck term",
-    "load": "share of the drive's torque",
-}
 
 
 def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> Section:
@@ -32,7 +26,7 @@ def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> S
     if not model.robot.friction_joints:
         return Section("Friction", (Text("The description has no friction in any joint."),))
     record = model.identified.friction_choice if model.identified else None
-    choice = _choice(record) if record else ()
+    choice = _choice(record, model.robot) if record else ()
     return Section("Friction", (_laws(model, comparisons), *choice))
 
 
@@ -133,16 +127,15 @@ def _line(
     )
 
 
-def _choice(choice: FrictionChoice) -> tuple[Text | Table, ...]:
+def _choice(choice: FrictionChoice, robot: RobotDescription) -> tuple[Text | Table, ...]:
     added = "What was added, in this order, and whether the final law keeps it."
     steps = (_trials(choice.steps, added),) if choice.steps else (Text("Nothing was added."),)
     return (
         Text(
             f"The laws were chosen by cross-validation over {choice.folds} stretches of the "
-            "recordings, each left out once. With viscous and Coulomb friction alone the torque "
-            f"error on stretches left out is {percent(choice.plain_error)} of the largest torque, "
-            f"with the chosen laws {percent(choice.chosen_error)}."
+            f"recordings, each left out once: {choice_sentence(choice)}."
         ),
+        choice_table(choice, robot),
         *steps,
         _trials(
             choice.trials,
@@ -157,7 +150,7 @@ def _trials(trials: tuple[FrictionTrial, ...], caption: str) -> Table:
     rows = tuple(
         (
             trial.joint,
-            _ADDITIONS.get(trial.addition, trial.addition),
+            ADDITIONS[trial.addition],
             percent(trial.error),
             percent(trial.gain),
             number(trial.significance, 3),

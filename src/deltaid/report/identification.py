@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
-from deltaid.identification.model import Fit, IdentifiedModel
+from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
-from deltaid.model import ModelLike, load
+from deltaid.model import load
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording
 from deltaid.report.animation import animation, recorded_motion
@@ -15,8 +15,9 @@ from deltaid.report.bodies import body_section
 from deltaid.report.comparison import Comparison, compare
 from deltaid.report.friction import friction_section
 from deltaid.report.information import information_section
+from deltaid.report.model_tables import error_table
 from deltaid.report.numbers import number, percent
-from deltaid.report.page import Fact, Page, Section, Table
+from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import file_names, provenance_section
 from deltaid.report.torques import torque_blocks
@@ -51,7 +52,7 @@ def identification_page(result: Identification, verification: Verification | Non
         sections.append(torque_section(model.robot, unseen, "Verification"))
         texts = remarks(model, log, verification.error)
         warnings += [f"{log.path.name}: {text}" for text in texts]
-    errors = error_table(model, verification.error if verification else None)
+    errors = error_table(load(model), verification.error if verification else None)
     sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))
     verified = f", verified on {verification.recording.path.name}" if verification else ""
     return Page(
@@ -86,41 +87,6 @@ def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
         "pair is not part of the description and drawn as it looks usual.",
     )
     return Section("Motion", (figure,))
-
-
-def error_table(model: ModelLike, verification: TorqueError | None) -> Table:
-    """Torque errors per drive, on the model's own recordings and on another one."""
-    model = load(model)
-    units = model.robot.drive_units
-    one = len({u.force for u in units.values()}) == 1
-    unit = f" [{next(iter(units.values())).force}]" if one else ""
-    columns = ("drive", f"rms{unit}", "share", f"unfiltered rms{unit}")
-    fit: Fit | None = model.identified.fit if model.identified else None
-    kinds = [error for error in (fit, verification) if error is not None]
-    if len(kinds) > 1:
-        columns += (f"verification rms{unit}", "share", f"unfiltered rms{unit}")
-    rows = tuple(
-        (
-            drive if one else f"{drive} [{units[drive].force}]",
-            *(
-                cell
-                for error in kinds
-                for cell in (
-                    number(error.rms[i], 3),
-                    percent(error.nrmse[i]),
-                    number(error.rms_unfiltered[i], 3),
-                )
-            ),
-        )
-        for i, drive in enumerate(model.robot.drives)
-    )
-    return Table(
-        columns,
-        rows,
-        "Root mean square of measured minus predicted torque or force, also as a share of the "
-        "measured one's own root mean square. Unfiltered is against what was recorded, with all "
-        "its noise.",
-    )
 
 
 def _title(log: Log, count: int) -> str:

@@ -7,10 +7,10 @@ from scipy.linalg import solve_triangular
 
 from deltaid.identification.identify import Identification
 from deltaid.identification.information import triangle
-from deltaid.identification.model import IdentifiedModel
 from deltaid.report import style
-from deltaid.report.numbers import number, span, with_uncertainty
-from deltaid.report.page import Figure, Section, Table, Text
+from deltaid.report.model_tables import base_table
+from deltaid.report.numbers import number
+from deltaid.report.page import Figure, Section, Text
 
 
 def information_section(result: Identification) -> Section:
@@ -28,29 +28,10 @@ def information_section(result: Identification) -> Section:
                 "without physical consistency. The condition number of the base regressor, its "
                 f"columns scaled to unit length, is {number(base.condition, 3)}."
             ),
-            base_table(result.model),
+            base_table(result.model.base_parameters),
             _singular_values(R),
             _correlations(result, R),
         ),
-    )
-
-
-def base_table(model: IdentifiedModel) -> Table:
-    """Formula, value and interval of every base parameter."""
-    rows = tuple(
-        (
-            str(i + 1),
-            base.formula,
-            with_uncertainty(base.value, base.std)[0],
-            span(base.low, base.high),
-            base.unit,
-        )
-        for i, base in enumerate(model.base_parameters)
-    )
-    return Table(
-        ("", "base parameter", "value", "95 % interval", "unit"),
-        rows,
-        "Combinations of parameters that the torques determine, each named by its first term.",
     )
 
 

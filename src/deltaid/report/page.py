@@ -19,6 +19,7 @@ from plotly.offline import get_plotlyjs
 from deltaid.errors import visible
 from deltaid.files import written_whole
 from deltaid.report import style
+from deltaid.report.table import Table
 
 # Cells longer than this may break into lines.
 _LONG = 40
@@ -35,16 +36,6 @@ class Text:
     """Plain text; an empty line starts a new paragraph."""
 
     text: str
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of finished cells. Columns of numbers are set flush right, `muted` rows in grey."""
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    caption: str = ""
-    muted: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)

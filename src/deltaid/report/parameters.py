@@ -4,17 +4,11 @@ import plotly.graph_objects as go
 
 from deltaid.identification.model import IdentifiedModel, Parameter
 from deltaid.report import style
-from deltaid.report.numbers import WIDTH, number, span, with_uncertainty
-from deltaid.report.page import Figure, Section, Table, Text
+from deltaid.report.model_tables import parameter_table
+from deltaid.report.numbers import WIDTH
+from deltaid.report.page import Figure, Section, Text
 
-_NONE = "—"
 _FAR = 300.0  # % of the prior, beyond which a parameter would flatten all others
-DECIDED = {
-    "data": "the data",
-    "prior": "from the prior",
-    "fixed": "held by the description",
-    "consistency": "lower bound, from consistency",
-}
 
 
 def parameter_section(model: IdentifiedModel) -> Section:
@@ -26,44 +20,15 @@ def parameter_section(model: IdentifiedModel) -> Section:
             Text(
                 "The data decides a parameter when it shrinks the prior's standard deviation to "
                 "less than a half; its interval contains what the priors of others leave open. All "
-                "others are marked “from the prior”: their value is mostly what the description "
-                "said, and no interval is given for them because the data supports none. What the "
+                "others are marked “prior”, with how far that may be off: their value is mostly "
+                "what the description said, and the data supports no interval for them. What the "
                 "data does determine about them are combinations, which the base parameters below "
                 "show."
             ),
             _chart(parameters),
-            _table(parameters),
+            parameter_table(model),
         ),
     )
-
-
-def _table(parameters: tuple[Parameter, ...]) -> Table:
-    rows = tuple(
-        (
-            parameter.name,
-            number(parameter.prior),
-            *_value(parameter),
-            parameter.unit,
-            DECIDED.get(parameter.determined_by, parameter.determined_by),
-        )
-        for parameter in parameters
-    )
-    return Table(
-        ("parameter", "prior", "identified", "95 % interval", "unit", "decided by"),
-        rows,
-        "Inertias and first moments are about the origin of the body's link frame. Parameters "
-        "that are zero by structure are left out. Grey rows are not decided by the data.",
-        frozenset(i for i, p in enumerate(parameters) if p.determined_by != "data"),
-    )
-
-
-def _value(parameter: Parameter) -> tuple[str, str]:
-    """Value and interval; only what the data decided has one."""
-    if parameter.determined_by == "data":
-        low, high = _interval(parameter)
-        return with_uncertainty(parameter.value, parameter.std)[0], span(low, high)
-    bound = "≥ " if parameter.determined_by == "consistency" else ""
-    return bound + number(parameter.value), _NONE
 
 
 def _interval(parameter: Parameter) -> tuple[float, float]:

@@ -7,8 +7,8 @@ from deltaid.model import ModelLike, load
 from deltaid.recording.recording import Recording
 from deltaid.report.comparison import compare
 from deltaid.report.friction import friction_section
-from deltaid.report.identification import error_table, motion_section, torque_section
-from deltaid.report.information import base_table
+from deltaid.report.identification import motion_section, torque_section
+from deltaid.report.model_tables import base_table, error_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
@@ -52,4 +52,4 @@ def _parameters(model: IdentifiedModel) -> tuple[Section, ...]:
     parameters = parameter_section(model)
     if not model.base_parameters:
         return (parameters,)
-    return parameters, Section("Base parameters", (base_table(model),))
+    return parameters, Section("Base parameters", (base_table(model.base_parameters),))
