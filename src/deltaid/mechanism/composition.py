@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.limb import LimbMotion, elbow, limb_motion, mode_margin
+from deltaid.mechanism.limb import LimbMotion, build_limb, elbow, limb_motion, mode_margin
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.own import build_own
 from deltaid.mechanism.platform import PlatformParts, build_platform
@@ -16,6 +16,10 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform
 
+# How far from home a drive is taken to work that has no described range, and what of half a turn
+# must be left between that and the jump of an angle at ±180° [rad].
+_QUARTER, _CLEAR = np.deg2rad(90.0), np.deg2rad(170.0)
+
 
 def build_mechanism(robot: RobotDescription) -> Mechanism:
     """The mechanism of a described robot.
@@ -27,18 +31,22 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         return build_own(robot, robot.mechanism)
     dof, n = len(robot.drives), len(robot.limb_geometry)
     z, q_symbols = ca.SX.sym("z", dof), ca.SX.sym("q", dof)
-    drives, task, swings = Speed.named("qd", dof), Speed.named("zd", dof), Speed.named("w", 2 * n)
+    drives, task = Speed.named("qd", dof), Speed.named("zd", dof)
     motion = Path(z, task.u, task.ud)
-    geometry, platform = robot.limb_geometry, build_platform(robot, motion)
+    platform = build_platform(robot, motion)
+    middles = [_middle(robot, i, z, point.at) for i, point in enumerate(platform.points)]
     limbs = tuple(
-        limb_motion(point, g, robot.limb_bodies(i), drives[i : i + 1], swings[2 * i : 2 * i + 2])
-        for i, (g, point) in enumerate(zip(geometry, platform.points, strict=True))
+        limb_motion(
+            point, limb, robot.limb_bodies(i), drives[i : i + 1], Speed.named("w", 2), middle or 0.0
+        )
+        for i, (limb, point, middle) in enumerate(
+            zip(robot.limb_geometry, platform.points, middles, strict=True)
+        )
     )
     bodies = [body for limb in limbs for body in (limb.bodies.driven, limb.bodies.strut)]
     bodies += platform.bodies
     q = ca.vertcat(*[limb.q for limb in limbs])
-    points = tuple(point.at for point in platform.points)
-    closure, modes = _closure(q_symbols, geometry, points)
+    closure, modes = _closure(q_symbols, robot.limb_geometry, platform)
     joints = {f"drive{i + 1}": limb.q for i, limb in enumerate(limbs)}
     if platform.joint is not None:
         joints["platform"] = platform.joint
@@ -60,6 +68,7 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         joints={name: joints[name] for name in robot.joints},
         reach=ca.vertcat(*[limb.reach for limb in limbs]),
         q_symbols=q_symbols,
+        middles=(*middles, *[None] * (dof - n)),
         closure=closure,
         modes=modes,
         hold=_hold(robot, limbs),
@@ -67,6 +76,20 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if dof > 3 else [])),
         period=platform.period,
     )
+
+
+def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | None:
+    """Angle of a rotary drive about which its coordinate is continuous [rad]; None for a rail.
+
+    Zero where that keeps the jump at ±180° away from where the limb works: from its described
+    range, else from a quarter of a turn to either side of its home pose.
+    """
+    if robot.is_linear(robot.drives[i]):
+        return None
+    angle = ca.Function("q", [z], [build_limb(point, robot.limb_geometry[i]).q])
+    home, limits = float(angle(robot.home(z.numel()))), robot.drive_limits.get(f"drive{i + 1}")
+    low, high = limits.range if limits and limits.range else (home - _QUARTER, home + _QUARTER)
+    return 0.0 if max(-low, high) < _CLEAR or np.isnan(low) else 0.5 * (low + high)
 
 
 def _loops(
@@ -85,14 +108,14 @@ def _loops(
 
 
 def _closure(
-    q: ca.SX, geometry: tuple[LimbGeometry, ...], points: tuple[ca.SX, ...]
+    q: ca.SX, geometry: tuple[LimbGeometry, ...], platform: PlatformParts
 ) -> tuple[ca.SX, ca.SX]:
     """(|a_i − E_i(q_i)|² − l_i²) / (2 l_i) of each limb [m], and the limbs' mode margins [m]."""
     closure, modes = [], []
-    for i, (limb, point) in enumerate(zip(geometry, points, strict=True)):
-        gap = ca.sumsqr(point - elbow(q[i], limb)) - limb.strut**2
+    for i, (limb, point) in enumerate(zip(geometry, platform.points, strict=True)):
+        gap = ca.sumsqr(point.at - elbow(q[i], limb)) - limb.strut**2
         closure.append(gap / (2 * limb.strut))
-        modes.append(mode_margin(q[i], point, limb))
+        modes.append(mode_margin(q[i], point.at, limb))
     return ca.vertcat(*closure), ca.vertcat(*modes)
 
 

@@ -67,17 +67,25 @@ class LimbMotion:
     reach: ca.SX
 
 
-def build_limb(point: ca.SX, limb: LimbGeometry) -> Limb:
-    """Inverse kinematics and poses of a limb that holds `point` (world, m)."""
+def build_limb(point: ca.SX, limb: LimbGeometry, middle: float = 0.0) -> Limb:
+    """Inverse kinematics and poses of a limb that holds `point` (world, m).
+
+    A rotary drive's angle is continuous within 180° of `middle` [rad].
+    """
     at_rest = Speed.named("", 1), Speed.named("", 2)
-    motion = limb_motion(Path.still(point), limb, ("", ""), *at_rest)
+    motion = limb_motion(Path.still(point), limb, ("", ""), *at_rest, middle)
     driven, strut = motion.bodies.driven, motion.bodies.strut
     poses = (driven.rotation.R, driven.origin.at, strut.rotation.R, strut.origin.at)
     return Limb(motion.q, limb.R_WL, *poses, motion.reach)
 
 
 def limb_motion(
-    point: Path, limb: LimbGeometry, names: tuple[str, str], drive: Speed, swing: Speed
+    point: Path,
+    limb: LimbGeometry,
+    names: tuple[str, str],
+    drive: Speed,
+    swing: Speed,
+    middle: float,
 ) -> LimbMotion:
     """Inverse kinematics and motion of a limb.
 
@@ -86,10 +94,11 @@ def limb_motion(
         names: of the driven body and the strut.
         drive: q̇ and q̈ as symbols.
         swing: rates and accelerations of the strut's two angles as symbols.
+        middle: angle of a rotary drive opposite to which its coordinate jumps by a turn [rad].
     """
     R_LW, origin = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base)
     d, qd, qdd = R_LW @ (point.at - fixed(limb.base)), drive.u, drive.ud
-    solved = _rotary(d, limb) if limb.drive == "rotary" else _linear(d, limb)
+    solved = _rotary(d, limb, middle) if limb.drive == "rotary" else _linear(d, limb)
     bias = solved.curve * qd**2
     elbow = Path(origin + solved.elbow, solved.slope * qd, solved.slope * qdd + bias)
     s = Path(d - solved.elbow, R_LW @ point.rate - elbow.rate,
@@ -130,7 +139,7 @@ class _Drive:
     reach: ca.SX
 
 
-def _rotary(d: ca.SX, limb: LimbGeometry) -> _Drive:
+def _rotary(d: ca.SX, limb: LimbGeometry, middle: float) -> _Drive:
     """With d from the motor axis to the held point, the upper arm's direction x_U solves
     d · x_U = κ = (|d|² + L² − l²) / (2 L) in the arm's plane; the working mode picks one of two."""
     L, l = limb.upper_arm, limb.strut
@@ -143,7 +152,7 @@ def _rotary(d: ca.SX, limb: LimbGeometry) -> _Drive:
     sin_q = -(kappa * height + root * outwards) * share
     arm = ca.sparsify(ca.vertcat(L * cos_q, 0, -L * sin_q))
     return _Drive(
-        q=ca.atan2(sin_q, cos_q),
+        q=_angle(cos_q, sin_q, middle),
         cos=cos_q,
         sin=sin_q,
         elbow=arm,
@@ -151,6 +160,14 @@ def _rotary(d: ca.SX, limb: LimbGeometry) -> _Drive:
         curve=-arm,
         reach=_rotary_reach(rho_squared, lateral, L, l),
     )
+
+
+def _angle(cos: ca.SX, sin: ca.SX, middle: float) -> ca.SX:
+    """The angle within 180° of `middle`."""
+    if middle == 0:
+        return ca.atan2(sin, cos)
+    c, s = np.cos(middle), np.sin(middle)
+    return middle + ca.atan2(c * sin - s * cos, c * cos + s * sin)
 
 
 def _linear(p: ca.SX, limb: LimbGeometry) -> _Drive:

@@ -93,6 +93,8 @@ class Mechanism:
         joints: friction joints' coordinates ϑ(z) by name, drives first.
         reach: for each limb, the distance in metres by which z is inside its reach, functions of z.
         q_symbols: δ symbols for the drive coordinates in what follows.
+        middles: for each rotary limb the angle that its coordinate is within 180° of [rad]; whole
+            turns more or less close the loops as well. None for every other drive.
         closure: δ functions of z and `q_symbols` that are zero when the loops are closed [m, rad].
         modes: for each limb a distance in metres, function of z and `q_symbols`, that is negative
             when the limb is not in its described working mode.
@@ -115,6 +117,7 @@ class Mechanism:
     joints: dict[str, ca.SX]
     reach: ca.SX
     q_symbols: ca.SX
+    middles: tuple[float | None, ...]
     closure: ca.SX
     modes: ca.SX
     forward: ClosedForm | None

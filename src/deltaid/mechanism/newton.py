@@ -4,7 +4,7 @@ z(q) solves Φ(z, q) = 0 (`Mechanism.closure`); a step is z ← z − Φ_z⁻¹ 
 
 1. Samples of a recording lie close together. Every `_STRIDE`-th one is an anchor, which is reached
    from the home pose along a straight line in q, a few steps at a time, so that it stays on the
-   home pose's branch.
+   home pose's branch. Whole turns of an arm count as none.
 2. All others start from their anchor.
 3. What has not converged on this branch takes the way of the anchors, once more with finer steps.
 4. What is still lost, because that line leaves what the robot can reach, starts from the last
@@ -116,8 +116,11 @@ class NewtonForward:
     def _from_home(self, q: Samples, steps: int) -> Samples:
         """Follow a straight line in q from the home pose."""
         z = np.repeat(self._home[None], len(q), axis=0)
+        way = q - self._q_home
+        turns = np.array([middle is not None for middle in self._mechanism.middles])
+        way -= 2 * np.pi * turns * np.round(way / (2 * np.pi))
         for share in np.linspace(0, 1, steps + 1)[1:]:
-            z = self._iterate(z, self._q_home + share * (q - self._q_home), _ON_THE_WAY)
+            z = self._iterate(z, self._q_home + share * way, _ON_THE_WAY)
         return self._iterate(z, q, _AT_THE_END)
 
     def _iterate(self, z: Samples, q: Samples, times: int) -> Samples:

@@ -99,6 +99,7 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
         joints={drive: q[i] for i, drive in enumerate(robot.drives)} | joints,
         reach=_reach(parts, check),
         q_symbols=q_symbols,
+        middles=(None,) * n,
         closure=q - q_symbols,
         modes=ca.SX(1.0),
         forward=None,

@@ -17,7 +17,8 @@ from deltaid.recording.table import Batch
 
 # A time step this much longer than the usual one is a gap; one this far off it is jitter.
 _GAP, _JITTER = 1.5, 0.05
-# No rotary arm of a Delta turns half a revolution; numbers beyond this are degrees.
+# No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
+# are degrees.
 _LARGEST_ARM_ANGLE = np.pi
 # A step of this much of a turn between two samples is a jump of the reading, not a motion.
 _JUMP = 0.75 * 2 * np.pi
@@ -184,8 +185,9 @@ class Survey:
         self.jitter += uneven.size
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
-        limbs = sum(limb.drive == "rotary" for limb in self.kinematics.robot.limb_geometry)
-        large = np.argwhere(np.abs(q[:, :limbs]) > _LARGEST_ARM_ANGLE)
+        middles = self.kinematics.mechanism.middles
+        largest = [np.inf if m is None else _LARGEST_ARM_ANGLE + abs(m) for m in middles]
+        large = np.argwhere(np.abs(q) > largest)
         if large.size:
             i, drive = (int(index) for index in large[0])
             name = self.columns.position[drive].column

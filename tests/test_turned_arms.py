@@ -1,0 +1,75 @@
+"""Arms that work around ±180°: their angles are continuous there, and so is all that follows."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import run
+from deltaid.dynamics.dynamics import compiled
+from deltaid.motion.random_motion import random_motion
+from deltaid.recording.log import open_log
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+
+def turned(angle_deg: tuple[float, float] | None) -> RobotDescription:
+    """Clavel's Delta with its arms folded inwards and level, elbows behind their motors."""
+    data = load_robot("clavel-delta3").model_dump(exclude_none=True)
+    data["name"] = "turned"
+    data["limbs"]["working_mode"] = "inwards"
+    data["workspace"] = {"shape": "cylinder", "radius": 0.15, "z": [-1.08, -0.96]}
+    own = {"torque": 150.0} | ({"angle_deg": angle_deg} if angle_deg else {})
+    data["drive_limits"] = {f"drive{i}": own for i in (1, 2, 3)}
+    data |= {"strut_swing_deg": 60.0}
+    return RobotDescription.model_validate(data)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "middle"),
+    [((150.0, 230.0), 190.0), ((-220.0, -140.0), -180.0), (None, -178.9)],
+)
+def test_angles_are_continuous_around_half_a_turn(angle_deg, middle) -> None:
+    kinematics = compiled(turned(angle_deg)).kinematics
+    motion = random_motion(kinematics, np.random.default_rng(0))
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 4000))
+    q, qd, _ = kinematics.drive_motion(z, zd, zdd)
+    assert np.abs(np.diff(q, axis=0)).max() < np.deg2rad(1.0)
+    assert (q.min(axis=0) < np.pi * np.sign(middle)).all()  # both sides of ±180° are visited
+    assert (q.max(axis=0) > np.pi * np.sign(middle)).all()
+    assert np.abs(q - np.deg2rad(middle)).max() < np.deg2rad(60)
+    slope = np.gradient(q, motion.period / 3999, axis=0)
+    assert np.abs(slope - qd)[1:-1].max() < 1e-3 * np.abs(qd).max()
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "h4"])
+def test_an_encoder_that_counts_whole_turns_more_is_read_the_same(name: str) -> None:
+    kinematics = compiled(load_robot(name)).kinematics
+    motion = random_motion(kinematics, np.random.default_rng(0))
+    z = motion.evaluate(np.linspace(0, 1, 100))[0]
+    q = kinematics.inverse(z)
+    q[:, 1] += 2 * np.pi
+    q[:, 2] -= 2 * np.pi
+    np.testing.assert_allclose(kinematics.forward(q), z, atol=1e-9)
+
+
+def test_a_planned_motion_can_be_simulated_and_read_with_any_count_of_turns(
+    tmp_path: Path,
+) -> None:
+    robot, motion, log = (tmp_path / name for name in ("r.yaml", "motion.csv", "log.csv"))
+    robot.write_text(turned((150.0, 230.0)).model_dump_json(exclude_none=True))
+    plan = ("excite", robot, "--starts", 1, "--duration", 3, "--harmonics", 2, "-o", motion)
+    assert run(*plan).code == 0
+    planned = pl.read_csv(motion)
+    angles = planned.select("q1", "q2", "q3").to_numpy()
+    assert np.abs(np.diff(angles, axis=0)).max() < np.deg2rad(5)
+    assert angles.min() < np.pi < angles.max()
+    assert np.deg2rad(150) <= angles.min() <= angles.max() <= np.deg2rad(230)
+    done = run("simulate", robot, motion, "-o", log)
+    assert done.code == 0, done.err
+    turns = [(pl.col(f"q{i}") - 2 * np.pi).alias(f"q{i}") for i in (1, 2, 3)]
+    other = tmp_path / "other.csv"
+    pl.read_csv(log).with_columns(turns).write_csv(other)
+    kinematics = compiled(turned((150.0, 230.0))).kinematics
+    assert open_log(log, kinematics).samples == open_log(other, kinematics).samples
