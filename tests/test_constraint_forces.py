@@ -13,9 +13,9 @@ from composed import twin as composed_twin
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
 from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.mechanism.user_code import use_mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from deltaid.robot.own import use_mechanism
 from oracle.forces import ForceOracle
 
 HELI4 = Path(__file__).resolve().parents[1] / "examples" / "heli4"

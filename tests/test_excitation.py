@@ -1,6 +1,6 @@
 """Excitation: exact gradients, limits that hold everywhere, rest at both ends, predictions."""
 
-import builtins
+import sys
 from dataclasses import replace
 from threading import Event
 from typing import get_args
@@ -296,13 +296,7 @@ def test_a_middle_of_the_workspace_that_is_out_of_bounds_is_no_dead_end() -> Non
 
 def test_a_picture_without_matplotlib_is_refused_before_any_work(tmp_path, monkeypatch) -> None:
     original = builtins.__import__
-
-    def without_matplotlib(name: str, *rest: object, **more: object) -> object:
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return original(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without_matplotlib)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     message = refused("excite", "clavel-delta3", "--plot", tmp_path / "x.svg", folder=tmp_path)
     assert "pip install 'deltaid[plot]'" in message
 

@@ -16,11 +16,11 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.user_code import use_mechanism
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.load import catalogue, load_robot
-from deltaid.robot.own import use_mechanism
 from exports import states as exported_states
 from exports import subject
 from support import assert_close, random_states, random_twin

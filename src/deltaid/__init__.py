@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
     from deltaid.mechanism.own import BodyPose, MechanismParts
+    from deltaid.mechanism.user_code import use_mechanism
     from deltaid.model import Model, load
     from deltaid.recording.columns import ColumnMapping, load_mapping
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
-    from deltaid.robot.own import use_mechanism
 
 _HOME = {
     "BodyPose": "deltaid.mechanism.own",
@@ -62,7 +62,7 @@ _HOME = {
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",
     "step_through": "deltaid.control.simulation",
-    "use_mechanism": "deltaid.robot.own",
+    "use_mechanism": "deltaid.mechanism.user_code",
     "validate": "deltaid.identification.validation",
     "write_export": "deltaid.export.files",
 }

@@ -75,7 +75,7 @@ def _options(
 
         switch_off()
     if mechanism is not None:
-        from deltaid.robot.own import use_mechanism
+        from deltaid.mechanism.user_code import use_mechanism
 
         use_mechanism(mechanism)
     if version:

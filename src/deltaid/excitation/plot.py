@@ -1,5 +1,6 @@
 """A picture of an excitation run: path, drives and torques over time with their limits."""
 
+from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -22,15 +23,13 @@ def require_matplotlib() -> None:
     Raises:
         DeltaidError: matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: F401 - only whether it is there
-    except ImportError:
+    if find_spec("matplotlib") is None:
         raise DeltaidError(
             "the picture needs matplotlib, which is not installed",
             where="--plot",
             cure="pip install 'deltaid[plot]', or pip install matplotlib; --report needs nothing "
             "more",
-        ) from None
+        )
 
 
 def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:

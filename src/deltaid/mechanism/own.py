@@ -18,8 +18,9 @@ from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.own_checks import Checker
 from deltaid.mechanism.rotation import Path, Rotation, along
 from deltaid.mechanism.speeds import Speed, Speeds
+from deltaid.mechanism.user_code import FUNCTION, NamedFile, failure, named_file
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.own import FUNCTION, NamedFile, OwnMechanism, failure, named_file
+from deltaid.robot.own import OwnMechanism
 
 # What depends on z is an SX; what does not may be a number.
 Expression = ca.SX | ca.DM | np.ndarray | float
