@@ -1,7 +1,7 @@
 """A mechanism that is the user's own: what a description says of it.
 
-The geometry is a function in a Python file (`mechanism.user_code`). The description says what has to
-be known without running it: drives, bodies, joints, and the checksum of the file. Running a file is
+The geometry is a function in a Python file (`mechanism.user_code`). The description says what has
+to be known without running it: drives, bodies, joints, the checksum of the file. Running a file is
 never a description's doing: the user names the file, on the command line or by `use_mechanism`.
 """
 
