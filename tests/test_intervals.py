@@ -12,6 +12,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.model import IdentifiedModel, Parameter, Settings
+from deltaid.identification.scatter import Scatter
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
@@ -160,3 +161,20 @@ def test_a_prior_that_the_recording_contradicts_is_named(case, tmp_path: Path) -
     assert "Ixx_S = 0.02" in warning
     assert "outside of their intervals" in warning
     assert case[0].model.warnings == ()  # a prior that is off by 40 to 100 % is not contradicted
+
+
+def test_variances_from_few_groups_are_unbiased_with_the_freedom_that_they_say() -> None:
+    # White noise of level one in four groups of unequal share. What the fit takes of each group's
+    # own noise makes the groups scatter less, by more than a quarter of all with so few of them.
+    rng, n, draws = np.random.default_rng(0), 3, 4000
+    rows = [rng.standard_normal((m, n)) for m in (4, 6, 9, 15)]
+    L = np.linalg.cholesky(sum(A.T @ A for A in rows))
+    rows = [np.linalg.solve(L, A.T).T for A in rows]  # their shares add up to one
+    shares = np.stack([A.T @ A for A in rows])
+    own = np.stack([rng.standard_normal((draws, len(A))) @ A for A in rows])
+    scores = own - own.sum(axis=0) @ shares  # of the residuals, group by group
+    U = np.array([[3.0], [-2.0], [1.0]])
+    found = [Scatter(shares, scores[:, k]).variances(U) for k in range(draws)]
+    v, freedom = np.array([one[0][0] for one in found]), found[0][1][0]
+    assert v.mean() == pytest.approx(np.sum(U**2), rel=0.05)
+    assert 2 * v.mean() ** 2 / v.var() == pytest.approx(freedom, rel=0.1)
