@@ -1,5 +1,6 @@
 """What goes wrong on the command line: one message on standard error, code 2, nothing written."""
 
+import ast
 import errno
 import os
 import re
@@ -10,7 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import deltaid
 from command import refused, run
+from deltaid import errors
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
@@ -21,6 +24,7 @@ from deltaid.robot.load import catalogue_text
 from logs import names, recorded, text, write
 
 ROBOT = "clavel-delta3"
+ERRORS = [name for name in vars(errors) if name.endswith("Error")]
 
 
 @pytest.fixture(scope="module")
@@ -315,3 +319,23 @@ def test_damaged_files_on_the_command_line(folder: Path, in_model: bool, changes
     assert outcome.err.count("error:") == (outcome.code == 2)
     assert out.exists() == (outcome.code == 0)
     out.unlink(missing_ok=True)
+
+
+def _raised() -> list[tuple[str, set[str], str]]:
+    """Place, keywords and text of all errors that reading, writing and commands may raise."""
+    found, package = [], Path(deltaid.__file__).parent
+    for path in sorted(p for p in package.rglob("*.py") if p.parent.name != "identification"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ERRORS and node.args:
+                keywords = {keyword.arg or "" for keyword in node.keywords}
+                found.append((f"{path.name}:{node.lineno}", keywords, ast.unparse(node.args[0])))
+    return found
+
+
+def test_every_error_says_where_and_how_to_mend_it() -> None:
+    """The cure may be in the sentence itself: what must be, or what to give instead."""
+    raised = _raised()
+    assert len(raised) > 80
+    for place, keywords, what in raised:
+        assert "where" in keywords or "called '" in what, place
+        assert "cure" in keywords or "must " in what or "give " in what, place

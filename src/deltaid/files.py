@@ -113,7 +113,7 @@ def _begin(path: Path) -> tuple[Path, int, str]:
         if target.is_dir():
             raise DeltaidError("is a folder; give the name of a file", where=str(path))
         if target.exists() and not target.is_file():
-            raise DeltaidError("is no regular file", where=str(path))
+            raise DeltaidError("is no regular file; give another name", where=str(path))
         folder = next(folder for folder in target.parents if folder.exists())
         if not folder.is_dir():
             raise DeltaidError(

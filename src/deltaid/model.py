@@ -46,6 +46,7 @@ class Model:
             raise DescriptionError(
                 f"has {self.p.size} parameters, but the robot has {len(self.layout.names)}",
                 where=where,
+                cure="give one for each name in model.layout.names, in that order",
             )
         for name in self.layout.bodies:
             body = self.body(name)

@@ -20,7 +20,7 @@ def demo(
     robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file.")] = "irb360-6-1600",
     seed: Annotated[int, typer.Option(help="Seed of truth, motions and noise.", min=0)] = 0,
     noise: Annotated[
-        float, typer.Option(help="Torque noise as a share of the largest torque, 0 to 1.")
+        float, typer.Option(help="Torque noise as a share of the largest torque.", min=0, max=1)
     ] = 0.02,
     keep: Annotated[
         Path | None, typer.Option(help="Folder to keep robot, logs and model in.")
@@ -30,12 +30,11 @@ def demo(
 
     The truth is up to 30 % away from the prior; the log has encoder steps and torque noise.
     """
-    from deltaid.cli.output import progress, within
+    from deltaid.cli.output import progress
     from deltaid.files import require_writable, together, write_bytes
     from deltaid.identification.demo import FILES, demonstrate
     from deltaid.robot.load import load_robot
 
-    within("--noise", noise, (0.0, 1.0))
     description = load_robot(robot)
     if keep is not None:
         for name in FILES:

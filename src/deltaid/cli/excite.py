@@ -49,7 +49,7 @@ def excite(
         int, typer.Option(help="Run it so often, for averaging.", min=1, max=1000)
     ] = 1,
     velocity_weight: Annotated[
-        float, typer.Option(help="Weight w of the speed term in eq. (9).")
+        float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0, max=1e6)
     ] = 0.1,
     torque_noise: Annotated[
         float, typer.Option(help="Torque noise for the prediction, share of the largest torque.")
@@ -84,7 +84,6 @@ def excite(
     positive("--duration", duration, (0.1, 3600.0))
     positive("--torque-noise", torque_noise, (1e-9, 10.0))
     positive("--rate", rate, (1.0, 1e5))
-    within("--velocity-weight", velocity_weight, (0.0, 1e6))
     within("--duration times --repeats", duration * repeats, (0.0, LONGEST))
     within("rows (duration, repeats, rate)", duration * repeats * rate, (0.0, MOST_ROWS))
     picture = plot.suffix.lower().lstrip(".") if plot else ""

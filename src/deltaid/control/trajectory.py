@@ -118,5 +118,7 @@ def open_trajectory(
         raise RecordingError(
             f"has {len(time)} samples, too few for a motion (at least {_DEGREE + 1})",
             where=str(path),
+            cure="give a longer one; without velocities and accelerations the filter's length is "
+            "lost at either end",
         )
     return SampledTrajectory(kinematics, time, q), log

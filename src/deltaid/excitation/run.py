@@ -78,6 +78,7 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
     raise DeltaidError(
         f"the motion cannot be reached from rest within its limits: at best a limit is exceeded by "
         f"{100 * (best - 1):.2g} %",
+        where="drive_limits",
         cure="leave some room in the torque limits of the description",
     )
 

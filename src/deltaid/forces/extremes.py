@@ -102,7 +102,12 @@ def extremes(
         values = np.where(better, found, values)
         samples = np.where(better[..., None], rows, samples)
     if not values.size:
-        raise RecordingError("the motion has no samples")
+        raise RecordingError(
+            "has no samples left",
+            where="motion",
+            cure="give a longer one; without velocities and accelerations the filter's length is "
+            "lost at either end",
+        )
     return Extremes(forces.names, forces.units, values, samples)
 
 

@@ -297,6 +297,7 @@ class _Ball:
         if str(solution.status) not in ("Solved", "AlmostSolved"):
             raise IdentificationError(
                 f"the range of a force was not found: the solver ended with {solution.status}",
+                where="--logs",
                 cure="check that these are the recordings that the model was identified from",
             )
         return np.array(solution.x)[:n]

@@ -69,7 +69,11 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
     if not given or limbs is None:
         return model
     if limbs.struts_per_limb == 1:
-        raise DescriptionError("limbs of one strut have no spacing and no sockets", where="limbs")
+        raise DescriptionError(
+            "limbs of one strut have no spacing and no sockets",
+            where="limbs",
+            cure="leave --strut-spacing and --socket-force out, or set limbs.struts_per_limb to 2",
+        )
     robot = model.robot.changed(limbs=limbs.changed(**given))
     return replace(model, robot=robot)
 

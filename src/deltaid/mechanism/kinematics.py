@@ -312,7 +312,11 @@ def _as_samples(x: Float[np.ndarray, "..."], dof: int) -> Samples:
     """One or many samples as rows."""
     rows = np.atleast_2d(np.asarray(x, dtype=float))
     if rows.shape[-1] != dof or rows.ndim != 2:
-        raise KinematicsError(f"expected arrays of shape (samples, {dof}), got {rows.shape}")
+        raise KinematicsError(
+            f"expected arrays of shape (samples, {dof}), got {rows.shape}",
+            where="arguments",
+            cure="give one sample a row, or a single sample as a vector",
+        )
     return rows
 
 

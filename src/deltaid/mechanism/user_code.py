@@ -40,9 +40,15 @@ def use_mechanism(path: str | Path) -> str:
         found = runpy.run_path(str(path)).get(FUNCTION)
     except OSError as error:
         reason = error.strerror or error
-        raise DescriptionError(f"cannot be read: {reason}", where=str(path)) from None
+        raise DescriptionError(
+            f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
+        ) from None
     except (Exception, SystemExit) as error:  # what the user's code raises is told as theirs
-        raise DescriptionError(f"fails: {failure(error, path)}", where=str(path)) from None
+        raise DescriptionError(
+            f"fails: {failure(error, path)}",
+            where=str(path),
+            cure="run it alone, as `python FILE.py`, to see the whole traceback",
+        ) from None
     if not callable(found):
         raise DescriptionError(
             f"defines no function `{FUNCTION}`",
@@ -64,6 +70,7 @@ def named_file(own: OwnMechanism) -> NamedFile:
     if own.sha256 is None or own.sha256 not in _files:
         raise DescriptionError(
             "the Python file of this mechanism has not been named",
+            where="mechanism",
             cure="call deltaid.use_mechanism('FILE.py') before, or use deltaid --mechanism FILE.py",
         )
     return _files[own.sha256]

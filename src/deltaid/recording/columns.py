@@ -194,6 +194,7 @@ def _channels(
         raise RecordingError(
             f"lists {len(given)} columns, but the robot has {dof} drives",
             where=f"{source}, {quantity}",
+            cure="list one column a drive, in order of q, or leave the list out",
         )
     return tuple(
         _channel(quantity, column, slides, f"{source}, {quantity}[{i}]")
@@ -221,6 +222,7 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
         raise RecordingError(
             f"unit and gear together make a factor of {factor:g}, which is no number to go on with",
             where=where,
+            cure="check unit, gear and torque_constant; gear is motor revolutions per joint's",
         )
     return Channel(column.column, column.sign * factor, column.zero)
 
@@ -250,4 +252,8 @@ def _require_once(names: list[str], header: tuple[str, ...], where: str, source:
             )
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
-        raise RecordingError(f"column {name} is declared {count} times", where=source)
+        raise RecordingError(
+            f"column {name} is declared {count} times",
+            where=source,
+            cure="give every drive and every quantity a column of its own",
+        )

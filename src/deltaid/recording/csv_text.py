@@ -63,7 +63,11 @@ def read_csv(
 def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
     line = file.readline(_LONGEST_LINE)
     if len(line) == _LONGEST_LINE:
-        raise RecordingError("is too long for a line of CSV", where=f"{path}, row {row}")
+        raise RecordingError(
+            "is too long for a line of CSV",
+            where=f"{path}, row {row}",
+            cure="export the log as CSV with a line break after every sample, or as Parquet",
+        )
     return line
 
 
@@ -113,7 +117,11 @@ def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
     try:
         fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
     except csv.Error as error:
-        raise RecordingError(f"is not a row of column names: {error}", where=place) from None
+        raise RecordingError(
+            f"is not a row of column names: {error}",
+            where=place,
+            cure="mend it, or say with --columns MAPPING.yaml (header_row) where the names are",
+        ) from None
     names = tuple(name.strip() for name in fields)
     if all(_is_number(name) for name in names):
         raise RecordingError(
@@ -159,7 +167,11 @@ def _whole_lines(table: Table) -> Iterator[bytes]:
             else:
                 rest += block
             if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
-                raise RecordingError("has lines that are too long for CSV", where=str(table.path))
+                raise RecordingError(
+                    "has lines that are too long for CSV",
+                    where=str(table.path),
+                    cure="export the log with a line break after every sample, or as Parquet",
+                )
         if rest:
             yield rest
 
@@ -215,7 +227,9 @@ def _require_fields(table: Table, block: bytes, row: int) -> int:
     ragged = np.flatnonzero(fields != len(table.header))
     if unclosed.size and not (ragged.size and ragged[0] < unclosed[0]):
         raise RecordingError(
-            "has a quotation mark that is not closed", where=table.row_place(row + int(unclosed[0]))
+            "has a quotation mark that is not closed",
+            where=table.row_place(row + int(unclosed[0])),
+            cure="repair or remove the row",
         )
     if ragged.size:
         i = int(ragged[0])

@@ -80,7 +80,9 @@ def open_recordings(
         RecordingError: there is none, one cannot be used, or two are the same.
     """
     if not paths:
-        raise RecordingError("no log was given")
+        raise RecordingError(
+            "no log was given", where="logs", cure="give at least one recording, CSV or Parquet"
+        )
     recordings: list[Recording] = []
     for path in paths:
         progress(f"checking {path}")

@@ -50,7 +50,9 @@ def opened(path: Path) -> Generator[BufferedReader, None, None]:
     """
     with readable(path):
         if path.is_dir():
-            raise RecordingError("is a folder, not a log", where=str(path))
+            raise RecordingError(
+                "is a folder, not a log", where=str(path), cure="give the name of a file in it"
+            )
         if path.exists() and not path.is_file():
             raise RecordingError(
                 "is no regular file", where=str(path), cure="a log is read twice, so store it first"
@@ -69,10 +71,14 @@ def readable(path: Path) -> Generator[None, None, None]:
     try:
         yield
     except FileNotFoundError:
-        raise RecordingError("no such file", where=str(path)) from None
+        raise RecordingError(
+            "no such file", where=str(path), cure="check its name and folder"
+        ) from None
     except OSError as error:
         reason = error.strerror or _first_line(error)
-        raise RecordingError(f"cannot be read: {reason}", where=str(path)) from None
+        raise RecordingError(
+            f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
+        ) from None
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise RecordingError(
             f"is no Parquet file, or a damaged one: {_first_line(error)}",

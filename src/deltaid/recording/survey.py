@@ -126,7 +126,9 @@ class Survey:
         """
         where = str(self.table.path)
         if self.samples < 2:
-            raise RecordingError("has fewer than two rows of data", where=where)
+            raise RecordingError(
+                "has fewer than two rows of data", where=where, cure="give a whole recording"
+            )
         self._check_rate()
         self._check_constant()
         self.warnings += self.derivatives.warnings(where)

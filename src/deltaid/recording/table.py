@@ -48,7 +48,7 @@ def open_table(path: Path, header_row: int = 1, data_row: int | None = None) -> 
     with opened(path) as file:
         start = file.read(8)
     if not start:
-        raise RecordingError("is empty", where=str(path))
+        raise RecordingError("is empty", where=str(path), cure="copy or export it again")
     if start.startswith(SIGNATURE) or path.suffix.lower() in (".parquet", ".pq"):
         return open_parquet(path)
     for signature, kind in _FOREIGN.items():

@@ -188,7 +188,11 @@ def read_text(path: Path) -> str:
     data = b""
     try:
         if path.is_dir():
-            raise DescriptionError("is a folder, not a file", where=str(path))
+            raise DescriptionError(
+                "is a folder, not a file",
+                where=str(path),
+                cure="give the name of a file in it",
+            )
         with path.open("rb") as file:
             data = file.read(_LARGEST + 1)
         if len(data) > _LARGEST:
@@ -199,20 +203,32 @@ def read_text(path: Path) -> str:
             )
         return data.decode("utf-8-sig")
     except FileNotFoundError:
-        raise DescriptionError("no such file", where=str(path)) from None
+        raise DescriptionError(
+            "no such file", where=str(path), cure="check its name and folder"
+        ) from None
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise DescriptionError("is not text in UTF-8", where=f"{path}, line {line}") from None
+        raise DescriptionError(
+            "is not text in UTF-8",
+            where=f"{path}, line {line}",
+            cure="save it as UTF-8; is it a log? the order of arguments is in --help",
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise DescriptionError(f"cannot be read: {reason}", where=str(path)) from None
+        raise DescriptionError(
+            f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
+        ) from None
 
 
 def _tree(text: str, where: str) -> Entry:
     """The mapping that a text holds."""
     tree = read_tree(text, where)
     if tree is None or tree.value is None:
-        raise DescriptionError("is empty", where=where)
+        raise DescriptionError(
+            "is empty",
+            where=where,
+            cure="`deltaid robots clavel-delta3` prints a description to start from",
+        )
     if not isinstance(tree.value, dict):
         raise DescriptionError(
             "does not hold keys with values, such as `name: my-robot`",
