@@ -20,6 +20,14 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.identification.friction_options import (
+    Options,
+    additions,
+    neighbours,
+    only,
+    plain_law,
+    remaining,
+)
 from deltaid.identification.friction_record import AdditionKind, FrictionChoice, FrictionTrial
 from deltaid.identification.friction_search import (
     FrictionSearch,
@@ -31,19 +39,13 @@ from deltaid.identification.friction_search import (
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import EXPONENTS, Friction, FrictionTerm, PowerLaw, Stribeck
+from deltaid.robot.friction import Friction, FrictionTerm
 
 # An addition is taken when its gain is so many times the standard error of the gain over the folds:
 # with some twenty additions tried at each step, chance alone seldom reaches it.
 _SIGNIFICANT = 3.0
-# First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
-_EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
-_SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
-_FORMS = (1.0, 2.0)
 # Refinements: how often, and the ratio of neighbours on the first grid, whose root follows.
 _TURNS, _SPACING = 4, 1.7
-
-Options = dict[AdditionKind, list[Friction]]
 
 
 @dataclass(frozen=True)
@@ -72,11 +74,11 @@ def choose_friction(
     Raises:
         IdentificationError: the motion does not determine the rigid-body parameters.
     """
-    plain = _with_laws(robot, {j: _plain(law) for j, law in robot.friction.items()})
+    plain = _with_laws(robot, {j: plain_law(law) for j, law in robot.friction.items()})
     progress("preparing friction laws")
     speeds, p = first_look(plain, recordings)
     options = {
-        j: _options(law, speeds[j], drive=j in robot.drives) for j, law in plain.friction.items()
+        j: additions(law, speeds[j], drive=j in robot.drives) for j, law in plain.friction.items()
     }
     tried = [(j, law) for j, kinds in options.items() for laws in kinds.values() for law in laws]
     search = prepare(plain, recordings, _further_terms(plain, tried), p)
@@ -85,7 +87,7 @@ def choose_friction(
     laws = dict(plain.friction) | {step.joint: step.law for step in steps}
     search, laws = _refine(plain, recordings, laws, p, search, progress)
     kept = _thin_out(search, plain, laws, steps)
-    laws = dict(plain.friction) | {j: _only(laws[j], kept[j]) for j in kept}
+    laws = dict(plain.friction) | {j: only(laws[j], kept[j]) for j in kept}
     choice = FrictionChoice(
         folds=len(search.folds),
         plain_error=_share(search, _errors(search, plain, plain.friction)),
@@ -110,7 +112,7 @@ def _extend(
         best = _simplest(max(useful, key=lambda trial: trial.gain), useful)
         steps.append(best)
         laws[best.joint] = best.law
-        options[best.joint] = _remaining(best.law, options[best.joint], best.addition)
+        options[best.joint] = remaining(best.law, options[best.joint], best.addition)
 
 
 def _thin_out(
@@ -121,61 +123,14 @@ def _thin_out(
     for step in steps:
         kept[step.joint].add(step.addition)
     for step in reversed(steps):
-        now = dict(laws) | {j: _only(laws[j], kept[j]) for j in kept}
+        now = dict(laws) | {j: only(laws[j], kept[j]) for j in kept}
         fewer = kept[step.joint] - {step.addition}
-        without = now | {step.joint: _only(laws[step.joint], fewer)}
+        without = now | {step.joint: only(laws[step.joint], fewer)}
         errors = _errors(search, robot, now)
         gains = _errors(search, robot, without) - errors
         if not _significance(gains) > _SIGNIFICANT:
             kept[step.joint] = fewer
     return kept
-
-
-def _options(law: Friction, speed: float, *, drive: bool) -> Options:
-    """Laws with one more term; priors of the new coefficients come from the Coulomb prior."""
-    c = law.coulomb
-
-    def more(**terms: object) -> Friction:
-        return law.changed(**terms)
-
-    options: Options = {
-        "offset": [more(offset=0.1 * c)],
-        "both_ways": [more(viscous_back=law.viscous, coulomb_back=c)],
-        "power": [
-            more(power=PowerLaw(coefficient=0.3 * c / speed**e, exponent=e)) for e in _EXPONENTS
-        ],
-        "stribeck": [
-            more(stribeck=Stribeck(coefficient=0.3 * c, speed=share * speed, exponent=form))
-            for share in _SPEEDS
-            for form in _FORMS
-        ],
-    }
-    if drive:
-        options["load"] = [more(load=0.05)]
-    return options
-
-
-def _only(law: Friction, kinds: set[AdditionKind]) -> Friction:
-    """A law's viscous and Coulomb terms and of the others only those of some kinds."""
-    terms = {"both_ways": ("viscous_back", "coulomb_back")}
-    names = [name for kind in kinds for name in terms.get(kind, (kind,))]
-    return _plain(law).changed(**{name: getattr(law, name) for name in names})
-
-
-def _remaining(law: Friction, options: Options, taken: AdditionKind) -> Options:
-    """What may still be added to a law that has been extended.
-
-    Laws with both directions have no offset, because both say the same.
-    """
-    barred = {taken, *({"offset", "both_ways"} if taken in ("offset", "both_ways") else ())}
-    own = {
-        name: value for name in type(law).model_fields if (value := getattr(law, name)) is not None
-    }
-    return {
-        kind: [option.changed(**own) for option in laws]
-        for kind, laws in options.items()
-        if kind not in barred
-    }
 
 
 def _trials(
@@ -249,7 +204,7 @@ def _refine(
     curved = [j for j, law in laws.items() if law.power or law.stribeck]
     for turn in range(_TURNS if curved else 0):
         progress(f"refining the constants of friction, {turn + 1} of {_TURNS}")
-        near = {j: _near(laws[j], spacing) for j in curved}
+        near = {j: neighbours(laws[j], spacing) for j in curved}
         everything = [(j, law) for j in laws for law in (*near.get(j, ()), laws[j])]
         search = prepare(robot, recordings, _further_terms(robot, everything), p)
         for joint, variants in near.items():
@@ -257,25 +212,6 @@ def _refine(
             laws[joint] = variants[search.best(columns)]
         spacing **= 0.5
     return search, laws
-
-
-def _near(law: Friction, spacing: float) -> list[Friction]:
-    """A law with its constants up to one spacing up and down."""
-    factors = [spacing**share for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-    powers, stribecks = [law.power], [law.stribeck]
-    if (power := law.power) is not None:
-        powers = [power.changed(exponent=_limited(power.exponent * f)) for f in factors]
-    if (s := law.stribeck) is not None:
-        stribecks = [
-            s.changed(speed=s.speed * f, exponent=_limited(s.exponent * g))
-            for f in factors
-            for g in factors
-        ]
-    return [law.changed(power=p, stribeck=s) for p in powers for s in stribecks]
-
-
-def _limited(exponent: float) -> float:
-    return float(np.clip(exponent, *EXPONENTS))
 
 
 def _further_terms(
@@ -291,12 +227,8 @@ def _further_terms(
     return tuple(terms.values())
 
 
-def _plain(law: Friction) -> Friction:
-    return Friction(viscous=law.viscous, coulomb=law.coulomb)
-
-
 def _with_laws(robot: RobotDescription, laws: Laws) -> RobotDescription:
-    return robot.changed(friction=dict(laws))
+    return robot.model_copy(update={"friction": dict(laws)})
 
 
 def _share(search: FrictionSearch, errors: Float[np.ndarray, " folds"]) -> float:

@@ -174,15 +174,12 @@ def first_look(
     p = np.zeros(len(dynamics.layout.names))
     p[information.columns], *_ = np.linalg.lstsq(factor[:, :-1], factor[:, -1])
     norms = np.sqrt(np.sum(information.factors**2, axis=(0, 1)))
-    names, columns = dynamics.layout.names, list(information.columns)
-
-    def norm(name: str) -> float:
-        return float(norms[columns.index(names.index(name))])
-
-    speeds = {
-        j: max(norm(f"viscous.{j}") / max(norm(f"coulomb.{j}"), 1e-300), 1e-6)
-        for j in robot.friction_joints
-    }
+    viscous, coulomb = (
+        norms[np.searchsorted(information.columns, range(len(p))[part])]
+        for part in (dynamics.layout.viscous, dynamics.layout.coulomb)
+    )
+    speed = np.maximum(viscous / np.maximum(coulomb, 1e-300), 1e-6)
+    speeds = dict(zip(robot.friction_joints, speed.tolist(), strict=True))
     return speeds, p
 
 
