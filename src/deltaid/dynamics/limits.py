@@ -24,14 +24,34 @@ def kinematic_limits(
     robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion
 ) -> tuple[Limit, ...]:
     """All limits that the description states, but for torques."""
-    return (
-        *workspace_limits(robot, motion.z),
-        *_platform(robot, motion),
-        *_drives(robot, motion),
-        *_joints(robot, mechanism),
-        Limit("distance from singularity", motion.condition / robot.largest_condition, False),
-        *_hold(robot, mechanism),
+    drives = (
+        limit
+        for i in range(len(robot.drives))
+        for limit in (*_range(robot, mechanism, i), *_drive_rates(robot, motion, i))
     )
+    return (
+        *workspace_limits(robot, mechanism.z),
+        *_platform_rates(robot, motion),
+        *drives,
+        *_joints(robot, mechanism),
+        *_regularity(robot, mechanism),
+    )
+
+
+def pose_limits(robot: RobotDescription, mechanism: Mechanism) -> tuple[Limit, ...]:
+    """Those that a robot at rest can break."""
+    ranges = (limit for i in range(len(robot.drives)) for limit in _range(robot, mechanism, i))
+    return (
+        *workspace_limits(robot, mechanism.z),
+        *ranges,
+        *_joints(robot, mechanism),
+        *_regularity(robot, mechanism),
+    )
+
+
+def _regularity(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
+    share = mechanism.condition / robot.largest_condition
+    return [Limit("distance from singularity", share, False), *_hold(robot, mechanism)]
 
 
 def _hold(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
@@ -67,7 +87,7 @@ def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
             ]
 
 
-def _platform(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
+def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
     limits = []
     for i, axis in enumerate("xyz"):
         limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
@@ -86,21 +106,22 @@ def torque_limits(robot: RobotDescription) -> dict[int, float]:
     return {i: d.effort for i, d in given.items() if d is not None and d.effort is not None}
 
 
-def _drives(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
-    limits = []
-    for i, drive in enumerate(robot.drives):
-        given = robot.drive_limits.get(drive)
-        if given is None:
-            continue
-        if given.range is not None:
-            limits.append(
-                _between(f"{drive} {robot.units(drive).motion}", motion.q[i], given.range)
-            )
-        if given.top_speed is not None:
-            limits.append(Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True))
-        if given.top_acceleration is not None:
-            share = motion.qdd[i] / given.top_acceleration
-            limits.append(Limit(f"{drive} acceleration", share, True))
+def _range(robot: RobotDescription, mechanism: Mechanism, i: int) -> list[Limit]:
+    drive = robot.drives[i]
+    given = robot.drive_limits.get(drive)
+    if given is None or given.range is None:
+        return []
+    return [_between(f"{drive} {robot.units(drive).motion}", mechanism.q[i], given.range)]
+
+
+def _drive_rates(robot: RobotDescription, motion: TaskMotion, i: int) -> list[Limit]:
+    drive, limits = robot.drives[i], []
+    given = robot.drive_limits.get(drive)
+    if given is not None and given.top_speed is not None:
+        limits.append(Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True))
+    if given is not None and given.top_acceleration is not None:
+        share = motion.qdd[i] / given.top_acceleration
+        limits.append(Limit(f"{drive} acceleration", share, True))
     return limits
 
 

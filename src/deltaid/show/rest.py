@@ -7,10 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.equations import TaskMotion
 from deltaid.dynamics.limits import (
     Limit,
-    kinematic_limits,
+    pose_limits,
     torque_limits,
     workspace_limits,
 )
@@ -64,7 +63,7 @@ class AtRest:
         self.dynamics, self.p = dynamics, p
         self.robot: RobotDescription = dynamics.robot
         mechanism = dynamics.kinematics.mechanism
-        posed = _pose_limits(self.robot, mechanism)
+        posed = pose_limits(self.robot, mechanism)
         efforts = torque_limits(self.robot)
         self.limits: tuple[str, ...] = (
             *(limit.name for limit in posed),
@@ -124,20 +123,3 @@ class AtRest:
 
 def _named(robot: RobotDescription, efforts: dict[int, float]) -> list[str]:
     return [robot.drives[i] for i in efforts]
-
-
-def _pose_limits(robot: RobotDescription, mechanism: Mechanism) -> tuple[Limit, ...]:
-    """All limits that depend on the pose when nothing moves."""
-    still = ca.SX.zeros(mechanism.dof)
-    motion = TaskMotion(
-        z=mechanism.z,
-        zd=still,
-        zdd=still,
-        q=mechanism.q,
-        qd=still,
-        qdd=still,
-        Y=ca.SX(0, 0),  # no limit of the kinematics looks at it
-        condition=mechanism.condition,
-    )
-    limits = kinematic_limits(robot, mechanism, motion)
-    return tuple(limit for limit in limits if ca.depends_on(limit.u, mechanism.z))
