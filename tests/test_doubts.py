@@ -33,6 +33,11 @@ def test_a_healthy_recording_raises_no_doubts(warnings) -> None:
     assert warnings(lambda tau, _: tau) == ()
 
 
+def test_noise_alone_raises_no_doubts(warnings) -> None:
+    rng = np.random.default_rng(1)
+    assert warnings(lambda tau, _: tau * (1 + 0.3 * rng.standard_normal(tau.shape))) == ()
+
+
 def test_a_drive_that_friction_pushes_is_of_no_robot(warnings) -> None:
     (told,) = warnings(lambda tau, qd: tau - [4.0, 0.0, 0.0] * qd)
     assert "the torque error that is possible without physical consistency" in told

@@ -106,6 +106,10 @@ def test_noisy_log_predicts_as_well_as_the_truth(noisy, share: float) -> None:
     theirs, _ = validate(true_model, folder / "verify.csv")
     assert np.all(ours.rms < 1.05 * theirs.rms)
     assert np.all(ours.rms_unfiltered < 1.05 * theirs.rms_unfiltered)
+    # Of the truth all of the noise is left, white and ripple.
+    tau = np.loadtxt(folder / "verify.csv", delimiter=",", skiprows=1)[:, 1 + oracle.dof :]
+    noise = np.hypot(0.02, 0.005 / np.sqrt(2)) * np.abs(tau).max(axis=0)
+    np.testing.assert_allclose(theirs.rms_unfiltered, noise, rtol=0.15)
 
 
 def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
