@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from command import run
+from deltaid.dynamics import dynamics
 from deltaid.errors import DeltaidError
 from deltaid.kernel import batch, store
 from deltaid.kernel.batch import BatchKernel
@@ -102,6 +103,7 @@ def test_another_machine_or_version_has_entries_of_its_own(
 
 def test_without(folder: Path, compiled: list[str], monkeypatch) -> None:
     kernel()
+    dynamics._compiled.cache_clear()
     assert run("--no-cache", "base", "clavel-delta3").code == 0
     before = len(compiled)
     assert before > 2

@@ -104,5 +104,5 @@ def test_an_identification_has_the_same_bits_on_any_number_of_threads(
     for count in COUNTS:
         with threads(count):
             result = deltaid.identify(deltaid.load_robot("clavel-delta3"), [log])
-        found.append((result.model.model_dump_json(), result.problem.groups.places.tobytes()))
+        found.append((result.model.model_dump_json(), result.problem.gathered.places.tobytes()))
     assert found[0] == found[1] == found[2]
