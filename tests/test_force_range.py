@@ -20,6 +20,7 @@ from deltaid.forces.unknowns import Block, Unknowns, unknowns
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.identification.model import IdentifiedModel
+from deltaid.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,
@@ -102,7 +103,7 @@ def test_what_base_parameters_determine_has_their_interval(noisy: Job) -> None:
     the description holds at zero left out, from the regressor's rows themselves."""
     weak = noisy.model.settings.changed(prior_spread=100.0)
     model = noisy.model.changed(settings=weak)
-    known, information = Determinacy(model, noisy.known.base), noisy.evidence.information
+    known, information = Determinacy(load(model), noisy.known.base), noisy.evidence.information
     known.unknowns = replace(known.unknowns, blocks=())
     ranges = Ranges(noisy.evidence, known, noisy.model.p)
     A = known.unknowns.A

@@ -144,11 +144,11 @@ def _write_report(
 
 def print_tables(computed: "ConstraintForces", result: "Study") -> None:
     """Worst cases as tables, and a sentence on what is known of them."""
-    from deltaid.cli.output import console, table
+    from deltaid.cli.output import console, shown
     from deltaid.report.force_rows import tables, what_is_open
 
     for each in tables(result, computed.socket_force):
-        console.print(table(each.title, each.columns, each.rows))
+        console.print(shown(each))
         console.print()
     console.print(what_is_open(result))
 

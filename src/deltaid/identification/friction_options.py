@@ -19,7 +19,7 @@ def additions(law: Friction, speed: float, *, drive: bool) -> Options:
     c = law.coulomb
 
     def more(**terms: object) -> Friction:
-        return law.model_copy(update=terms)
+        return law.changed(**terms)
 
     options: Options = {
         "offset": [more(offset=0.1 * c)],
@@ -42,7 +42,7 @@ def only(law: Friction, kinds: set[AdditionKind]) -> Friction:
     """A law's viscous and Coulomb terms and of the others only those of some kinds."""
     terms = {"both_ways": ("viscous_back", "coulomb_back")}
     names = [name for kind in kinds for name in terms.get(kind, (kind,))]
-    return plain_law(law).model_copy(update={name: getattr(law, name) for name in names})
+    return plain_law(law).changed(**{name: getattr(law, name) for name in names})
 
 
 def remaining(law: Friction, options: Options, taken: AdditionKind) -> Options:
@@ -55,7 +55,7 @@ def remaining(law: Friction, options: Options, taken: AdditionKind) -> Options:
         name: value for name in type(law).model_fields if (value := getattr(law, name)) is not None
     }
     return {
-        kind: [option.model_copy(update=own) for option in laws]
+        kind: [option.changed(**own) for option in laws]
         for kind, laws in options.items()
         if kind not in barred
     }
@@ -66,16 +66,14 @@ def neighbours(law: Friction, spacing: float) -> list[Friction]:
     factors = [spacing**share for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     powers, stribecks = [law.power], [law.stribeck]
     if (power := law.power) is not None:
-        powers = [
-            power.model_copy(update={"exponent": _limited(power.exponent * f)}) for f in factors
-        ]
+        powers = [power.changed(exponent=_limited(power.exponent * f)) for f in factors]
     if (s := law.stribeck) is not None:
         stribecks = [
-            s.model_copy(update={"speed": s.speed * f, "exponent": _limited(s.exponent * g)})
+            s.changed(speed=s.speed * f, exponent=_limited(s.exponent * g))
             for f in factors
             for g in factors
         ]
-    return [law.model_copy(update={"power": p, "stribeck": s}) for p in powers for s in stribecks]
+    return [law.changed(power=p, stribeck=s) for p in powers for s in stribecks]
 
 
 def _limited(exponent: float) -> float:

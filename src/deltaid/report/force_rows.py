@@ -1,26 +1,17 @@
 """Tables of constraint forces, for the terminal and for the report."""
 
 from collections import Counter
-from dataclasses import dataclass
 
 from deltaid.forces.study import Finding, Study
 from deltaid.report.numbers import number, span, with_uncertainty
+from deltaid.report.table import Table
 
 _WORDS = {"tension": "largest force", "compression": "least force", "socket": "least margin"}
 # Open entries that a sentence names.
 _NAMED = 8
 
 
-@dataclass(frozen=True)
-class Rows:
-    """A table of finished cells."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def tables(study: Study, socket_force: float | None) -> tuple[Rows, ...]:
+def tables(study: Study, socket_force: float | None) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
     found = [_struts(study)]
     if socket_force is not None:
@@ -28,7 +19,11 @@ def tables(study: Study, socket_force: float | None) -> tuple[Rows, ...]:
     return (*found, _loads(study))
 
 
-def _struts(study: Study) -> Rows:
+def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
+    return Table(columns, tuple(rows), f"{title}.", title=title)
+
+
+def _struts(study: Study) -> Table:
     tension, compression = _of(study, "tension"), _of(study, "compression")
     rows = [
         (most.worst.part, *_cells(most), *_cells(least))
@@ -36,26 +31,26 @@ def _struts(study: Study) -> Rows:
     ]
     how = _heading(study)
     columns = ("strut", "largest", how, "at, s", "least", how, "at, s")
-    return Rows("force along the struts, N; tension is positive", columns, tuple(rows))
+    return _titled("force along the struts, N; tension is positive", columns, rows)
 
 
-def _sockets(study: Study, socket_force: float) -> Rows:
+def _sockets(study: Study, socket_force: float) -> Table:
     rows = []
     for finding in _of(study, "socket"):
         end = finding.worst.channel.split(".")[1]
         rows.append((finding.worst.part, end, *_cells(finding, socket_force)))
     columns = ("strut", "at the", "least margin", _heading(study), "at, s")
     title = f"margin of the ball joints, N; springs hold them with {number(socket_force)} N"
-    return Rows(title, columns, tuple(rows))
+    return _titled(title, columns, rows)
 
 
-def _loads(study: Study) -> Rows:
+def _loads(study: Study) -> Table:
     rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _of(study, "load")]
     columns = ("load", "unit", "largest", _heading(study), "at, s")
-    return Rows("loads of the other joints, each where its size is largest", columns, tuple(rows))
+    return _titled("loads of the other joints, each where its size is largest", columns, rows)
 
 
-def places(study: Study) -> Rows:
+def places(study: Study) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
     found = [f.worst for kind in ("tension", "compression", "socket") for f in _of(study, kind)]
     coordinates = ("x, m", "y, m", "z, m", "ψ, rad")[: len(found[0].at.z)]
@@ -64,7 +59,7 @@ def places(study: Study) -> Rows:
         for w in found
     ]
     columns = ("strut", "worst", "at, s", *coordinates)
-    return Rows("where the platform is then", columns, tuple(rows))
+    return _titled("where the platform is then", columns, rows)
 
 
 def open_entries(study: Study) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from deltaid.model import ModelLike, load
 from deltaid.report import style
 from deltaid.report.force_rows import places, tables, what_is_open
 from deltaid.report.numbers import number
-from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
+from deltaid.report.page import Fact, Figure, Page, Section, Text
 from deltaid.report.provenance import provenance_section
 
 # Stretches that a figure shows, each by its least and its largest force.
@@ -48,14 +48,13 @@ def forces_page(
     """Everything about the forces of a model along a motion."""
     model = load(model)
     found = (*tables(study, forces.socket_force), places(study))
-    worst = tuple(Table(t.columns, t.rows, f"{t.title}.") for t in found)
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Constraint forces along {name}, parameters: {model.origin}",
         facts=_facts(study, forces.socket_force),
         sections=(
             Section("Along the struts", (_over_time(forces, envelope),)),
-            Section("Worst cases", (*worst, Text(f"{what_is_open(study)}."))),
+            Section("Worst cases", (*found, Text(f"{what_is_open(study)}."))),
             provenance_section(model, "The model"),
         ),
         warnings=(forces.note,) if forces.note else (),

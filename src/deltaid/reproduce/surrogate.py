@@ -192,7 +192,7 @@ def _descents(
     """All minimisers on the recording without noise, from either prior."""
     descents = {}
     for fit in fits:
-        if fit.noisy or fit.method != "conic":
+        if fit.noisy or not fit.certified:
             continue
         progress(f"watching other minimisers from {fit.prior}")
         objective = replace(fit.identification.problem.objective, gamma=settings.descent_gamma)
@@ -210,7 +210,7 @@ def _sweeps(
 ) -> tuple[Sweep, ...]:
     sweeps = []
     for fit in fits:
-        if fit.method != "conic":
+        if not fit.certified:
             continue
         progress(f"varying γ from {fit.prior}, {'with' if fit.noisy else 'without'} noise")
         points = sweep(

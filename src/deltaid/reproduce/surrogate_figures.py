@@ -188,7 +188,7 @@ def sweep_figure(result: Reproduction) -> Figure:
 
 def _pictured(result: Reproduction) -> tuple[Fit, ...]:
     """The certified fits, those without noise first."""
-    return tuple(fit for fit in result.fits if fit.method == "conic")
+    return tuple(fit for fit in result.fits if fit.certified)
 
 
 def _line(

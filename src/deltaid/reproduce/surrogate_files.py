@@ -54,7 +54,7 @@ def write_files(result: Reproduction, folder: Path) -> None:
     for name, recording in result.recordings.items():
         write_recording(recording, folder / name)
     for fit in result.fits:
-        if fit.method == "conic":
+        if fit.certified:
             fit.identification.model.save(folder / model_name(fit))
     with written_whole(folder / RESULTS) as file:
         json.dump(as_dictionary(result), file, indent=1, allow_nan=False, ensure_ascii=False)
@@ -72,7 +72,7 @@ def as_dictionary(result: Reproduction) -> dict[str, Any]:
     columns = {"nominal": result.truth}
     for fit in result.fits:
         reduction = fit.identification.problem.reduction
-        if fit.method == "conic":
+        if fit.certified:
             columns[fit.prior] = reduction.p_reg
             columns[model_name(fit).removesuffix(".yaml")] = fit.identification.model.p
     return {

@@ -7,6 +7,7 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.excitation.run import Run
+from deltaid.identification.fit import SOLVERS
 from deltaid.identification.identify import Identification
 from deltaid.identification.options import Method
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, MotionTerms
@@ -81,6 +82,11 @@ class Fit:
     accuracy: Accuracy
     verified: Accuracy
     terms: MotionTerms
+
+    @property
+    def certified(self) -> bool:
+        """Whether its solver certifies the optimum by itself."""
+        return SOLVERS[self.method].certifies
 
 
 @dataclass(frozen=True)
