@@ -92,7 +92,8 @@ class LimbShape:
             square = x**2 + y**2 + z**2 + self.arm**2 - self.strut**2
             swing = np.arccos(square / (2 * self.arm * np.hypot(x, z)))
         angle = np.arctan2(-z, x) - (swing if self.outwards else -swing)
-        return float(np.arctan2(np.sin(angle), np.cos(angle)))
+        middle = 0.0 if self.outwards else 0.5 * np.pi  # an arm folded inwards passes 180°
+        return float(middle + np.arctan2(np.sin(angle - middle), np.cos(angle - middle)))
 
     def tip(self, q: float) -> Array:
         """Upper end of the strut in the world."""

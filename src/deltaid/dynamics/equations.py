@@ -70,7 +70,7 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
         T=speeds.inverse_jacobian,
         Y=Y,
         torque=with_load_friction(robot, torque, speeds.q.u, p),
-        M=N.T @ (forces.mass_matrix() @ N),
+        M=forces.mass_matrix(N),
         C=_coriolis(forces, motion, N),
         g=N.T @ forces.at_rest(),
         f=f,

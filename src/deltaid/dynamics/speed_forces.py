@@ -55,14 +55,15 @@ class SpeedForces:
         """Inertia and gravity along the motion, without rotors."""
         return self._sum(self.wrench)
 
-    def mass_matrix(self) -> ca.SX:
-        """M with forces M u̇ + …, rotors included."""
+    def mass_matrix(self, N: ca.SX) -> ca.SX:
+        """M on y with u = N ẏ, rotors included; one half of it is computed."""
         M = self._sum(self._mass)
         for k, column in self._coefficients():
             if column.inertia:
                 row = self.joint(column.joint).partial
                 M += self.p[k] * column.inertia * row.T @ row
-        return M
+        M = ca.tril2symm(ca.tril(M))
+        return ca.tril2symm(ca.tril(N.T @ (M @ N)))
 
     def coriolis(self, rates: Sequence[tuple[ca.SX, ca.SX]], spins: Sequence[ca.SX]) -> ca.SX:
         """Columns C with forces C ẏ, from Christoffel symbols.

@@ -72,7 +72,7 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
         [speeds.z.ud],
         [at_rest],
     )
-    M = N.T @ (forces.mass_matrix() @ N)
+    M = forces.mass_matrix(N)
     R = ca.vertcat(ca.SX(0, dof), *[forces.joint(j).partial @ N for j in robot.friction_joints])
     laws = _Laws(robot, R @ zd, tau, p)
     return TaskDynamics(
