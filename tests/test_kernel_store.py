@@ -172,3 +172,17 @@ def test_the_systems_folder(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert store.folder() == tmp_path / ".cache" / "deltaid" / "kernels"
+
+
+def test_a_short_command_loads_neither_scipy_nor_polars() -> None:
+    """Each takes longer than all that `deltaid base` computes once its kernels are kept."""
+    script = (
+        "import sys; from deltaid.cli import main\n"
+        "sys.argv = ['deltaid', 'base', 'clavel-delta3']\n"
+        "try: main()\n"
+        "finally: print({'scipy', 'polars', 'plotly', 'pint'} & sys.modules.keys())"
+    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "set()"

@@ -1,16 +1,19 @@
 """Tables of an identified model, for the terminal and for its page: built once, here."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from deltaid.identification.friction_record import AdditionKind, FrictionChoice
-from deltaid.identification.least_squares import BaseEstimate
-from deltaid.identification.model import BaseParameter, IdentifiedModel, Parameter
-from deltaid.identification.torque_error import TorqueError
-from deltaid.model import Model
 from deltaid.report.numbers import WIDTH, number, percent, with_uncertainty
 from deltaid.report.table import Table
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
+
+if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordings needs
+    from deltaid.identification.least_squares import BaseEstimate
+    from deltaid.identification.model import BaseParameter, IdentifiedModel, Parameter
+    from deltaid.identification.torque_error import TorqueError
+    from deltaid.model import Model
 
 # What ± stands for in tables.
 _HALF_WIDTH = "± (95 %)"
@@ -23,7 +26,7 @@ ADDITIONS: dict[AdditionKind, str] = {
 }
 
 
-def parameter_table(model: IdentifiedModel, truth: Sequence[float] | None = None) -> Table:
+def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = None) -> Table:
     """Prior, value, interval and origin of every parameter that is not zero by structure.
 
     Args:
@@ -54,14 +57,14 @@ def parameter_table(model: IdentifiedModel, truth: Sequence[float] | None = None
     )
 
 
-def origin(parameter: Parameter) -> str:
+def origin(parameter: "Parameter") -> str:
     """What decided a parameter; where it was the prior, how wide the interval of that is."""
     if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
         return parameter.determined_by
     return f"prior ± {percent((parameter.high - parameter.prior) / abs(parameter.prior))}"
 
 
-def _value(parameter: Parameter) -> tuple[str, str]:
+def _value(parameter: "Parameter") -> tuple[str, str]:
     """Value and half the width of its 95 % interval, if the data decided it."""
     if parameter.determined_by == "data":
         if parameter.high is None:  # a model of an earlier version
@@ -71,7 +74,7 @@ def _value(parameter: Parameter) -> tuple[str, str]:
     return bound + number(parameter.value), ""
 
 
-def base_table(parameters: Sequence[BaseParameter]) -> Table:
+def base_table(parameters: "Sequence[BaseParameter]") -> Table:
     """Formula, value and interval of base parameters that a model holds."""
     return _base(
         [p.formula for p in parameters],
@@ -80,7 +83,7 @@ def base_table(parameters: Sequence[BaseParameter]) -> Table:
 
 
 def estimate_table(
-    formulas: Sequence[str], units: Sequence[str], estimate: BaseEstimate | None
+    formulas: Sequence[str], units: Sequence[str], estimate: "BaseEstimate | None"
 ) -> Table:
     """The same of an estimate; without one, formulas alone."""
     if estimate is None:
@@ -103,7 +106,7 @@ def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None
     )
 
 
-def error_table(model: Model, verification: TorqueError | None) -> Table:
+def error_table(model: "Model", verification: "TorqueError | None") -> Table:
     """Torque errors per drive, on the identification's recordings and on another one."""
     fit, units = model.identified and model.identified.fit, model.robot.drive_units
     errors = [error for error in (fit, verification) if error is not None]
