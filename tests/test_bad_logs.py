@@ -213,7 +213,8 @@ def test_no_permission(tmp_path, opened, monkeypatch) -> None:
 
     monkeypatch.setattr(io, "open", denied)  # as root, no permission stops anyone
     message = refusal(opened, path)
-    assert message == f"{path}: cannot be read: Permission denied"
+    reason = f"{path}: cannot be read: Permission denied"
+    assert message == f"{reason}\n  → check its name and permissions"
 
 
 SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
