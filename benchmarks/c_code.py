@@ -40,7 +40,7 @@ from deltaid.export.c_code import c_code
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.urdf import urdf
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot
 

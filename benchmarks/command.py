@@ -37,7 +37,7 @@ from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.identify import identify
-from deltaid.identification.model import Settings
+from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot

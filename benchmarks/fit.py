@@ -53,10 +53,10 @@ from deltaid.identification.fit import pose
 from deltaid.identification.gathering import gather
 from deltaid.identification.information import Information, gather_samples, merge
 from deltaid.identification.log_cholesky import LogCholesky
-from deltaid.identification.model import Settings
 from deltaid.identification.objective import default_gamma
 from deltaid.identification.reduction import build_reduction
 from deltaid.identification.solver import Solution
+from deltaid.model.record import Settings
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (

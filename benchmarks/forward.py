@@ -43,7 +43,7 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.export.mjcf import mjcf
 from deltaid.kernel.batch import BatchKernel
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

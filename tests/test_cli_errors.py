@@ -17,7 +17,7 @@ from deltaid import errors
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text

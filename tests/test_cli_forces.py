@@ -10,8 +10,8 @@ import pytest
 from command import refused, run
 from deltaid.forces.constraint_forces import ConstraintForces, motion_of
 from deltaid.forces.study import with_struts
-from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.validation import model_filtered
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.log import open_log
 
 SPACING, SPRING = 0.12, 60.0

@@ -13,7 +13,7 @@ from deltaid.control.controllers import CONTROLLERS
 from deltaid.control.trajectory import open_trajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue_text, load_robot
 

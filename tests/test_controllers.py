@@ -26,7 +26,7 @@ from deltaid.control.trajectory import Desired, MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.report.page import Table, Text
 from deltaid.report.tracking import comparison_page

@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.columns import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import consistency

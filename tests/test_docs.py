@@ -14,7 +14,7 @@ import typer
 
 import deltaid
 from deltaid.cli.app import app
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.columns import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from sessions import ROOT, SKIPPED, blocks

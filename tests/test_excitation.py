@@ -21,7 +21,7 @@ from deltaid.excitation.optimize import largest_use, optimise, random_start
 from deltaid.excitation.options import CriterionName
 from deltaid.excitation.run import plan_run
 from deltaid.export.options import TargetName
-from deltaid.identification.options import Method
+from deltaid.model.options import Method
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere

@@ -19,7 +19,7 @@ from deltaid.export.mjcf import mjcf
 from deltaid.export.straight_line import Array, straight_line
 from deltaid.export.urdf import urdf
 from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot

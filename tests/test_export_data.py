@@ -20,8 +20,8 @@ from deltaid.export.files import TARGETS, write_export
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
 from deltaid.export.urdf import urdf
-from deltaid.identification.model import IdentifiedModel
-from deltaid.model import Model
+from deltaid.model.model import Model
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.body_inertia import body_inertia, why_not_physical

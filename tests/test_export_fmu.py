@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from command import run
 from deltaid.export.fmu import fmu
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from exports import compiled, disturbed, model, needs_compiler, states, subject

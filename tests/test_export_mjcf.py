@@ -12,7 +12,7 @@ from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.errors import DeltaidError
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.load import catalogue, load_robot
 from exports import (
     COMPOSED,

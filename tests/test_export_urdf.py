@@ -15,7 +15,7 @@ from composed import Make
 from deltaid.errors import DeltaidError
 from deltaid.export.files import write_export
 from deltaid.export.urdf import _rpy, urdf
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.load import catalogue, load_robot
 from exports import (
     COMPOSED,

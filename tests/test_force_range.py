@@ -19,8 +19,8 @@ from deltaid.forces.ranges import (
 from deltaid.forces.unknowns import Block, Unknowns, unknowns
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
-from deltaid.identification.model import IdentifiedModel
-from deltaid.model import load
+from deltaid.model.model import load
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,

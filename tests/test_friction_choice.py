@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.model import Settings
+from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,

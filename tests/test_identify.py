@@ -8,8 +8,8 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.demo import demonstrate, mass_matrix_error
 from deltaid.identification.identify import identify
-from deltaid.identification.model import IdentifiedModel, Settings
 from deltaid.identification.validation import validate
+from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.load import load_robot
 from oracle.delta import DeltaOracle
 from recordings import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.report.page import render
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
 from deltaid.reproduce.irb360_files import FILES, write_files

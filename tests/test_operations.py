@@ -6,7 +6,7 @@ import pytest
 from deltaid.dynamics.equations import build_task_motion
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.export.c_code import bias, parameter_table
-from deltaid.model import Model, load
+from deltaid.model.model import Model, load
 
 _SLOW = (ca.OP_DIV, ca.OP_SQRT, ca.OP_INV)
 _NO_OPERATION = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)

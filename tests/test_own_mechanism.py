@@ -17,10 +17,10 @@ from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.identification.information import active_columns, gather_samples
 from deltaid.identification.log_cholesky import LogCholesky
-from deltaid.identification.model import IdentifiedModel, Settings
 from deltaid.identification.reduction import build_reduction
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
+from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot import own

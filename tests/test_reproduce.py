@@ -13,7 +13,7 @@ from command import Outcome, refused, run
 from deltaid import load_robot
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.identify import identify
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.reproduce import irb360_files
 from deltaid.reproduce.nominal import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.reproduce.surrogate_files import FILES

@@ -20,7 +20,7 @@ from command import refused, run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
-from deltaid.model import load
+from deltaid.model.model import load
 from deltaid.robot.load import load_robot
 from deltaid.show.page import percent_of, robot_page
 from deltaid.show.reach import good, reach, survey

@@ -12,8 +12,8 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.identify import identify
 from deltaid.identification.information import gather_samples
-from deltaid.identification.model import IdentifiedModel, Settings
 from deltaid.identification.signs import against_motion, told
+from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from deltaid.export.files import write_export
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification, identify
-    from deltaid.identification.model import IdentifiedModel, Settings
     from deltaid.identification.validation import validate
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
     from deltaid.mechanism.own import BodyPose, MechanismParts
     from deltaid.mechanism.user_code import use_mechanism
-    from deltaid.model import Model, load
+    from deltaid.model.model import Model, load
+    from deltaid.model.record import IdentifiedModel, Settings
     from deltaid.recording.columns import ColumnMapping, load_mapping
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
@@ -45,19 +45,19 @@ _HOME = {
     "Exciter": "deltaid.excitation.excite",
     "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
     "Identification": "deltaid.identification.identify",
-    "IdentifiedModel": "deltaid.identification.model",
-    "Model": "deltaid.model",
+    "IdentifiedModel": "deltaid.model.record",
+    "Model": "deltaid.model.model",
     "Kinematics": "deltaid.mechanism.kinematics",
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
     "MechanismParts": "deltaid.mechanism.own",
     "RobotDescription": "deltaid.robot.description",
-    "Settings": "deltaid.identification.model",
+    "Settings": "deltaid.model.record",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.identification.identify",
     "integrate": "deltaid.control.simulation",
-    "load": "deltaid.model",
+    "load": "deltaid.model.model",
     "load_mapping": "deltaid.recording.columns",
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.identification.options import LeastSquaresMethod
+from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics

@@ -63,7 +63,7 @@ def compare_controllers(
         load_trajectory,
     )
     from deltaid.control.comparison import candidates, compare
-    from deltaid.model import load
+    from deltaid.model.model import load
 
     drives = drives_of(rate, bandwidth, encoder, delay)
     if report is not None:

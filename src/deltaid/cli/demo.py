@@ -53,7 +53,7 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
     from deltaid.cli.identify import summary
     from deltaid.cli.output import console, percent, shown, styled
     from deltaid.identification.demo import FILES
-    from deltaid.model import load
+    from deltaid.model.model import load
     from deltaid.report.model_tables import error_table, parameter_table
 
     model = result.identification.model

@@ -79,7 +79,7 @@ def excite(
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.excitation.motion_file import LONGEST, MOST_ROWS, write_run
     from deltaid.files import together, write_bytes
-    from deltaid.model import load
+    from deltaid.model.model import load
 
     positive("--duration", duration, (0.1, 3600.0))
     positive("--torque-noise", torque_noise, (1e-9, 10.0))

@@ -33,7 +33,7 @@ def export(
     """
     from deltaid.cli.output import console, print_warnings
     from deltaid.export.files import write_export
-    from deltaid.model import load
+    from deltaid.model.model import load
 
     found = load(model)
     if without_friction:

@@ -11,7 +11,7 @@ from deltaid.cli.options import output_file
 if TYPE_CHECKING:
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import Finding, Study, Viewer
-    from deltaid.model import Model
+    from deltaid.model.model import Model
 
 
 def register(app: typer.Typer) -> None:
@@ -68,7 +68,7 @@ def forces(
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import study, with_struts
     from deltaid.identification.validation import model_filtered
-    from deltaid.model import load
+    from deltaid.model.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import output_file
-from deltaid.identification.options import (
+from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
     FrictionLaws,
@@ -73,9 +73,9 @@ def identify(
     )
     from deltaid.files import together
     from deltaid.identification.identify import identify as run
-    from deltaid.identification.model import Settings
     from deltaid.identification.validation import remarks, validate
-    from deltaid.model import load
+    from deltaid.model.model import load
+    from deltaid.model.record import Settings
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.source import opened
 
@@ -172,7 +172,7 @@ def print_result(
 ) -> None:
     """The result as tables."""
     from deltaid.cli.output import console, shown
-    from deltaid.model import load
+    from deltaid.model.model import load
     from deltaid.report.model_tables import (
         choice_sentence,
         choice_table,

@@ -20,7 +20,7 @@ from deltaid.report.numbers import percent as percent  # for the commands too
 from deltaid.report.table import Table as Finished
 
 if TYPE_CHECKING:
-    from deltaid.model import Model
+    from deltaid.model.model import Model
 
 # Columns whose cells are words.
 _TEXT_COLUMNS = (

@@ -19,7 +19,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
     from deltaid.cli.output import print_json
-    from deltaid.identification.model import IdentifiedModel
+    from deltaid.model.record import IdentifiedModel
     from deltaid.recording.columns import ColumnMapping
     from deltaid.robot.description import RobotDescription
 

@@ -41,7 +41,7 @@ def show(
     Without options it prints tables.
     """
     from deltaid.cli.output import progress, require_report
-    from deltaid.model import load
+    from deltaid.model.model import load
     from deltaid.show.rest import AtRest
 
     if report is not None:

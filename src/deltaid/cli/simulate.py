@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from deltaid.control.tracking import Drives, Tracking
     from deltaid.control.trajectory import SampledTrajectory
-    from deltaid.model import Model
+    from deltaid.model.model import Model
     from deltaid.robot.description import RobotDescription
 
 
@@ -79,7 +79,7 @@ def simulate(
     from deltaid.control.control_model import ControlModel
     from deltaid.control.tracking import track
     from deltaid.files import together, written_whole
-    from deltaid.model import load
+    from deltaid.model.model import load
 
     drives = drives_of(rate, bandwidth, encoder, delay)
     require_outputs(given(model, trajectory, plant, columns), {"--output": output}, report)
@@ -143,7 +143,7 @@ def load_plant(name: str, like: "RobotDescription") -> "Model":
         DeltaidError: its drives are not those of the model.
     """
     from deltaid.errors import DeltaidError
-    from deltaid.model import load
+    from deltaid.model.model import load
 
     subject = load(name)
     robot = subject.robot

@@ -32,7 +32,7 @@ def torque(
     from deltaid.files import require_writable, written_whole
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.identification.validation import model_filtered
-    from deltaid.model import load
+    from deltaid.model.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
 

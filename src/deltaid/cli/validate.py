@@ -9,7 +9,7 @@ from deltaid.cli.options import output_file
 
 if TYPE_CHECKING:
     from deltaid.identification.torque_error import TorqueError
-    from deltaid.model import Model
+    from deltaid.model.model import Model
     from deltaid.recording.log import Log
 
 
@@ -43,7 +43,7 @@ def validate(
     )
     from deltaid.identification.validation import remarks
     from deltaid.identification.validation import validate as run
-    from deltaid.model import load
+    from deltaid.model.model import load
     from deltaid.recording.columns import load_mapping
     from deltaid.report.model_tables import error_table
 

@@ -19,8 +19,8 @@ from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError
-from deltaid.identification.model import IdentifiedModel
-from deltaid.model import Model, ModelLike, load
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.model.record import IdentifiedModel
 
 # M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
 # feedback of a computed torque is a hundred times weaker in one direction than it was tuned for.

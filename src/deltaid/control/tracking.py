@@ -22,7 +22,7 @@ from deltaid.control.controllers import Controller, Measured
 from deltaid.control.simulation import time_steps
 from deltaid.control.trajectory import Desired, Trajectory
 from deltaid.mechanism.kinematics import Samples
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 
 ENCODER_STEP = 2 * np.pi / 2**20

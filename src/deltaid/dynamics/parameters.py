@@ -9,7 +9,7 @@ from jaxtyping import Float
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
+from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, consistency
 from deltaid.robot.parameter import Parameter, ParameterKind
 
 # Entries of a body that are positive: its mass and moments of inertia.
@@ -141,3 +141,15 @@ def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
 def prior_parameters(robot: RobotDescription) -> Float[np.ndarray, " parameters"]:
     """p_reg: the description's prior, reduced as its bodies' `free` entries say."""
     return np.array([parameter.prior for parameter in parameter_layout(robot).parameters])
+
+
+def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -> tuple[str, float]:
+    """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
+    margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
+    for parameter, value in zip(
+        layout.parameters[layout.coefficients], p[layout.coefficients], strict=True
+    ):
+        if not parameter.signed:
+            margins[parameter.name] = parameter.margin(float(value))
+    worst = min(margins, key=lambda name: margins[name])
+    return worst, margins[worst]

@@ -20,7 +20,7 @@ from deltaid.excitation.series import Series
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
-from deltaid.model import ModelLike, load
+from deltaid.model.model import ModelLike, load
 
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
 # the turning coordinate about its middle [rad]; how much shorter than asked a period may become.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.body_inertia import body_inertia
 
 

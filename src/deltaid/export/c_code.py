@@ -18,7 +18,7 @@ from deltaid.errors import DeltaidError
 from deltaid.export.fill import rendered
 from deltaid.export.straight_line import SIGN, Array, number, straight_line
 from deltaid.export.text import c_comment
-from deltaid.model import Model
+from deltaid.model.model import Model
 
 # Newton's method halves the error's logarithm; from a start that is some millimetres away four
 # steps do, and what has not arrived after this many is far away or has no solution.

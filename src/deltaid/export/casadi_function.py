@@ -13,7 +13,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from deltaid.model import Model
+from deltaid.model.model import Model
 
 INPUTS = ("z", "qd", "qdd")
 OUTPUTS = ("q", "tau", "M", "C", "g", "f", "J")

@@ -16,7 +16,7 @@ from deltaid.export.mjcf import mjcf
 from deltaid.export.options import TargetName
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
-from deltaid.model import Model, ModelLike, load
+from deltaid.model.model import Model, ModelLike, load
 from deltaid.robot.body_inertia import why_not_physical
 
 

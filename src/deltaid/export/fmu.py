@@ -33,7 +33,7 @@ from deltaid.export.fmu_variables import (
 )
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.text import c_comment
-from deltaid.model import Model
+from deltaid.model.model import Model
 
 # Longest step [s] of the unit's own integrator.
 _LONGEST = 1e-3

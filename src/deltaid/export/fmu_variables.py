@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from deltaid.model import Model
+from deltaid.model.model import Model
 
 # Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
 FRICTION_SPEED = 0.01

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from deltaid.errors import DeltaidError
-from deltaid.model import Model
+from deltaid.model.model import Model
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from deltaid.export.joint_forces import JointForces, joint_forces
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.text import numbers, xml_comment
 from deltaid.export.tree import Tree, TreeBody, TreeJoint
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.body_inertia import body_inertia
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it

@@ -8,7 +8,7 @@ import numpy as np
 from deltaid.errors import DeltaidError
 from deltaid.export.tree import Coupling, Cut, Line, Point, Tree, TreeBody, TreeJoint
 from deltaid.mechanism.mechanism import LimbBodies
-from deltaid.model import Model
+from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.telescope import Telescope

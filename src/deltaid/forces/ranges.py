@@ -34,10 +34,10 @@ from deltaid.identification.gathering import gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
-from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile
-from deltaid.model import Model, ModelLike, load
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.recording import Recording, open_recordings
 

@@ -19,7 +19,7 @@ from deltaid.forces.ranges import (
     evidence,
     structural_determinacy,
 )
-from deltaid.model import Model, ModelLike, load
+from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.recording import Recording
 

@@ -16,9 +16,7 @@ from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import LogCholesky
-from deltaid.identification.model import Settings
 from deltaid.identification.objective import Objective, data_term, default_gamma, noise_level
-from deltaid.identification.options import Method, RegularizerName
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.identification.regularizer import (
     AffineInvariant,
@@ -30,6 +28,8 @@ from deltaid.identification.regularizer import (
 from deltaid.identification.scatter import Groups
 from deltaid.identification.signs import CURE, against_motion, told
 from deltaid.identification.solver import Solution, Solver
+from deltaid.model.options import Method, RegularizerName
+from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 
 Progress = Callable[[str], None]

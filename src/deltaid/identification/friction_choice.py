@@ -28,7 +28,6 @@ from deltaid.identification.friction_options import (
     plain_law,
     remaining,
 )
-from deltaid.identification.friction_record import AdditionKind, FrictionChoice, FrictionTrial
 from deltaid.identification.friction_search import (
     FrictionSearch,
     Laws,
@@ -37,6 +36,7 @@ from deltaid.identification.friction_search import (
     term_key,
 )
 from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.model.friction_record import AdditionKind, FrictionChoice, FrictionTrial
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, FrictionTerm

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deltaid.identification.friction_record import AdditionKind
+from deltaid.model.friction_record import AdditionKind
 from deltaid.robot.friction import EXPONENTS, Friction, PowerLaw, Stribeck
 
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.

@@ -19,8 +19,8 @@ from deltaid.identification.judgement import (
     judged_parameters,
     record,
 )
-from deltaid.identification.model import IdentifiedModel, Settings, Source
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.model.record import IdentifiedModel, Settings, Source
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described

@@ -5,11 +5,11 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.model import BaseParameter, Consistency, Fit, Parameter
 from deltaid.identification.regularizer import prior_scale
 from deltaid.identification.scatter import quantile
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.uncertainty import uncertainty
+from deltaid.model.record import BaseParameter, Consistency, Fit, Parameter
 from deltaid.robot.inertia import pseudo_inertia
 
 # Degrees of freedom that are as good as infinitely many.

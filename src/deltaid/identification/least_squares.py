@@ -20,9 +20,9 @@ from deltaid.errors import IdentificationError
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import gather_all, places_of, whitened
 from deltaid.identification.information import Information, triangle
-from deltaid.identification.options import LeastSquaresMethod
 from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
 from deltaid.identification.torque_error import torque_error
+from deltaid.model.options import LeastSquaresMethod
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.recording import Recording, open_recordings
 

@@ -14,7 +14,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
+from deltaid.dynamics.parameters import (
+    ParameterLayout,
+    least_margin,
+    parameter_layout,
+    prior_parameters,
+)
 from deltaid.errors import IdentificationError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
@@ -124,18 +129,6 @@ class Reduction:
                 "prior; where these are right, set a larger --gamma",
             )
         return p
-
-
-def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -> tuple[str, float]:
-    """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
-    margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
-    for parameter, value in zip(
-        layout.parameters[layout.coefficients], p[layout.coefficients], strict=True
-    ):
-        if not parameter.signed:
-            margins[parameter.name] = parameter.margin(float(value))
-    worst = min(margins, key=lambda name: margins[name])
-    return worst, margins[worst]
 
 
 def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"]) -> Reduction:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.model import Model, ModelLike, load
+from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.recording import Recording, with_filter

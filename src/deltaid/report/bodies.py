@@ -7,9 +7,9 @@ import plotly.graph_objects as go
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
-from deltaid.identification.model import IdentifiedModel
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
+from deltaid.model.record import IdentifiedModel
 from deltaid.report import style
 from deltaid.report.animation import CAMERA
 from deltaid.report.model_tables import origin

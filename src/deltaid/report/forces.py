@@ -7,7 +7,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.forces.constraint_forces import ConstraintForces, Motion
 from deltaid.forces.study import Study
-from deltaid.model import ModelLike, load
+from deltaid.model.model import ModelLike, load
 from deltaid.report import style
 from deltaid.report.force_rows import places, tables, what_is_open
 from deltaid.report.numbers import number

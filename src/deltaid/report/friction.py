@@ -7,9 +7,9 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.identification.friction_record import FrictionChoice, FrictionTrial
 from deltaid.kernel.batch import BatchKernel
-from deltaid.model import Model, ModelLike, load
+from deltaid.model.friction_record import FrictionChoice, FrictionTrial
+from deltaid.model.model import Model, ModelLike, load
 from deltaid.report import style
 from deltaid.report.comparison import Comparison
 from deltaid.report.model_tables import ADDITIONS, choice_sentence, choice_table

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
-from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
-from deltaid.model import load
+from deltaid.model.model import load
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording
 from deltaid.report.animation import animation, recorded_motion

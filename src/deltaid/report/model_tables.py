@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from deltaid.identification.friction_record import AdditionKind, FrictionChoice
+from deltaid.model.friction_record import AdditionKind, FrictionChoice
 from deltaid.report.numbers import WIDTH, number, percent, with_uncertainty
 from deltaid.report.table import Table
 from deltaid.robot.description import RobotDescription
@@ -11,9 +11,9 @@ from deltaid.robot.friction_text import written
 
 if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordings needs
     from deltaid.identification.least_squares import BaseEstimate
-    from deltaid.identification.model import BaseParameter, IdentifiedModel, Parameter
     from deltaid.identification.torque_error import TorqueError
-    from deltaid.model import Model
+    from deltaid.model.model import Model
+    from deltaid.model.record import BaseParameter, IdentifiedModel, Parameter
 
 # What ± stands for in tables.
 _HALF_WIDTH = "± (95 %)"

@@ -2,7 +2,7 @@
 
 import plotly.graph_objects as go
 
-from deltaid.identification.model import IdentifiedModel, Parameter
+from deltaid.model.record import IdentifiedModel, Parameter
 from deltaid.report import style
 from deltaid.report.model_tables import parameter_table
 from deltaid.report.numbers import WIDTH

@@ -1,7 +1,7 @@
 """Where a model comes from: recordings, settings, what the fit reached, version."""
 
-from deltaid.identification.model import IdentifiedModel
-from deltaid.model import Model
+from deltaid.model.model import Model
+from deltaid.model.record import IdentifiedModel
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Section, Table, Text
 from deltaid.robot.description import RobotDescription

@@ -1,9 +1,9 @@
 """The page of `deltaid validate`: a model's torques on a recording it has not seen."""
 
-from deltaid.identification.model import IdentifiedModel
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
-from deltaid.model import ModelLike, load
+from deltaid.model.model import ModelLike, load
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.recording import Recording
 from deltaid.report.comparison import compare
 from deltaid.report.friction import friction_section

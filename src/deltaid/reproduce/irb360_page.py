@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section, Table, Text
 from deltaid.reproduce.irb360 import CHOSEN, GEOM, RETUNED_4, SIMPLE

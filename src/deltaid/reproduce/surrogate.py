@@ -21,9 +21,9 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.excitation.run import Run
 from deltaid.identification.identify import identify
-from deltaid.identification.model import Settings
-from deltaid.identification.options import Method
 from deltaid.identification.reduction import Reduction
+from deltaid.model.options import Method
+from deltaid.model.record import Settings
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.reproduce.accuracy import (
     Accuracy,

@@ -8,17 +8,16 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
-from deltaid.identification.friction_record import FrictionChoice
-from deltaid.identification.options import (
+from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
     FrictionLaws,
     Method,
     RegularizerName,
 )
-from deltaid.identification.reduction import least_margin
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml

@@ -14,7 +14,7 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
 from deltaid.dynamics.prior import with_prior
 from deltaid.errors import DescriptionError
-from deltaid.identification.model import IdentifiedModel
+from deltaid.model.record import IdentifiedModel
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import catalogue, holds_a_model, load_robot, read_text
