@@ -69,6 +69,13 @@ def test_bodies_that_cannot_exist_are_refused() -> None:
         replace(model, p=p)
 
 
+def test_a_body_without_thickness_can_exist() -> None:
+    model = deltaid.load(NAME)
+    p = model.p.copy()
+    p[model.layout.body("P")] = [0.8, 0, 0, 0, 0.1 / 3, 0.1 / 3, 0.1 / 3 + 0.1 / 3, 0, 0, 0]
+    assert replace(model, p=p).body("P")[0] == 0.8
+
+
 @pytest.mark.parametrize("command", ["torque", "validate", "forces", "compare-controllers"])
 def test_commands_take_a_robot_and_say_so(command: str, folder: Path, tmp_path: Path) -> None:
     options = {

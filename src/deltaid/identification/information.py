@@ -98,7 +98,9 @@ def collect(regressor: Regressor, parts: Iterable[Condensed], where: str) -> Inf
         torque_max = np.maximum(torque_max, part.torque_max)
     if not np.all(np.isfinite(factors)):
         raise IdentificationError(
-            "the regressor is not finite; is the motion singular?", where=where
+            "the regressor is not finite; is the motion singular?",
+            where=where,
+            cure="leave out what comes near a singular pose, and check the robot's lengths",
         )
     return Information(columns, factors, samples, torque_max)
 

@@ -80,6 +80,7 @@ def identify_base(
         raise IdentificationError(
             "the drives' torque residuals are linearly dependent, so they have no inverse "
             "covariance",
+            where="--method gauss-markov",
             cure="use weighted least squares",
         ) from None
     whitening = solve_triangular(L, np.eye(dynamics.dof), lower=True)

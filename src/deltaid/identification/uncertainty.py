@@ -60,6 +60,7 @@ def uncertainty(problem: FittedProblem) -> Uncertainty:
     except np.linalg.LinAlgError:
         raise IdentificationError(
             "the prior's sizes differ too much to be weighed against each other",
+            where="bodies",
             cure="check masses and lengths of the prior in the description",
         ) from None
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale

@@ -1,0 +1,39 @@
+"""The house as docs/architecture.md draws it: every room is listed, and imports run one way."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "deltaid"
+
+
+def rooms() -> list[str]:
+    """Names in the table of rooms, in its order."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    listed = [row.split("|")[1] for row in rows if row.count("|") == 4 and "(" not in row[:40]]
+    return [name for cell in listed for name in re.findall(r"`(\w+)(?:/|\.py)`", cell)]
+
+
+def room(path: Path) -> str:
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+MODULES = [p for p in sorted(SOURCE.rglob("*.py")) if p != SOURCE / "__init__.py"]
+
+
+def test_every_room_is_in_the_table() -> None:
+    assert set(rooms()) == {room(path) for path in MODULES}
+
+
+@pytest.mark.parametrize("name", rooms())
+def test_a_room_imports_only_from_those_above_it(name: str) -> None:
+    order = rooms()
+    for path in MODULES:
+        if room(path) != name:
+            continue
+        text = path.read_text(encoding="utf-8")
+        for other in set(re.findall(r"^\s*from deltaid\.(\w+)", text, re.M)):
+            assert order.index(other) <= order.index(name), f"{path} imports from {other}"
