@@ -1,13 +1,13 @@
-"""Samples a second of the regressor kernel for every mechanism of the catalogue, on one core.
+"""Nanoseconds a sample of every kernel for every mechanism of the catalogue, on one core.
 
     pip install deltaid[benchmark]
     python benchmarks/mechanisms.py
 
-Counted is the kernel of the regressor's structurally nonzero entries on random motions, as in
-`regressor.py`: one thread, CPU time, compiling not counted. Operations are the scalar operations
-of the graph that is compiled, so that a mechanism's time can be set against its size: 'per
-operation' is that time relative to the 4-DOF Delta. Forward kinematics is timed on a recording of
-the same motion: closed form for three limbs on one platform, Newton's method for all others.
+Counted are the kernels of the regressor's nonzero entries, of inverse dynamics, of the mass matrix
+and of all terms of (1), on random motions of as many samples as a window of a recording has: one
+thread, CPU time, compiling not counted. Operations are the scalar operations of the graph that is
+compiled, so that a time can be set against the graph's size. Forward kinematics is timed on the same
+motion: closed form for three limbs on one platform, Newton's method for all others.
 """
 
 import argparse
@@ -21,42 +21,53 @@ import numpy as np
 from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.kernel.batch import BatchKernel
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot
 
-REFERENCE = "irb360-6-1600"
 CPU = time.process_time
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--samples", type=int, default=50_000)
+    parser.add_argument("--samples", type=int, default=8_000)
     samples = parser.parse_args().samples
-    print(machine(), "\n")
-    names = [REFERENCE, *(name for name in catalogue() if name != REFERENCE)]
-    rows = [measured(name, samples) for name in names]
-    reference = rows[0][2]
-    head = ("robot", "operations", "million/s", "ns/sample", "per operation", "forward, million/s")
-    print("{:<24}{:>12}{:>12}{:>12}{:>15}{:>20}".format(*head))
-    for name, operations, per_operation, rate, forward in rows:
-        print(
-            f"{name:<24}{operations:>12}{rate / 1e6:>12.2f}{1e9 / rate:>12.0f}"
-            f"{per_operation / reference:>15.2f}{forward / 1e6:>20.2f}"
-        )
+    print(f"{machine()}\noperations, ns/sample\n")
+    head = ("regressor", "torque", "mass matrix", "terms")
+    print(f"{'robot':<18}{''.join(f'{name:>14}' for name in head)}{'forward, ns':>14}")
+    for name in catalogue():
+        cells, forward = measured(name, samples)
+        row = "".join(f"{operations:>8} {1e9 * seconds:>5.0f}" for operations, seconds in cells)
+        print(f"{name:<18}{row}{1e9 * forward:>14.0f}")
 
 
-def measured(name: str, samples: int) -> tuple[str, int, float, float, float]:
-    """Operations of the graph, time an operation [s], samples a second of regressor and FK."""
-    dynamics = Dynamics(load_robot(name))
+def measured(name: str, samples: int) -> tuple[list[tuple[int, float]], float]:
+    """Operations and seconds a sample of each kernel, seconds a sample of forward kinematics."""
+    robot = load_robot(name)
+    dynamics, p = Dynamics(robot), prior_parameters(robot)
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, samples))
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    kernel, inputs = dynamics._regressor_kernel, np.hstack([z, qd, qdd]).T.copy()
-    operations = kernel.function.n_instructions() - kernel.n_in - kernel.n_out
-    seconds = measure(lambda: kernel(inputs, threads=1), repeats=15, clock=CPU)
+    cells = [
+        timed(dynamics._regressor_kernel, (z, qd, qdd), None),
+        timed(dynamics._torque_kernel, (z, qd, qdd), p),
+        timed(dynamics._mass_kernel, (z,), p),
+        timed(dynamics._terms_kernel, (z, qd), p),
+    ]
     forward = measure(lambda: dynamics.kinematics.forward_unchecked(q), clock=CPU)
-    return name, operations, seconds / samples / operations, samples / seconds, samples / forward
+    return cells, forward / samples
+
+
+def timed(
+    kernel: BatchKernel, inputs: tuple[np.ndarray, ...], p: np.ndarray | None
+) -> tuple[int, float]:
+    """Operations of a kernel's graph and seconds a sample."""
+    x = np.hstack(inputs).T.copy()
+    extra = kernel.n_in + kernel.n_out + kernel.n_uniform
+    seconds = measure(lambda: kernel(x, p, threads=1), repeats=51, clock=CPU)
+    return kernel.function.n_instructions() - extra, seconds / x.shape[1]
 
 
 if __name__ == "__main__":

@@ -168,7 +168,7 @@ def _verdict(errors: dict[str, float], gap: float) -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="regressor evaluations a second on one core")
-    parser.add_argument("--samples", type=int, default=50_000, help="samples in a batch")
+    parser.add_argument("--samples", type=int, default=8_000, help="samples in a batch, a window")
     parser.add_argument(
         "--repeats", type=int, default=7, help="repeats, of which the median counts"
     )
