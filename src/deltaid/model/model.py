@@ -16,12 +16,9 @@ from deltaid.dynamics.prior import with_prior
 from deltaid.errors import DescriptionError
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import consistency, why_inconsistent
+from deltaid.robot.inertia import why_inconsistent, with_thickness
 from deltaid.robot.load import catalogue, holds_a_model, load_robot, read_text
 from deltaid.robot.parameter import PRIOR_SPREAD
-
-# By how much bodies without thickness, whose M̄ is singular, may seem inconsistent.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +51,10 @@ class Model:
         for name in self.layout.bodies:
             body = self.body(name)
             finite = np.all(np.isfinite(body))
-            if not finite or consistency(body) < -_ROUNDING:
-                reason = why_inconsistent(body) if finite else "its parameters are not all finite"
+            reason = "its parameters are not all finite"
+            if finite:  # a plate or a line is taken as in a description
+                reason = why_inconsistent(with_thickness(body))
+            if reason:
                 raise DescriptionError(
                     f"body {name} cannot exist: {reason}",
                     where=where,
