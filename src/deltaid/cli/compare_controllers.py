@@ -20,6 +20,7 @@ from deltaid.cli.simulate import (
 
 if TYPE_CHECKING:
     from deltaid.control.comparison import Run
+    from deltaid.robot.description import RobotDescription
 
 
 def register(app: typer.Typer) -> None:
@@ -88,7 +89,7 @@ def compare_controllers(
         settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
         print_json(settings | {"runs": [_as_dictionary(run) for run in runs]})
     else:
-        _print(known.robot.title or known.robot.name, runs, report)
+        _print(known.robot, runs, report)
 
 
 def _as_dictionary(run: "Run") -> dict[str, Any]:
@@ -102,32 +103,10 @@ def _as_dictionary(run: "Run") -> dict[str, Any]:
     return head | (error_dictionary(run.tracking) if run.tracking is not None else {})
 
 
-def _print(title: str, runs: "tuple[Run, ...]", report: Path | None) -> None:
-    from deltaid.cli.output import console, number, percent, table
+def _print(robot: "RobotDescription", runs: "tuple[Run, ...]", report: Path | None) -> None:
+    from deltaid.cli.output import console, shown
+    from deltaid.report.tracking_tables import comparison_table
 
-    turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
-    rows = []
-    for run in runs:
-        if run.tracking is None:
-            rows.append([run.controller, run.model, "—", "", *[""] * turns, "", run.why_not])
-            continue
-        error = run.tracking.error
-        remark = f"lost after {run.tracking.ended:.3g} s" if run.tracking.ended is not None else ""
-        rows.append(
-            [
-                run.controller,
-                run.model or "none",
-                number(1e3 * error.platform_rms, 3),
-                number(1e3 * error.platform_max, 3),
-                *([number(1e3 * (error.turn_rms or 0.0), 3)] if turns else []),
-                percent(error.saturated.max()) if error.saturated.any() else "",
-                remark,
-            ]
-        )
-    turn = ["turn rms, mrad"] * turns
-    columns = ["controller", "model", "rms, mm", "max, mm", *turn, "at a limit", "remark"]
-    console.print(
-        table(f"{title}: distance of the platform from where it should be", columns, rows)
-    )
+    console.print(shown(comparison_table(robot, runs)))
     if report is not None:
         console.print(f"wrote {report}")

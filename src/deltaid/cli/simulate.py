@@ -226,25 +226,11 @@ def as_table(result: "Tracking") -> "pl.DataFrame":
 
 
 def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> None:
-    from deltaid.cli.output import console, number, percent, styled, table
+    from deltaid.cli.output import console, shown, styled
+    from deltaid.report.tracking_tables import drive_table
 
-    error, rows = result.error, []
-    for i, (drive, units) in enumerate(robot.drive_units.items()):
-        sliding = robot.is_linear(drive)
-        rows.append(
-            [
-                drive,
-                number(1e3 * error.drive_rms[i], 3),
-                number(1e3 * error.drive_max[i], 3),
-                "mm" if sliding else "mrad",
-                number(error.torque_rms[i], 3),
-                number(error.torque_max[i], 3),
-                units.force,
-                percent(error.saturated[i]) if error.saturated[i] else "",
-            ]
-        )
-    columns = ["drive", "error rms", "max", "unit", "effort rms", "max", "unit", "at its limit"]
-    console.print(table(robot.title or robot.name, columns, rows))
+    error = result.error
+    console.print(shown(drive_table(robot, result)))
     console.print()
     console.print(
         f"platform {1e3 * error.platform_rms:.3g} mm rms and {1e3 * error.platform_max:.3g} mm at "

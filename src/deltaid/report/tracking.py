@@ -10,8 +10,9 @@ from plotly.subplots import make_subplots
 from deltaid.control.comparison import Run
 from deltaid.control.tracking import Drives, Tracking, effort_limits
 from deltaid.report import style
-from deltaid.report.numbers import number, percent
-from deltaid.report.page import Block, Fact, Figure, Page, Section, Table, Text
+from deltaid.report.numbers import percent
+from deltaid.report.page import Fact, Figure, Page, Section, Text
+from deltaid.report.tracking_tables import NO_MODEL, comparison_table, drive_table
 from deltaid.robot.description import RobotDescription
 
 # Points a line is drawn with.
@@ -22,7 +23,6 @@ _MODELS = {
     "base parameters": style.MEASURED,
     "identified": style.IDENTIFIED,
 }
-_NO_MODEL = "no model"
 
 Signal = Float[np.ndarray, " samples"]
 Points = Float[np.ndarray, " points"]
@@ -41,7 +41,7 @@ def tracking_page(
             Section(
                 "Tracking", (*_errors(own), _drives(robot, result), _conditions(drives, bandwidth))
             ),
-            Section("Torques", (_torques(robot, result), _numbers(robot, result))),
+            Section("Torques", (_torques(robot, result), drive_table(robot, result))),
         ),
         warnings=_lost([(title, result)]),
     )
@@ -65,7 +65,7 @@ def comparison_page(
             Fact(
                 "least error of the platform",
                 f"{1e3 * best[1].error.platform_rms:.3g} mm",
-                f"rms; {best[0].controller}, {best[0].model or _NO_MODEL}"
+                f"rms; {best[0].controller}, {best[0].model or NO_MODEL}"
                 + (", until it was lost" if best[1].ended is not None else ""),
             ),
             *_gains(runs),
@@ -73,11 +73,11 @@ def comparison_page(
         sections=(
             Section(
                 "What identification buys",
-                (_bars(runs), _table(runs), _conditions(drives, bandwidth)),
+                (_bars(runs), comparison_table(robot, runs), _conditions(drives, bandwidth)),
             ),
             *lines,
         ),
-        warnings=_lost([(f"{run.controller}, {run.model or _NO_MODEL}", t) for run, t in done]),
+        warnings=_lost([(f"{run.controller}, {run.model or NO_MODEL}", t) for run, t in done]),
     )
 
 
@@ -126,7 +126,7 @@ def _of_controller(
     controller: str, done: Sequence[tuple[Run, Tracking]]
 ) -> list[tuple[str, str, Tracking]]:
     return [
-        (run.model or _NO_MODEL, _MODELS[run.model], tracking)
+        (run.model or NO_MODEL, _MODELS[run.model], tracking)
         for run, tracking in done
         if run.controller == controller
     ]
@@ -141,12 +141,12 @@ def _bars(runs: Sequence[Run]) -> Figure:
         figure.add_bar(
             x=[run.controller for run in own],
             y=errors,
-            name=model or _NO_MODEL,
+            name=model or NO_MODEL,
             marker={"color": _MODELS[model], "line": {"width": 0}},
             text=[f"{error:.2g}" if error < 99.5 else f"{error:.0f}" for error in errors],
             textposition="outside",
             cliponaxis=False,
-            hovertemplate="%{x}, " + (model or _NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
+            hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
         )
     figure.update_yaxes(type="log", title_text="platform error, rms [mm]", dtick=1)
     figure.update_layout(barmode="group", height=420, bargap=0.25)
@@ -165,26 +165,6 @@ def _conditions(drives: Drives, bandwidth: float) -> Text:
         f"Feedback of {bandwidth:g} Hz, {drives.rate:g} samples a second, encoders with {step}, "
         f"{late}."
     )
-
-
-def _table(runs: Sequence[Run]) -> Table:
-    turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
-    rows = []
-    for run in runs:
-        name = (run.controller, run.model or _NO_MODEL)
-        if run.tracking is None:
-            rows.append((*name, "—", "—", *["—"] * turns, "—", run.why_not))
-            continue
-        error, ended = run.tracking.error, run.tracking.ended
-        remark = f"lost after {ended:.4g} s" if ended is not None else ""
-        numbers = [number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3)]
-        numbers += [number(1e3 * (error.turn_rms or 0.0), 3)] * turns
-        rows.append((*name, *numbers, percent(float(error.saturated.max())), remark))
-    turn = ["turn rms [mrad]"] * turns
-    columns = (
-        "controller", "model", "rms [mm]", "largest [mm]", *turn, "at a limit", "remark"
-    )  # fmt: skip
-    return Table(columns, tuple(rows), "Error of the platform; share of time at a torque limit.")
 
 
 def _errors(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
@@ -247,24 +227,6 @@ def _torques(robot: RobotDescription, result: Tracking) -> Figure:
                 line = {"color": style.LIMIT, "dash": "dot", "width": 1}
                 figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
     return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
-
-
-def _numbers(robot: RobotDescription, result: Tracking) -> Block:
-    error, rows = result.error, []
-    for i, (drive, units) in enumerate(robot.drive_units.items()):
-        length = "mm" if robot.is_linear(drive) else "mrad"
-        rows.append(
-            (
-                drive,
-                f"{1e3 * error.drive_rms[i]:.3g} {length}",
-                f"{1e3 * error.drive_max[i]:.3g} {length}",
-                f"{error.torque_rms[i]:.3g} {units.force}",
-                f"{error.torque_max[i]:.3g} {units.force}",
-                percent(float(error.saturated[i])),
-            )
-        )
-    columns = ("drive", "error rms", "largest", "effort rms", "largest effort", "at its limit")
-    return Table(columns, tuple(rows)) if rows else Text("")
 
 
 def _stack(robot: RobotDescription, title: Callable[[str], str]) -> go.Figure:

@@ -1,0 +1,51 @@
+"""Tables of simulated tracking, for the terminal and for a page."""
+
+from collections.abc import Sequence
+
+from deltaid.control.comparison import Run
+from deltaid.control.tracking import Tracking
+from deltaid.report.numbers import number, percent
+from deltaid.report.table import Table
+from deltaid.robot.description import RobotDescription
+
+NO_MODEL = "no model"
+
+
+def drive_table(robot: RobotDescription, result: Tracking) -> Table:
+    """Errors and efforts of each drive."""
+    error = result.error
+    rows = []
+    for i, (drive, units) in enumerate(robot.drive_units.items()):
+        length = "mm" if robot.is_linear(drive) else "mrad"
+        rows.append(
+            (
+                drive,
+                f"{number(1e3 * error.drive_rms[i], 3)} {length}",
+                f"{number(1e3 * error.drive_max[i], 3)} {length}",
+                f"{number(error.torque_rms[i], 3)} {units.force}",
+                f"{number(error.torque_max[i], 3)} {units.force}",
+                percent(float(error.saturated[i])),
+            )
+        )
+    columns = ("drive", "error rms", "largest", "effort rms", "largest effort", "at its limit")
+    return Table(columns, tuple(rows), title=robot.title or robot.name)
+
+
+def comparison_table(robot: RobotDescription, runs: Sequence[Run]) -> Table:
+    """Error of the platform for each controller and model."""
+    turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
+    rows = []
+    for run in runs:
+        name = (run.controller, run.model or NO_MODEL)
+        if run.tracking is None:
+            rows.append((*name, "—", "—", *["—"] * turns, "—", run.why_not))
+            continue
+        error, ended = run.tracking.error, run.tracking.ended
+        remark = f"lost after {ended:.4g} s" if ended is not None else ""
+        numbers = [number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3)]
+        numbers += [number(1e3 * (error.turn_rms or 0.0), 3)] * turns
+        rows.append((*name, *numbers, percent(float(error.saturated.max())), remark))
+    turn = ["turn rms [mrad]"] * turns
+    columns = ("controller", "model", "rms [mm]", "largest [mm]", *turn, "at a limit", "remark")
+    title = f"{robot.title or robot.name}: distance of the platform from where it should be"
+    return Table(columns, tuple(rows), "Share of time at a torque limit.", title=title)
