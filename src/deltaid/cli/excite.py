@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -200,27 +201,14 @@ def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict[str, Any]:
 
 
 def _print(exciter: "Exciter", result: "Excitation", files: list[Path]) -> None:
-    from deltaid.cli.output import console, number, table
+    from deltaid.cli.output import console, number, shown
+    from deltaid.report.excitation_tables import limit_table, prediction_table, start_table
 
     robot, run = exciter.dynamics.robot, result.run
-    rows = [[limit.name, f"{100 * limit.share:.1f} %"] for limit in result.limits]
-    console.print(table(robot.title or robot.name, ["limit", "in use"], rows))
-    console.print()
-    rows = [
-        [p.formula, number(p.value), f"{p.std:.2g}", p.unit, _share(p.value, p.std)]
-        for p in result.predictions
-    ]
-    columns = ["base parameter", "prior", "predicted ±", "unit", "share"]
-    console.print(table("what this motion will tell", columns, rows))
-    console.print()
-    rows = [
-        [str(a.seed), number(a.before), number(a.after), str(a.evaluations), f"{a.seconds:.1f}",
-         "yes" if a.feasible else "no"]
-        for a in result.optimum.accounts
-    ]  # fmt: skip
-    columns = ["start", "before", "after", "evaluations", "seconds", "feasible"]
-    console.print(table("", columns, rows))
-    console.print()
+    limits = replace(limit_table(result), title=robot.title or robot.name)
+    for each in (limits, prediction_table(result), start_table(result)):
+        console.print(shown(each))
+        console.print()
     console.print(
         f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
         f"{number(result.criterion_after)} after; {run.repeats} periods of "
@@ -239,9 +227,3 @@ def _with_units(values: Iterable[float], units: "Iterable[JointUnits]") -> str:
     return ", ".join(
         f"{', '.join(f'{value:.3g}' for value, _ in group)} {unit}" for unit, group in groups
     )
-
-
-def _share(value: float, std: float) -> str:
-    from deltaid.cli.output import percent
-
-    return percent(std / abs(value)) if abs(value) > std else ""

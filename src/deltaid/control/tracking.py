@@ -21,9 +21,9 @@ from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import Controller, Measured
 from deltaid.control.simulation import time_steps
 from deltaid.control.trajectory import Desired, Trajectory
+from deltaid.dynamics.limits import effort_limits
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
-from deltaid.robot.description import RobotDescription
 
 ENCODER_STEP = 2 * np.pi / 2**20
 
@@ -166,12 +166,6 @@ def track(
         saturated=np.abs(wanted) > limits,
         ended=float(time[lost[0]]) if lost.size else None,
     )
-
-
-def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
-    """Largest torque or force of each drive; infinite where the description has none."""
-    given = [robot.drive_limits.get(drive) for drive in robot.drives]
-    return np.array([(limits.effort if limits else None) or np.inf for limits in given])
 
 
 class _Readings:

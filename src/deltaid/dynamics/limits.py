@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.dynamics.equations import TaskMotion
 from deltaid.mechanism.mechanism import Mechanism
@@ -104,6 +105,12 @@ def torque_limits(robot: RobotDescription) -> dict[int, float]:
     """Largest torque of each drive that has one, by its place in q [N m or N]."""
     given = {i: robot.drive_limits.get(drive) for i, drive in enumerate(robot.drives)}
     return {i: d.effort for i, d in given.items() if d is not None and d.effort is not None}
+
+
+def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
+    """Largest torque or force of each drive; infinite where the description has none."""
+    given = torque_limits(robot)
+    return np.array([given.get(i, np.inf) for i in range(len(robot.drives))])
 
 
 def _range(robot: RobotDescription, mechanism: Mechanism, i: int) -> list[Limit]:

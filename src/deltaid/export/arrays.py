@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from deltaid.dynamics.limits import effort_limits
 from deltaid.model.model import Model
 from deltaid.robot.body_inertia import body_inertia
 
@@ -48,7 +49,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
         "drive_is_linear": np.array([robot.is_linear(drive) for drive in robot.drives]),
         "drive_range": np.array(ranges),
         "drive_speed": np.array([(l and l.top_speed) or np.inf for l in limits]),
-        "drive_effort": np.array([(l and l.effort) or np.inf for l in limits]),
+        "drive_effort": effort_limits(robot),
         "gravity": np.array(robot.gravity),
         "home": subject.home,
     }

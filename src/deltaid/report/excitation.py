@@ -8,7 +8,8 @@ from plotly.subplots import make_subplots
 from deltaid.excitation.excite import Excitation, Exciter
 from deltaid.report import style
 from deltaid.report.animation import Motion, animation
-from deltaid.report.numbers import WIDTH, interval, number, percent
+from deltaid.report.excitation_tables import prediction_table, start_table
+from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
 
 _SAMPLES = 2000
@@ -38,7 +39,7 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
             Section("Motion", (_animation(exciter, result), _over_time(exciter, result))),
             Section("Limits", (_limits(result),)),
             Section("What it will tell", _predictions(exciter, result)),
-            Section("Search", (_starts(result), _settings(exciter))),
+            Section("Search", (start_table(result), _settings(exciter))),
         ),
     )
 
@@ -138,55 +139,14 @@ def _limits(result: Excitation) -> Figure:
 
 def _predictions(exciter: Exciter, result: Excitation) -> tuple[Text, Table]:
     noise = percent(exciter.settings.torque_noise)
-    rows = tuple(
-        (
-            p.formula,
-            number(p.value),
-            f"{p.std:.2g}",
-            interval(p.value, WIDTH * p.std),
-            p.unit,
-            percent(p.std / abs(p.value)) if abs(p.value) > p.std else "—",
-        )
-        for p in result.predictions
-    )
     return (
         Text(
             f"Standard deviations that least squares will reach on this motion when the torque "
             f"noise is {noise} of each drive's largest torque and samples come at "
             f"{exciter.settings.rate:g} Hz, if the robot is what the prior says."
         ),
-        Table(
-            ("base parameter", "prior", "predicted ±", "95 % interval", "unit", "share"),
-            rows,
-            "Predicted standard deviation of every base parameter; the share is of the prior, and "
-            "is left out where the deviation is larger than the value.",
-        ),
+        prediction_table(result),
     )
-
-
-def _starts(result: Excitation) -> Table:
-    rows = tuple(
-        (
-            str(a.seed),
-            number(a.before),
-            number(a.after),
-            f"{100 * a.use:.1f}",
-            str(a.evaluations),
-            f"{a.seconds:.1f}",
-            "yes" if a.feasible else "no",
-        )
-        for a in result.optimum.accounts
-    )
-    columns = (
-        "start",
-        "before",
-        "after",
-        "fullest limit [%]",
-        "evaluations",
-        "seconds",
-        "feasible",
-    )
-    return Table(columns, rows, "Objective of the search at each start's beginning and end.")
 
 
 def _settings(exciter: Exciter) -> Table:

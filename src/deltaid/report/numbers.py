@@ -28,11 +28,6 @@ def percent(value: float) -> str:
     return f"{100 * value:{digits}} %"
 
 
-def interval(value: float, half: float) -> str:
-    """An interval of value ± half its width as 'low … high', two digits of half of it."""
-    return span(value - half, value + half)
-
-
 def span(low: float, high: float) -> str:
     """An interval as 'low … high', two digits of half its width."""
     half = 0.5 * (high - low)

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 
 from deltaid.control.comparison import Run
-from deltaid.control.tracking import Drives, Tracking, effort_limits
+from deltaid.control.tracking import Drives, Tracking
+from deltaid.dynamics.limits import effort_limits
 from deltaid.report import style
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Text

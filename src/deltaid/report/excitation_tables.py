@@ -1,0 +1,50 @@
+"""Tables of an optimised motion, for the terminal and for its page."""
+
+from deltaid.excitation.excite import Excitation
+from deltaid.report.numbers import number, percent
+from deltaid.report.table import Table
+
+
+def limit_table(result: Excitation) -> Table:
+    """Largest use of every limit over the whole run."""
+    rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
+    return Table(("limit", "in use"), rows)
+
+
+def prediction_table(result: Excitation) -> Table:
+    """What the motion will tell about every base parameter."""
+    rows = tuple(
+        (
+            p.formula,
+            number(p.value),
+            f"{p.std:.2g}",
+            p.unit,
+            percent(p.std / abs(p.value)) if abs(p.value) > p.std else "",
+        )
+        for p in result.predictions
+    )
+    return Table(
+        ("base parameter", "prior", "predicted ±", "unit", "share"),
+        rows,
+        "Predicted standard deviation of every base parameter; the share is of the prior, and is "
+        "left out where the deviation is larger than the value.",
+        title="what this motion will tell",
+    )
+
+
+def start_table(result: Excitation) -> Table:
+    """What became of each start of the search."""
+    rows = tuple(
+        (
+            str(a.seed),
+            number(a.before),
+            number(a.after),
+            str(a.evaluations),
+            f"{a.seconds:.1f}",
+            f"{100 * a.use:.1f} %",
+            "yes" if a.feasible else "no",
+        )
+        for a in result.optimum.accounts
+    )
+    columns = ("start", "before", "after", "evaluations", "seconds", "fullest limit", "feasible")
+    return Table(columns, rows, "Objective of the search at each start's beginning and end.")
