@@ -143,7 +143,7 @@ def main() -> None:
         robot = load_robot(name)
         subject = Model(robot, prior_parameters(robot), name)
         states = along_a_motion(subject)
-        times = [f"{mean:.2f} ({worst:.1f})" for mean, worst in in_c(subject, states, options)]
+        times = [f"{mean:.2f} ({worst:.2f})" for mean, worst in in_c(subject, states, options)]
         cells = "".join(f"{cell:>15}" for cell in times)
         pinocchio = pinocchio_forward(subject, states)
         shown = f"{pinocchio:.1f}" if pinocchio else "–"

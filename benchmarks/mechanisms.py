@@ -6,8 +6,8 @@
 Counted are the kernels of the regressor's nonzero entries, of inverse dynamics, of the mass matrix
 and of all terms of (1), on random motions of as many samples as a window of a recording has: one
 thread, CPU time, compiling not counted. Operations are the scalar operations of the graph that is
-compiled, so that a time can be set against the graph's size. Forward kinematics is timed on the same
-motion: closed form for three limbs on one platform, Newton's method for all others.
+compiled, so that a time can be set against the graph's size. Forward kinematics is timed on the
+same motion: closed form for three limbs on one platform, Newton's method for all others.
 """
 
 import argparse

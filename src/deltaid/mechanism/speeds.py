@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from deltaid.mechanism.vectors import inverse, reciprocal
+from deltaid.mechanism.vectors import reciprocal
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,10 @@ class Speeds:
 
     def by_drives(self) -> Motion:
         """Given q̇ and q̈: ż = T q̇, z̈ = A⁻¹ (B q̈ + c)."""
-        A_inverse = inverse(self.A)
-        zd = A_inverse @ (self.B @ self.q.u)
+        inverse = self._inverse
+        zd = inverse @ (self.B @ self.q.u)
         c = ca.substitute(self.c, self.z.u, zd)
-        zdd = A_inverse @ (self.B @ self.q.ud + c)
+        zdd = inverse @ (self.B @ self.q.ud + c)
         return self._motion((self.q.u, self.q.ud), (zd, zdd))
 
     def by_task(self) -> Motion:
@@ -128,10 +128,16 @@ class Speeds:
     @property
     def inverse_jacobian(self) -> ca.SX:
         """T = ∂z/∂q."""
-        return inverse(self.A) @ self.B
+        return self._inverse @ self.B
+
+    @property
+    def _inverse(self) -> ca.SX:
+        """A⁻¹, with one division."""
+        return reciprocal(ca.det(self.A)) * ca.adj(self.A)
 
     @property
     def _over_gain(self) -> ca.SX:
+        """B⁻¹."""
         return ca.diag(reciprocal(ca.diag(self.B)))
 
     @property

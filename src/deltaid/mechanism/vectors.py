@@ -17,10 +17,13 @@ def skew(v: ca.SX) -> ca.SX:
 
 
 def reciprocal(x: ca.SX) -> ca.SX:
-    """1 / x as x / x², because CasADi makes a division of every product with 1 / x."""
+    """1 / x as x / x², because CasADi makes a division of every product with 1 / x; NaN at 0."""
     return x / (x * x)
 
 
 def inverse(A: ca.SX) -> ca.SX:
-    """Inverse of a small square matrix by cofactors; decoupled rows and columns cost nothing."""
-    return reciprocal(ca.det(A)) * ca.adj(A)
+    """Inverse of a small square matrix by cofactors; decoupled rows and columns cost nothing.
+
+    Infinite where A is singular.
+    """
+    return ca.inv_minor(A)
