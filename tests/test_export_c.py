@@ -19,8 +19,8 @@ from deltaid.export.mjcf import mjcf
 from deltaid.export.straight_line import Array, straight_line
 from deltaid.export.urdf import urdf
 from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
+from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
-from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot
 from exports import CC, STRICT, compiled, disturbed, model, needs_compiler, states, subject
@@ -196,7 +196,7 @@ def test_the_example_of_the_documentation_compiles(tmp_path: Path) -> None:
 @needs_compiler
 def test_a_mechanism_of_ones_own(tmp_path: Path) -> None:
     folder = ROOT / "examples" / "heli4"
-    own.use_mechanism(folder / "mechanism.py")
+    use_mechanism(folder / "mechanism.py")
     chosen = disturbed(load_robot(folder / "robot.yaml"))
     assert_same(build(chosen, tmp_path), chosen, 10)
     for target in (mjcf, urdf):
