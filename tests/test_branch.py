@@ -8,7 +8,8 @@ import polars as pl
 import pytest
 
 from deltaid.errors import RecordingError
-from deltaid.mechanism.kinematics import Kinematics, Regularity
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.regularity import Regularity
 from deltaid.motion.surrogate import write_recording
 from deltaid.recording.branch import BranchCheck
 from deltaid.recording.log import open_log

@@ -12,14 +12,11 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.load import RobotLike, described
 
 Samples = Float[np.ndarray, "samples dof"]
-
-# cond(J) beyond which a pose counts as singular. J mixes rad/m and rad/rad, so a good pose of a
-# metre-sized robot has cond(J) below 10; at 1e6 the last six digits of every torque are lost.
-SINGULAR_CONDITION = 1e6
 
 # Distance to the edge of a limb's reach, in m, within which the limb counts as stretched: rounding
 # alone moves a pose across the edge by 1e-15 m, and q(z) would be NaN.
@@ -38,28 +35,6 @@ class BodyPoses:
     name: str
     R_WB: Float[np.ndarray, "samples 3 3"]
     r_WB: Float[np.ndarray, "samples 3"]
-
-
-@dataclass(frozen=True)
-class Regularity:
-    """How far poses are from singular ones; J = ∂q/∂z with ψ counted as a length.
-
-    Attributes:
-        condition: ‖J‖_F ‖J⁻¹‖_F / δ.
-        determinant: of J; it changes its sign across a singularity.
-        gain: ‖J⁻¹‖_F, how far the platform moves for a step of the drives.
-        hold: condition of what keeps the platform's parts parallel (`Mechanism.hold_condition`).
-    """
-
-    condition: Float[np.ndarray, " samples"]
-    determinant: Float[np.ndarray, " samples"]
-    gain: Float[np.ndarray, " samples"]
-    hold: Float[np.ndarray, " samples"]
-
-    @property
-    def worst(self) -> Float[np.ndarray, " samples"]:
-        """The larger of both conditions; NaN where either is."""
-        return np.maximum(self.condition, self.hold)
 
 
 class Kinematics:
@@ -294,18 +269,6 @@ class Kinematics:
             for body in m.bodies
         ]
         return BatchKernel(m.z, ca.vertcat(*columns))
-
-
-def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
-    """Samples i between which and i + 1 consecutive poses pass through a singularity.
-
-    The distance d = 1/cond J falls towards zero there and rises again without rounding off: from
-    either side, the last two samples' line reaches zero before the next sample.
-    """
-    d = 1 / regular.condition
-    falls = 2 * d[1:-2] < d[:-3]
-    rises = 2 * d[2:-1] < d[3:]
-    return np.flatnonzero(falls & rises) + 1
 
 
 def _as_samples(x: Float[np.ndarray, "..."], dof: int) -> Samples:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism.kinematics import Kinematics, Regularity, passages
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.regularity import Regularity, passages
 
 # A step of the platform so many times longer than the drives' step can make it is a jump; steps of
 # the drives below the resolution of an encoder [rad or m] prove nothing.

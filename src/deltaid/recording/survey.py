@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.errors import RecordingError
-from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Kinematics, Regularity
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity
 from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
 from deltaid.recording.columns import Columns

@@ -15,8 +15,9 @@ from deltaid.dynamics.limits import (
 )
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.kinematics import SINGULAR_CONDITION, Samples
+from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.regularity import SINGULAR_CONDITION
 from deltaid.robot.description import RobotDescription
 
 

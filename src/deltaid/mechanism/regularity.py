@@ -1,0 +1,44 @@
+"""How far poses are from singular ones, and motions that pass through one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+# cond(J) beyond which a pose counts as singular. J mixes rad/m and rad/rad, so a good pose of a
+# metre-sized robot has cond(J) below 10; at 1e6 the last six digits of every torque are lost.
+SINGULAR_CONDITION = 1e6
+
+
+@dataclass(frozen=True)
+class Regularity:
+    """How far poses are from singular ones; J = ∂q/∂z with ψ counted as a length.
+
+    Attributes:
+        condition: ‖J‖_F ‖J⁻¹‖_F / δ.
+        determinant: of J; it changes its sign across a singularity.
+        gain: ‖J⁻¹‖_F, how far the platform moves for a step of the drives.
+        hold: condition of what keeps the platform's parts parallel (`Mechanism.hold_condition`).
+    """
+
+    condition: Float[np.ndarray, " samples"]
+    determinant: Float[np.ndarray, " samples"]
+    gain: Float[np.ndarray, " samples"]
+    hold: Float[np.ndarray, " samples"]
+
+    @property
+    def worst(self) -> Float[np.ndarray, " samples"]:
+        """The larger of both conditions; NaN where either is."""
+        return np.maximum(self.condition, self.hold)
+
+
+def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
+    """Samples i between which and i + 1 consecutive poses pass through a singularity.
+
+    The distance d = 1/cond J falls towards zero there and rises again without rounding off: from
+    either side, the last two samples' line reaches zero before the next sample.
+    """
+    d = 1 / regular.condition
+    falls = 2 * d[1:-2] < d[:-3]
+    rises = 2 * d[2:-1] < d[3:]
+    return np.flatnonzero(falls & rises) + 1
