@@ -15,9 +15,10 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import SpectrumEstimate, apply, design_low_pass
+from deltaid.recording.filter import apply, design_low_pass
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import Recording, with_filter
+from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.windows import Window
 from deltaid.robot.load import load_robot
 from logs import names, recorded, write
@@ -85,7 +86,7 @@ def test_cutoffs_that_do_not_go_with_the_rate(cutoff: float) -> None:
 
 def spectrum_of(q: np.ndarray) -> SpectrumEstimate:
     spectrum = SpectrumEstimate(q.shape[1])
-    spectrum.add(q)
+    spectrum.add(power_of(q))
     return spectrum
 
 

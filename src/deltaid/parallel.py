@@ -49,10 +49,11 @@ def threads(count: int) -> Generator[None, None, None]:
 def ordered(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
     """`work` done on every item, in order, by all threads, with few items in memory at a time.
 
-    Items are made in the calling thread, one after the other. If making one fails, the results of
-    those before it come first, so the error that is told does not depend on threads either. The
-    first item is worked on before there are threads, so that what is compiled on first use is
-    compiled once. BLAS keeps to the thread that calls it: on small matrices more threads only wait.
+    Items are made one after the other, in a thread of their own, while the caller adds up results.
+    If making one fails, the results of those before it come first, so the error that is told does
+    not depend on threads either. The first item is worked on before there are threads, so that what
+    is compiled on first use is compiled once. BLAS keeps to the thread that calls it: on small
+    matrices more threads only wait.
     """
     source = iter(items)
     with threadpool_limits(limits=1, user_api="blas"):
@@ -63,33 +64,46 @@ def ordered(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterato
         if count == 1:
             yield from map(work, source)
             return
+        maker = ThreadPoolExecutor(1)
         pool = ThreadPoolExecutor(count, initializer=_limit.set, initargs=(1,))
         try:
-            yield from _in_turn(pool, work, source, ahead=2 * count)
+            yield from _in_turn(maker, pool, work, source, ahead=2 * count)
         finally:
+            maker.shutdown(cancel_futures=True)
             pool.shutdown(cancel_futures=True)
 
 
 def _in_turn(
+    maker: ThreadPoolExecutor,
     pool: ThreadPoolExecutor,
     work: Callable[[_Item], _Result],
     source: Iterator[_Item],
     ahead: int,
 ) -> Iterator[_Result]:
+    """Results in order; the next item is made while those before it are worked on."""
     pending: deque[Future[_Result]] = deque()
     failure: DeltaidError | None = None
+    coming = maker.submit(_next, source)
     while True:
         try:
-            item = next(source)
-        except StopIteration:
-            break
+            items = coming.result()
         except DeltaidError as error:
             failure = error
             break
-        pending.append(pool.submit(work, item))
+        if not items:
+            break
+        coming = maker.submit(_next, source)
+        pending.append(pool.submit(work, items[0]))
         if len(pending) > ahead:
             yield pending.popleft().result()
     while pending:
         yield pending.popleft().result()
     if failure is not None:
         raise failure
+
+
+def _next(source: Iterator[_Item]) -> list[_Item]:
+    """The next item, if there is one."""
+    for item in source:
+        return [item]
+    return []

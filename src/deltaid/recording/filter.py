@@ -26,10 +26,8 @@ _ATTENUATION, _TRANSITION = 80.0, 0.8
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 # Above a tenth of the sampling rate the differences are no longer exact to 1e-4.
-_LOWEST, _HIGHEST = 1e-6, 0.1
-_LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
-_SEGMENT = 4096
-_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
+_LOWEST, HIGHEST = 1e-6, 0.1
+LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
 # The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band
 # attenuation [dB] of the filter that leads there.
 _BETWEEN, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 120.0
@@ -113,7 +111,7 @@ class LowPass:
 
 def lowest_rate() -> float:
     """The sampling rate [Hz] below which positions cannot be differentiated."""
-    return _LOWEST_CUTOFF / _HIGHEST
+    return LOWEST_CUTOFF / HIGHEST
 
 
 def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
@@ -122,11 +120,11 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
     Raises:
         RecordingError: the cut-off is above a tenth of the sampling rate, or next to nothing.
     """
-    if not _LOWEST * rate <= cutoff <= _HIGHEST * rate:
+    if not _LOWEST * rate <= cutoff <= HIGHEST * rate:
         raise RecordingError(
             f"a cut-off of {cutoff:g} Hz does not go with a sampling rate of {rate:g} Hz",
             where=where,
-            cure=f"choose one between {_LOWEST * rate:g} and {_HIGHEST * rate:g} Hz",
+            cure=f"choose one between {_LOWEST * rate:g} and {HIGHEST * rate:g} Hz",
         )
     taps, _ = _kaiser(_ATTENUATION, _TRANSITION * cutoff / rate)
     return 8 * ((taps + len(_FIRST) - 1) // 2)
@@ -255,46 +253,3 @@ def _band(
     column = np.arange(_OUTPUTS)
     band[column * decimation + np.arange(length)[:, None], :, column] = taps[:, ::-1].T[:, None]
     return band.reshape(span, -1)
-
-
-class SpectrumEstimate:
-    """Power spectra of positions, averaged over segments, from which the cut-off is chosen."""
-
-    SHORTEST = 256
-
-    def __init__(self, dof: int) -> None:
-        self._power = np.zeros((dof, _SEGMENT // 2 + 1))
-        self._segments = 0
-
-    def add(self, q: Float[np.ndarray, "samples dof"]) -> None:
-        """Take in consecutive samples; a remainder shorter than a segment is left out, unless it
-        is all there is."""
-        for start in range(0, len(q) - _SEGMENT + 1, _SEGMENT):
-            self._add_segment(q[start : start + _SEGMENT])
-        if not self._segments and len(q) >= self.SHORTEST:
-            self._add_segment(q)
-
-    def _add_segment(self, q: Float[np.ndarray, "samples dof"]) -> None:
-        # Curvature suppresses the leakage of the slow, large motion into the noise floor.
-        k = np.arange(len(q))
-        turns = np.cos(2 * np.pi / len(q) * np.outer(k, np.arange(len(_BLACKMAN_HARRIS))))
-        t = k - k.mean()
-        level = q - q.mean(axis=0)
-        level -= np.outer(t, t @ level / (t @ t))  # without its straight line
-        windowed = level.T * (turns @ _BLACKMAN_HARRIS)
-        self._power += np.abs(np.fft.rfft(windowed, _SEGMENT, axis=1)) ** 2
-        self._segments += 1
-
-    def cutoff(self, rate: float) -> float | None:
-        """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
-
-        The noise floor is the median power of the upper half of the band. Twice, because torques
-        hold products of velocities. None without a full segment.
-        """
-        if not self._segments:
-            return None
-        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
-        floor = np.median(self._power[:, len(frequency) // 2 :], axis=1, keepdims=True)
-        above = np.flatnonzero((self._power > 100 * floor).any(axis=0))
-        top = frequency[above[-1]] if above.size else frequency[1]
-        return float(np.clip(2 * top, _LOWEST_CUTOFF, _HIGHEST * rate))

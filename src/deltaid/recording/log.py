@@ -1,6 +1,7 @@
 """A log as a whole: surveyed once for what it holds and what is wrong with it, then read again."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -101,13 +102,15 @@ def open_log(
             f"has columns of another drive ({', '.join(extra)}), but the robot has "
             f"{kinematics.dof}; is the log of another robot?"
         )
-    for seen in ordered(survey.look, read_batches(table, columns)):
-        survey.add(seen)
-    survey.finish()
+    with ThreadPoolExecutor(1) as beside:
+        digest = beside.submit(checksum, path)
+        for seen in ordered(survey.look, read_batches(table, columns)):
+            survey.add(seen)
+        survey.finish()
     return Log(
         table=table,
         columns=columns,
-        sha256=checksum(path),
+        sha256=digest.result(),
         samples=survey.samples,
         rate=survey.rate,
         torque_max=survey.torque_max,

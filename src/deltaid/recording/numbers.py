@@ -30,7 +30,9 @@ def to_si(
     values = np.empty((len(numbers[0]), len(channels)), order="F")
     with np.errstate(over="ignore", invalid="ignore"):
         for k, (channel, series) in enumerate(zip(channels, numbers, strict=True)):
-            values[:, k] = channel.scale * (series.to_numpy() - channel.zero)
+            np.subtract(series.to_numpy(), channel.zero, out=values[:, k])
+            if channel.scale != 1:
+                values[:, k] *= channel.scale
     finite = np.isfinite(values)
     if not finite.all():
         i, k = (int(index) for index in np.argwhere(~finite)[0])

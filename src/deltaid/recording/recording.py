@@ -9,8 +9,9 @@ from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.filter import LowPass, SpectrumEstimate, design_low_pass, samples_needed
+from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.windows import Uncut, Window, cut
 
 _Result = TypeVar("_Result")

@@ -12,8 +12,9 @@ from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
-from deltaid.recording.filter import SpectrumEstimate, lowest_rate
+from deltaid.recording.filter import lowest_rate
 from deltaid.recording.source import Table
+from deltaid.recording.spectrum import Power, SpectrumEstimate, power_of
 from deltaid.recording.table import Batch
 
 # A time step this much longer than the usual one is a gap; one this far off it is jitter.
@@ -35,12 +36,13 @@ _SHORTEST_STEP = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A batch and what of it can be computed apart from the rows before it: its poses."""
+    """A batch and what of it can be computed apart from the rows before it."""
 
     batch: Batch
     z: Float[np.ndarray, "rows dof"]
     good: Bool[np.ndarray, " rows"]
     regular: Regularity
+    power: Power
 
 
 @dataclass
@@ -92,14 +94,15 @@ class Survey:
         return np.maximum(np.abs(self.low), np.abs(self.high))[len(self.low) - n :]
 
     def look(self, batch: Batch) -> Seen:
-        """A batch with its poses, whatever they are worth; changes nothing here.
+        """A batch with its poses, whatever they are worth, and spectra; changes nothing here.
 
         Raises:
             RecordingError: a number is beyond its bound, so that nothing can be computed from it.
         """
         self.bounds.check(batch.values, batch.row)
         z, good = self.kinematics.forward_unchecked(batch.values[:, 1 : 1 + self.kinematics.dof])
-        return Seen(batch, z, good, self.kinematics.regularity(z))
+        power = power_of(batch.values[:, 1 : 1 + self.kinematics.dof])
+        return Seen(batch, z, good, self.kinematics.regularity(z), power)
 
     def add(self, seen: Seen) -> None:
         """Check consecutive rows.
@@ -115,7 +118,7 @@ class Survey:
         self._check_angles(q, batch.row)
         self._check_jumps(q, batch.row)
         self._check_reach(values[:, 0], q, seen)
-        self.spectrum.add(q)
+        self.spectrum.add(seen.power)
         self._compare_derivatives(values)
         self.samples += len(values)
 
