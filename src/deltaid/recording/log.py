@@ -112,9 +112,9 @@ def open_log(
         columns=columns,
         sha256=digest.result(),
         samples=survey.samples,
-        rate=survey.rate,
+        rate=survey.clock.rate,
         torque_max=survey.torque_max,
         reach=np.array([survey.nearest, survey.farthest]),
-        suggested_cutoff=survey.spectrum.cutoff(survey.rate),
+        suggested_cutoff=survey.spectrum.cutoff(survey.clock.rate),
         warnings=tuple(survey.warnings),
     )

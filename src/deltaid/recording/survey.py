@@ -10,15 +10,13 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity
 from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
+from deltaid.recording.clock import ClockCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
-from deltaid.recording.filter import lowest_rate
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import Power, SpectrumEstimate, power_of
 from deltaid.recording.table import Batch
 
-# A time step this much longer than the usual one is a gap; one this far off it is jitter.
-_GAP, _JITTER = 1.5, 0.05
 # No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
 # are degrees.
 _LARGEST_ARM_ANGLE = np.pi
@@ -28,10 +26,6 @@ _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
 )
-# No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
-_HIGHEST_RATE = 1e6
-# Time that hardly moves between two rows [s].
-_SHORTEST_STEP = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +46,6 @@ class Survey:
     table: Table
     columns: Columns
     kinematics: Kinematics
-    samples: int = 0
-    step: float = 0.0
-    first_time: float = np.nan
-    last_time: float = np.nan
     last_q: np.ndarray | None = None
     low: np.ndarray = field(default_factory=lambda: np.array(np.inf))
     high: np.ndarray = field(default_factory=lambda: np.array(-np.inf))
@@ -63,15 +53,14 @@ class Survey:
     farthest: np.ndarray = field(default_factory=lambda: np.full(3, -np.inf))
     outside: int = 0
     strained: int = 0
-    jitter: int = 0
     first_strained: str = ""
     first_outside: str = ""
-    first_jitter: str = ""
     warnings: list[str] = field(default_factory=list)
     spectrum: SpectrumEstimate = field(init=False)
     derivatives: DerivativeCheck = field(init=False)
     branch: BranchCheck = field(init=False)
     bounds: Bounds = field(init=False)
+    clock: ClockCheck = field(init=False)
 
     def __post_init__(self) -> None:
         c = self.columns
@@ -81,11 +70,12 @@ class Survey:
         self.derivatives = DerivativeCheck(pairs)
         self.branch = BranchCheck(self.kinematics)
         self.bounds = Bounds(self.table, c, self.kinematics.robot)
+        self.clock = ClockCheck(self.table, c.time.column)
 
     @property
-    def rate(self) -> float:
-        """Sampling rate over the whole log [Hz]."""
-        return (self.samples - 1) / (self.last_time - self.first_time)
+    def samples(self) -> int:
+        """Rows so far."""
+        return self.clock.samples
 
     @property
     def torque_max(self) -> Float[np.ndarray, " drives"]:
@@ -111,7 +101,7 @@ class Survey:
             RecordingError: with the first row that cannot be.
         """
         batch, values = seen.batch, seen.batch.values
-        self._check_time(batch)
+        self.clock.add(batch)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
@@ -120,7 +110,6 @@ class Survey:
         self._check_reach(values[:, 0], q, seen)
         self.spectrum.add(seen.power)
         self._compare_derivatives(values)
-        self.samples += len(values)
 
     def finish(self) -> None:
         """Check what only the whole log shows.
@@ -133,7 +122,9 @@ class Survey:
             raise RecordingError(
                 "has fewer than two rows of data", where=where, cure="give a whole recording"
             )
-        self._check_rate()
+        self.clock.require_rate(
+            differentiated=not (self.columns.velocity and self.columns.acceleration)
+        )
         self._check_constant()
         self.warnings += self.derivatives.warnings(where)
         if self.outside:
@@ -147,48 +138,12 @@ class Survey:
                 f"description's largest_condition of {self.kinematics.robot.largest_condition:g}, "
                 f"the first in {self.first_strained}"
             )
-        if self.jitter:
-            self.warnings.append(
-                f"{self.jitter} time steps differ by more than {100 * _JITTER:.0f} % from the "
-                f"usual {self.step:g} s, the first in {self.first_jitter}; taken as evenly spaced"
-            )
+        self.warnings += self.clock.warnings
         if self.table.ends_open:
             self.warnings.append(
                 "the last line has no line break; if the file was cut off there, its last number "
                 "may be wrong"
             )
-
-    def _check_time(self, batch: Batch) -> None:
-        time, name = batch.values[:, 0], self.columns.time.column
-        steps = np.diff(time, prepend=self.last_time)
-        known = steps[~np.isnan(steps)]
-        if not self.step and known.size:
-            self.step = float(np.median(known))
-        if not self.samples:
-            self.first_time = float(time[0])
-        self.last_time = float(time[-1])
-        back = np.flatnonzero(steps < _SHORTEST_STEP)
-        if back.size:
-            i = int(back[0])
-            before = time[i] - steps[i]
-            raise RecordingError(
-                f"time does not increase: {name} is {time[i]:.10g} s after {before:.10g} s",
-                where=self._row(batch.row + i),
-                cure="sort the rows, drop repeated ones, record time with more digits, or split "
-                "the log where it restarts",
-            )
-        gaps = np.flatnonzero(steps > _GAP * self.step)
-        if gaps.size:
-            i = int(gaps[0])
-            raise RecordingError(
-                f"there is a gap of {steps[i]:.6g} s in {name} where {self.step:.6g} s is usual",
-                where=self._row(batch.row + i),
-                cure="split the log at the gap and give both parts as separate logs",
-            )
-        uneven = np.flatnonzero(np.abs(steps - self.step) > _JITTER * self.step)
-        if uneven.size and not self.jitter:
-            self.first_jitter = f"row {batch.row + int(uneven[0])}"
-        self.jitter += uneven.size
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
         middles = self.kinematics.mechanism.middles
@@ -300,19 +255,6 @@ class Survey:
         c, dof = self.columns, self.kinematics.dof
         known = 1 + dof * (1 + bool(c.velocity) + bool(c.velocity and c.acceleration))
         self.derivatives.add(values[:, 0], values[:, 1 : known - dof], values[:, 1 + dof : known])
-
-    def _check_rate(self) -> None:
-        differentiated = not (self.columns.velocity and self.columns.acceleration)
-        slow = differentiated and self.rate < lowest_rate()
-        if slow or self.rate > _HIGHEST_RATE:
-            limit = f"at least {lowest_rate():g}" if slow else f"at most {_HIGHEST_RATE:g}"
-            raise RecordingError(
-                f"column {self.columns.time.column} makes a sampling rate of {self.rate:.4g} Hz; "
-                f"{limit} Hz can be",
-                where=str(self.table.path),
-                cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
-                f"{self.columns.time.column}, unit: ms}}), or record faster",
-            )
 
     def _check_constant(self) -> None:
         c = self.columns
