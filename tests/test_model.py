@@ -9,6 +9,8 @@ import pytest
 
 import deltaid
 from command import refused, run
+from deltaid.dynamics.limits import effort_limits
+from deltaid.dynamics.parameters import inertia_scale, least_margin
 from deltaid.dynamics.prior import with_prior
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
@@ -137,6 +139,30 @@ def laws_of_all_kinds() -> deltaid.RobotDescription:
     data["springs"] = {"drive1": {"stiffness": 2.0, "rest_deg": 10.0}}
     data["rotor_inertia"] = {"drive3": 0.01}
     return deltaid.RobotDescription.model_validate(data)
+
+
+@pytest.mark.parametrize(("value", "possible"), [(0.3, True), (1.2, False), (-0.1, False)])
+def test_a_share_of_the_torque_lies_between_its_bounds(value: float, possible: bool) -> None:
+    model = deltaid.load(laws_of_all_kinds())
+    p = model.p.copy()
+    p[model.layout.names.index("load.drive1")] = value
+    worst, margin = least_margin(model.layout, p)
+    assert (margin > 0) == possible
+    assert possible or worst == "load.drive1"
+
+
+def test_entries_that_are_zero_have_the_scale_of_their_body() -> None:
+    m, r = 2.0, 0.3  # a thin ring about z, whose Σ has the trace m r²
+    p = np.array([m, 0, 0, 0, 0.5 * m * r**2, 0.5 * m * r**2, m * r**2, 0, 0, 0])
+    expected = np.array([m, *[m * r] * 3, *p[4:7], *[m * r**2] * 3])
+    np.testing.assert_allclose(inertia_scale(p), expected, rtol=1e-12)
+
+
+def test_a_drive_without_a_limit_may_have_any_torque() -> None:
+    data = deltaid.load_robot(NAME).model_dump()
+    data["drive_limits"] = {"drive2": {"torque": 12.0}}
+    limits = effort_limits(deltaid.RobotDescription.model_validate(data))
+    np.testing.assert_array_equal(limits, [np.inf, 12.0, np.inf])
 
 
 def test_a_report_of_a_prior_says_so(folder: Path, tmp_path: Path) -> None:
