@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
     from deltaid.recording.columns import ColumnMapping, load_mapping
+    from deltaid.recording.memory import Recording
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
@@ -51,6 +52,7 @@ _HOME = {
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
     "MechanismParts": "deltaid.mechanism.own",
+    "Recording": "deltaid.recording.memory",
     "RobotDescription": "deltaid.robot.description",
     "Settings": "deltaid.model.record",
     "build_limb": "deltaid.mechanism.limb",
@@ -83,6 +85,7 @@ __all__ = [
     "Limbs",
     "MechanismParts",
     "Model",
+    "Recording",
     "RobotDescription",
     "Settings",
     "build_limb",

@@ -16,7 +16,6 @@ triangular R of data and prior, it is a linear function over a ball and cones (C
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import clarabel
 import numpy as np
@@ -39,6 +38,7 @@ from deltaid.identification.scatter import Groups, quantile
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 
 # Half the width of a 95 % interval in standard deviations.
@@ -121,7 +121,7 @@ def structural_determinacy(model: ModelLike) -> Determinacy:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def evidence(
     model: ModelLike,
-    logs: Sequence[str | Path],
+    logs: RecordingLike | Sequence[RecordingLike],
     *,
     columns: ColumnMapping | None = None,
     progress: Callable[[str], None] = lambda _: None,

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,6 +21,7 @@ from deltaid.identification.judgement import (
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.record import IdentifiedModel, Settings, Source
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described
 
@@ -49,7 +49,7 @@ class Identification:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def identify(
     robot: RobotLike,
-    logs: Sequence[str | Path],
+    logs: RecordingLike | Sequence[RecordingLike],
     *,
     columns: ColumnMapping | None = None,
     settings: Settings | None = None,
@@ -60,8 +60,10 @@ def identify(
     Args:
         robot: the description with geometry, priors and reductions; or what has one, a catalogue
             name, a file of a robot or of a model.
-        logs: CSV or Parquet files.
-        columns: names and units of their columns, if not the default ones.
+        logs: one recording or a sequence of them: a CSV or Parquet file, a table of polars or
+            pandas, or `Recording.from_arrays`.
+        columns: names and units of their columns, if not the default ones; arrays with units of
+            their own keep these.
         settings: method, regulariser, γ, filter, friction laws.
         progress: called with a sentence before each stage.
 

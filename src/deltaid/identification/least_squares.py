@@ -7,7 +7,6 @@ p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The wei
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -24,6 +23,7 @@ from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 
 
@@ -52,7 +52,7 @@ class BaseEstimate:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def identify_base(
     dynamics: Dynamics,
-    logs: Sequence[str | Path],
+    logs: RecordingLike | Sequence[RecordingLike],
     method: LeastSquaresMethod = "weighted",
     *,
     columns: ColumnMapping | None = None,

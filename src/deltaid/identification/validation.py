@@ -1,13 +1,12 @@
 """Comparing a saved model with a recording that it has not seen."""
 
-from pathlib import Path
-
 import numpy as np
 
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, with_filter
 
 # A drive is badly predicted when its error is so many times that of the identification, and more
@@ -16,19 +15,19 @@ _WORSE, _SHARE = 3.0, 0.1
 
 
 def validate(
-    model: ModelLike, log: str | Path, *, columns: ColumnMapping | None = None
+    model: ModelLike, log: RecordingLike, *, columns: ColumnMapping | None = None
 ) -> tuple[TorqueError, Log]:
     """Torque errors of a model on a recording it has not seen, and the surveyed recording.
 
-    A recording without derivatives is filtered with the cut-off that the model was identified with,
-    and for a robot at its prior as for an identification.
+    The recording is given as to `identify`. One without derivatives is filtered with the cut-off
+    that the model was identified with, and for a robot at its prior as for an identification.
 
     Raises:
         RecordingError: the log cannot be used.
     """
     model = load(model)
     dynamics = model.dynamics
-    surveyed = open_log(Path(log), dynamics.kinematics, columns)
+    surveyed = open_log(log, dynamics.kinematics, columns)
     return torque_error(dynamics, model.p, model_filtered(model, surveyed)), surveyed
 
 

@@ -18,6 +18,7 @@ from deltaid.recording.columns import (
     listing,
     resolve_columns,
 )
+from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.source import Table
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, checksum, open_table, read_batches
@@ -28,8 +29,8 @@ class Log:
     """A surveyed recording.
 
     Attributes:
-        table, columns: the file, and which of its columns are what.
-        sha256: checksum of the file.
+        table, columns: the file or table, and which of its columns are what.
+        sha256: checksum, of the file or of the numbers in memory.
         samples: number of rows.
         rate: sampling rate, the mean over the log [Hz].
         torque_max: largest |τ| of each drive [N m]; empty without torques.
@@ -50,7 +51,7 @@ class Log:
 
     @property
     def path(self) -> Path:
-        """Where the log is."""
+        """Where the log is; the name of one in memory."""
         return self.table.path
 
     @property
@@ -64,7 +65,7 @@ class Log:
 
 
 def open_log(
-    path: Path,
+    source: RecordingLike,
     kinematics: Kinematics,
     mapping: ColumnMapping | None = None,
     *,
@@ -73,9 +74,10 @@ def open_log(
     """Survey a recording: read every row once and check it, before anything is computed from it.
 
     Args:
-        path: CSV or Parquet.
+        source: a CSV or Parquet file, or a recording in memory.
         kinematics: of the robot that was recorded.
-        mapping: names and units of the columns, if not the default ones.
+        mapping: names and units of the columns, if not the default ones; arrays with units of
+            their own keep these.
         need_torque: if false, the log may be a planned motion, and torque columns are not read.
 
     Raises:
@@ -83,8 +85,12 @@ def open_log(
             or has gaps; a torque is constant; angles look like degrees; velocities are not the
             positions' derivatives; a sample is out of reach.
     """
-    mapping = mapping or ColumnMapping()
-    table = open_table(path, mapping.header_row, mapping.data_row)
+    mapping, source = mapping or ColumnMapping(), as_source(source)
+    if isinstance(source, Recording):
+        source.require_drives(kinematics.dof)
+        table, mapping = source.table, source.mapping or mapping
+    else:
+        table = open_table(source, mapping.header_row, mapping.data_row)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
     columns = resolve_columns(table.header, linear, mapping, where=table.header_place)
@@ -103,7 +109,7 @@ def open_log(
             f"{kinematics.dof}; is the log of another robot?"
         )
     with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(checksum, path)
+        digest = beside.submit(checksum, table, columns)
         for seen in ordered(survey.look, read_batches(table, columns)):
             survey.add(seen)
         survey.finish()

@@ -9,10 +9,9 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
 from deltaid.recording.columns import Channel
 from deltaid.recording.numbers import to_si
-from deltaid.recording.source import Table, readable
+from deltaid.recording.source import Table, readable, require_numbers
 
 SIGNATURE = b"PAR1"
 # Several slices share a row group, of which each decodes more than its own rows.
@@ -39,7 +38,7 @@ def read_parquet(
     """
     with readable(table.path):
         frame = _scan(table.path).select([channel.column for channel in channels])
-        _require_numbers(table, frame)
+        require_numbers(table, frame)
     row = table.first_row
     while True:
         with readable(table.path), _silent_panics():
@@ -70,13 +69,3 @@ def _silent_panics() -> Generator[None, None, None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-
-
-def _require_numbers(table: Table, frame: pl.LazyFrame) -> None:
-    for name, kind in frame.collect_schema().items():
-        if not (kind.is_numeric() or kind == pl.Null):
-            raise RecordingError(
-                f"column {name} holds {kind}, not numbers",
-                where=str(table.path),
-                cure="store it as numbers; times as seconds since the start",
-            )

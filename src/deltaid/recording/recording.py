@@ -11,6 +11,7 @@ from deltaid.parallel import ordered
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.windows import Uncut, Window, cut
 
@@ -69,25 +70,26 @@ class Recording:
 
 
 def open_recordings(
-    paths: Sequence[str | Path],
+    logs: RecordingLike | Sequence[RecordingLike],
     kinematics: Kinematics,
     mapping: ColumnMapping | None = None,
     cutoff: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Recording]:
-    """Survey several recordings and choose a filter for each.
+    """Survey one or several recordings and choose a filter for each.
 
     Raises:
         RecordingError: there is none, one cannot be used, or two are the same.
     """
-    if not paths:
+    sources = as_sources(logs)
+    if not sources:
         raise RecordingError(
             "no log was given", where="logs", cure="give at least one recording, CSV or Parquet"
         )
     recordings: list[Recording] = []
-    for path in paths:
-        progress(f"checking {path}")
-        log = open_log(Path(path), kinematics, mapping)
+    for source in sources:
+        progress(f"checking {source}")
+        log = open_log(source, kinematics, mapping)
         _require_new(log, recordings)
         recordings.append(with_filter(log, cutoff))
     return recordings

@@ -1,8 +1,8 @@
-"""A log file as it lies on the disk: what it is called, how it is laid out, how it is opened."""
+"""Where a log lies, on the disk or in memory: its name, its layout, and how a file is opened."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
 
@@ -13,14 +13,16 @@ from deltaid.errors import RecordingError
 
 @dataclass(frozen=True)
 class Table:
-    """A log file: where it is, its header, and how it is written.
+    """A log: where it is, its header, and how it is written.
 
     Attributes:
-        separator: between the fields of a CSV file; empty for Parquet.
+        path: of the file; of a table in memory its name.
+        separator: between the fields of a CSV file; otherwise empty.
         header_row, first_row: of the names and of the first data, as a user counts them: lines of a
-            CSV file, data rows of a Parquet file, both from 1.
+            CSV file, otherwise data rows, both from 1.
         data_start: where in a CSV file the first data row starts [bytes].
         ends_open: whether a CSV file ends without a line break.
+        frame: the table in memory; None for a file.
     """
 
     path: Path
@@ -30,6 +32,7 @@ class Table:
     first_row: int = 1
     data_start: int = 0
     ends_open: bool = False
+    frame: pl.DataFrame | None = field(default=None, repr=False, compare=False)
 
     @property
     def header_place(self) -> str:
@@ -85,6 +88,21 @@ def readable(path: Path) -> Generator[None, None, None]:
             where=str(path),
             cure="copy or export it again",
         ) from None
+
+
+def require_numbers(table: Table, frame: pl.DataFrame | pl.LazyFrame) -> None:
+    """Refuse columns of anything but numbers.
+
+    Raises:
+        RecordingError: with the column and what it holds.
+    """
+    for name, kind in frame.collect_schema().items():
+        if not (kind.is_numeric() or kind == pl.Null):
+            raise RecordingError(
+                f"column {name} holds {kind}, not numbers",
+                where=str(table.path),
+                cure="store it as numbers; times as seconds since the start",
+            )
 
 
 def _first_line(error: BaseException) -> str:

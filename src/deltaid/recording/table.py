@@ -11,6 +11,7 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.csv_text import open_csv, read_csv
+from deltaid.recording.memory import frame_checksum, read_frame
 from deltaid.recording.parquet import SIGNATURE, open_parquet, read_parquet
 from deltaid.recording.source import Table, opened
 
@@ -66,7 +67,8 @@ def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:
         RecordingError: a value is missing, not a number or not finite; names row and column.
     """
     row = table.first_row
-    read = read_csv if table.separator else read_parquet
+    in_file = read_csv if table.separator else read_parquet
+    read = in_file if table.frame is None else read_frame
     for values in recut(read(table, columns.all), _BATCH_ROWS):
         yield Batch(row, values)
         row += len(values)
@@ -95,7 +97,9 @@ def recut(
         yield np.concatenate(parts)
 
 
-def checksum(path: Path) -> str:
-    """SHA-256 of a file."""
-    with opened(path) as file:
+def checksum(table: Table, columns: Columns) -> str:
+    """SHA-256 of a file; of a table in memory that of its columns in use."""
+    if table.frame is not None:
+        return frame_checksum(table, columns.all)
+    with opened(table.path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

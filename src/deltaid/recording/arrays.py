@@ -1,0 +1,125 @@
+"""Arrays that are to be a recording: shapes, numbers, times and units."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deltaid.errors import RecordingError
+from deltaid.recording.columns import ColumnMapping, DriveColumn, Quantity, TimeColumn
+
+# In one unit for all drives, or one a drive.
+Units = str | Sequence[str]
+_QUANTITY: dict[str, Quantity] = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "tau": "torque",
+}
+
+
+def copied(values: np.ndarray) -> np.ndarray:
+    """Contiguous, and the recording's own: polars would share the memory of the array."""
+    return np.array(values, dtype=np.float64, order="C", copy=True)
+
+
+def numbers_of(value: ArrayLike, where: str) -> np.ndarray:
+    """Something array-like as real numbers; `where` for messages."""
+    cure = "give an array of real numbers, one sample a row"
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise RecordingError("rows differ in length", where=where, cure=cure) from None
+    if array.dtype.kind not in "iuf":
+        raise RecordingError(f"holds {array.dtype}, not numbers", where=where, cure=cure)
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise RecordingError(
+            "has masked values", where=where, cure="cut them off; deltaid does not fill gaps"
+        )
+    return array
+
+
+def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
+    """All of one shape (samples, drives)."""
+    for key, array in arrays.items():
+        if array.ndim != 2 or not array.size:
+            raise RecordingError(
+                f"has shape {array.shape}, not (samples, drives)",
+                where=f"{name}, {key}",
+                cure="one sample a row, one drive a column; for a single drive x.reshape(-1, 1)",
+            )
+    shape = arrays["q"].shape
+    for key, array in arrays.items():
+        if array.shape != shape:
+            raise RecordingError(
+                f"has shape {array.shape}, but q has {shape}",
+                where=f"{name}, {key}",
+                cure="all of them have one row a sample and one column a drive",
+            )
+
+
+def time_of(
+    t: ArrayLike | None, rate: float | None, unit: str | None, samples: int, name: str
+) -> np.ndarray:
+    """Times of the samples, from t or from the rate."""
+    if (t is None) == (rate is None):
+        raise RecordingError(
+            "neither t nor rate is given" if t is None else "both t and rate are given",
+            where=name,
+            cure="give the times t, or the sampling rate in Hz",
+        )
+    if rate is not None:
+        if not (0 < rate < math.inf):
+            raise RecordingError(
+                f"is {rate}", where=f"{name}, rate", cure="give a positive number of Hz"
+            )
+        if unit is not None:
+            raise RecordingError(
+                "belongs to t, but rate is given, in Hz", where=f"{name}, unit_t", cure="omit it"
+            )
+        return np.arange(samples) / rate
+    assert t is not None
+    time = numbers_of(t, f"{name}, t")
+    if time.shape != (samples,):
+        raise RecordingError(
+            f"has shape {time.shape}, but q has {samples} rows",
+            where=f"{name}, t",
+            cure="give one time a sample; drives are columns of q, so perhaps q.T",
+        )
+    return copied(time)
+
+
+def mapping_of(
+    units: dict[str, Units | None], unit_t: str | None, arrays: dict[str, np.ndarray], name: str
+) -> ColumnMapping | None:
+    """The units as a mapping; None without any."""
+    columns: dict[Quantity, tuple[DriveColumn, ...]] = {}
+    for key, unit in units.items():
+        if unit is None:
+            continue
+        where = f"{name}, unit_{key}"
+        if key not in arrays:
+            raise RecordingError(
+                f"{key} is not given", where=where, cure=f"omit unit_{key} or give {key}"
+            )
+        drives = arrays[key].shape[1]
+        each = [unit] * drives if isinstance(unit, str) else list(unit)
+        if len(each) != drives:
+            raise RecordingError(
+                f"has {len(each)} units for {drives} drives",
+                where=where,
+                cure="give one for all, or one a drive",
+            )
+        columns[_QUANTITY[key]] = tuple(
+            DriveColumn(column=f"{key}{i + 1}", unit=one) for i, one in enumerate(each)
+        )
+    if not columns and unit_t is None:
+        return None
+    return ColumnMapping(
+        time=TimeColumn(unit=unit_t or "s"),
+        position=columns.get("position"),
+        velocity=columns.get("velocity"),
+        acceleration=columns.get("acceleration"),
+        torque=columns.get("torque"),
+    ).of(name)

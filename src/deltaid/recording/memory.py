@@ -1,0 +1,239 @@
+"""Recordings in memory: tables of polars or pandas, and arrays, beside the paths of files."""
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from deltaid.errors import RecordingError
+from deltaid.recording.arrays import (
+    Units,
+    copied,
+    mapping_of,
+    numbers_of,
+    require_shapes,
+    time_of,
+)
+from deltaid.recording.columns import Channel, ColumnMapping
+from deltaid.recording.numbers import to_si
+from deltaid.recording.source import Table, require_numbers
+
+_SLICE_ROWS = 1 << 16
+
+
+@runtime_checkable
+class PandasTable(Protocol):
+    """What is used of a `pandas.DataFrame`; pandas itself is not needed."""
+
+    @property
+    def columns(self) -> Any: ...
+    @property
+    def iloc(self) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording in memory, to be given where a log file can be given.
+
+    Made by `Recording.from_arrays`, or from a table to give it a name by `Recording.from_table`. It
+    is the raw data: what `Identification.recordings` holds are logs that were checked, each with
+    its filter (`deltaid.recording.recording.Recording`).
+
+    Attributes:
+        table: the numbers.
+        mapping: their units, if declared with them; else the mapping given with the call holds.
+        drives: how many drives the arrays are of; None for a table, which may have more columns.
+    """
+
+    table: Table
+    mapping: ColumnMapping | None = None
+    drives: int | None = None
+
+    def __str__(self) -> str:
+        return str(self.table.path)
+
+    @classmethod
+    def from_table(
+        cls, table: "pl.DataFrame | pl.LazyFrame | PandasTable", *, name: str = "table"
+    ) -> "Recording":
+        """A table of polars or pandas under a name for messages and reports.
+
+        Columns are named as in a log file: t, q1…, tau1…, or as the mapping says. A lazy table is
+        computed, of a pandas one the columns are copied, without its index.
+
+        Raises:
+            RecordingError: two columns have one name, or a lazy table cannot be computed.
+        """
+        _require_name(name)
+        if isinstance(table, pl.LazyFrame):
+            try:
+                table = table.collect()
+            except pl.exceptions.PolarsError as error:
+                reason = str(error).strip().split("\n", 1)[0][:200]
+                raise RecordingError(
+                    f"cannot be computed: {reason}", where=name, cure="collect() it to see why"
+                ) from None
+        frame = table if isinstance(table, pl.DataFrame) else _from_pandas(table, name)
+        return cls(Table(Path(name), tuple(frame.columns), frame=frame))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        q: ArrayLike,
+        t: ArrayLike | None = None,
+        rate: float | None = None,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        unit_t: str | None = None,
+        unit_q: Units | None = None,
+        unit_qd: Units | None = None,
+        unit_qdd: Units | None = None,
+        unit_tau: Units | None = None,
+        name: str = "arrays",
+    ) -> "Recording":
+        """A recording from arrays, which are copied.
+
+        Units are written as in a mapping file, such as "deg", "rpm", "mN*m" or, per mille of
+        23.5 N m, "0.0235 N*m": one for all drives or a sequence with one a drive. Without them
+        numbers are in s and rad, rad/s, rad/s², N m at the joint, or m, m/s, m/s², N.
+
+        Args:
+            q, qd, qdd, tau: position, velocity, acceleration and torque, (samples, drives).
+            t: time, (samples,); or
+            rate: the sampling rate in its place [Hz].
+            name: of the recording, for messages and reports.
+
+        Raises:
+            RecordingError: shapes do not fit, something holds no numbers, or neither or both of t
+                and rate are given. Values and units are checked when the recording is used.
+        """
+        _require_name(name)
+        given = {"q": q, "qd": qd, "qdd": qdd, "tau": tau}
+        arrays = {
+            key: numbers_of(value, f"{name}, {key}")
+            for key, value in given.items()
+            if value is not None
+        }
+        require_shapes(arrays, name)
+        samples, drives = arrays["q"].shape
+        columns = {"t": time_of(t, rate, unit_t, samples, name)}
+        for key, array in arrays.items():
+            columns |= {f"{key}{i + 1}": copied(array[:, i]) for i in range(drives)}
+        frame = pl.DataFrame(columns)
+        units = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
+        mapping = mapping_of(units, unit_t, arrays, name)
+        return cls(Table(Path(name), tuple(columns), frame=frame), mapping, drives)
+
+    def require_drives(self, drives: int) -> None:
+        """Refuse arrays of another number of drives than the robot's.
+
+        Raises:
+            RecordingError: they are.
+        """
+        if self.drives not in (None, drives):
+            raise RecordingError(
+                f"q has {self.drives} columns, but the robot has {drives} drives",
+                where=str(self),
+                cure="give arrays of shape (samples, drives), drives in order of q",
+            )
+
+
+RecordingLike = str | Path | pl.DataFrame | pl.LazyFrame | PandasTable | Recording
+
+
+def as_source(given: object, name: str = "table") -> Path | Recording:
+    """Where one recording is: a file, or memory; a table without a name gets this one.
+
+    Raises:
+        RecordingError: it is none of the things that hold a recording.
+    """
+    if isinstance(given, Recording):
+        return given
+    if isinstance(given, str | Path):
+        return Path(given)
+    if isinstance(given, pl.DataFrame | pl.LazyFrame | PandasTable):
+        return Recording.from_table(given, name=name)
+    raise RecordingError(
+        f"a {type(given).__name__} is no recording",
+        where="logs",
+        cure="give a path, a polars or pandas table, or deltaid.Recording.from_arrays(…)",
+    )
+
+
+def as_sources(given: object) -> list[Path | Recording]:
+    """One recording, or a sequence of them, as a list; tables in a sequence are numbered.
+
+    Raises:
+        RecordingError: as `as_source`.
+    """
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        return [as_source(given)]
+    several = len(given) > 1
+    return [as_source(one, f"table {i + 1}" if several else "table") for i, one in enumerate(given)]
+
+
+def read_frame(
+    table: Table, channels: tuple[Channel, ...]
+) -> Iterator[Float[np.ndarray, "rows channels"]]:
+    """Rows in SI units.
+
+    Raises:
+        RecordingError: a column does not hold numbers, or one of them is not finite.
+    """
+    row = table.first_row
+    for numbers in _slices(table, channels):
+        yield to_si(table, channels, numbers, numbers, row)
+        row += len(numbers[0])
+
+
+def frame_checksum(table: Table, channels: tuple[Channel, ...]) -> str:
+    """SHA-256 of these columns: their names and, as binary64, their numbers before any unit.
+
+    Equal for equal numbers, whether from arrays, polars or pandas; a file's is of its bytes.
+    """
+    digest = hashlib.sha256("\0".join(channel.column for channel in channels).encode())
+    for numbers in _slices(table, channels):
+        for series in numbers:
+            digest.update(series.to_numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _slices(table: Table, channels: tuple[Channel, ...]) -> Iterator[list[pl.Series]]:
+    assert table.frame is not None
+    frame = table.frame.select([channel.column for channel in channels])
+    require_numbers(table, frame)
+    for part in frame.iter_slices(_SLICE_ROWS):
+        yield [series.cast(pl.Float64, strict=False) for series in part]
+
+
+def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
+    """A table of pandas by way of numpy; columns without numbers keep their names only."""
+    columns: dict[str, pl.Series] = {}
+    for k, label in enumerate(table.columns):
+        column, key = table.iloc[:, k], str(label)
+        if key in columns:
+            raise RecordingError(
+                f"has several columns called {key}", where=name, cure="rename all but one"
+            )
+        if column.dtype.kind in "iuf":
+            numbers = column.to_numpy(dtype=np.float64, na_value=math.nan)
+            columns[key] = pl.Series(key, copied(numbers))
+        else:
+            columns[key] = pl.repeat(None, len(column), dtype=pl.String, eager=True)
+    return pl.DataFrame(columns)
+
+
+def _require_name(name: str) -> None:
+    if not Path(name).name:
+        raise RecordingError(
+            f"'{name}' is no name of a recording", where="name", cure="give it a word"
+        )

@@ -1,0 +1,204 @@
+"""Recordings in memory: tables and arrays give what the same numbers in a file give."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from deltaid.recording.log import open_log
+from deltaid.recording.memory import Recording, as_source, as_sources
+from deltaid.recording.recording import open_recordings
+from logs import names, recorded, refusal, write
+
+NAME = "clavel-delta3"
+KINEMATICS = deltaid.Kinematics(deltaid.load_robot(NAME))
+
+
+@pytest.fixture(scope="module")
+def frame() -> pl.DataFrame:
+    return recorded(1500)
+
+
+def parts(frame: pl.DataFrame) -> dict[str, np.ndarray]:
+    """Arguments of `from_arrays`."""
+    arrays = {key: frame.select(names(key)).to_numpy() for key in ("q", "tau")}
+    return {"t": frame["t"].to_numpy(), **arrays}
+
+
+def samples(log: object) -> np.ndarray:
+    opened = open_log(log, KINEMATICS)  # pyright: ignore[reportArgumentType]
+    return np.concatenate([batch.values for batch in opened.batches()])
+
+
+def test_every_kind_of_source_gives_the_same_model(tmp_path: Path, frame: pl.DataFrame) -> None:
+    path = write(tmp_path / "log.csv", frame)
+    arrays = Recording.from_arrays(**parts(frame))
+    kinds = {
+        "csv": [path],
+        "bare string": str(path),
+        "parquet": write(tmp_path / "log.parquet", frame),
+        "polars": frame,
+        "arrays": [arrays],
+    }
+    results = {kind: deltaid.identify(NAME, source).model for kind, source in kinds.items()}
+    first = results.pop("csv")
+    for kind, model in results.items():
+        np.testing.assert_array_equal(model.p, first.p, err_msg=kind)
+        np.testing.assert_array_equal(model.fit.rms, first.fit.rms, err_msg=kind)
+    assert [source.log for source in results["polars"].sources] == ["table"]
+    assert [source.log for source in results["arrays"].sources] == ["arrays"]
+    expected, _ = deltaid.validate(first, path)
+    for source in (frame, arrays):
+        error, log = deltaid.validate(first, source)
+        np.testing.assert_array_equal(error.rms, expected.rms)
+        assert log.samples == 1500
+
+
+def test_lazy_tables_chunks_and_other_columns(frame: pl.DataFrame) -> None:
+    rows = frame.to_numpy()
+    cut = pl.concat([frame.head(700), frame.tail(800)], rechunk=False)
+    noted = frame.with_columns(note=pl.lit("axis")).select("note", *reversed(frame.columns))
+    for table in (frame.lazy(), cut, noted):
+        np.testing.assert_array_equal(samples(table), rows)
+
+
+def test_rows_beyond_a_slice(frame: pl.DataFrame, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltaid.recording.memory._SLICE_ROWS", 333)
+    np.testing.assert_array_equal(samples(frame), frame.to_numpy())
+    holed = frame.with_columns(q2=pl.when(pl.col("t").is_between(1, 1)).then(None).otherwise("q2"))
+    message = refusal(samples, holed)
+    assert message.startswith("table, row 1001: column q2 is empty")
+
+
+def test_a_table_of_pandas(frame: pl.DataFrame) -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({name: frame[name].to_numpy() for name in frame.columns})
+    table["note"] = "axis"
+    np.testing.assert_array_equal(samples(table), frame.to_numpy())
+    assert open_log(table, KINEMATICS).sha256 == open_log(frame, KINEMATICS).sha256
+    nullable = table.astype({"q1": "Float64"})
+    np.testing.assert_array_equal(samples(nullable), frame.to_numpy())
+    nullable.loc[5, "q1"] = pandas.NA
+    assert "table, row 6: column q1 is 'nan'" in refusal(samples, nullable)
+    assert "column tau1 holds String, not numbers" in refusal(samples, table.assign(tau1="low"))
+    twice = pandas.concat([table, table[["q1"]]], axis=1)
+    assert "table: has several columns called q1" in refusal(samples, twice)
+
+
+def test_a_recording_is_a_value(frame: pl.DataFrame) -> None:
+    pandas = pytest.importorskip("pandas")
+    given = {key: np.array(value, order="F") for key, value in parts(frame).items()}
+    arrays = Recording.from_arrays(**given)
+    table = pandas.DataFrame({name: frame[name].to_numpy() for name in frame.columns}, copy=True)
+    held = Recording.from_table(table)
+    for value in given.values():
+        value[:] = 0.0
+    table.iloc[:, :] = 0.0
+    np.testing.assert_array_equal(samples(arrays), frame.to_numpy())
+    np.testing.assert_array_equal(samples(held), frame.to_numpy())
+
+
+def test_units_of_arrays(frame: pl.DataFrame) -> None:
+    given = parts(frame)
+    rows = frame.to_numpy()
+    scaled = Recording.from_arrays(
+        t=1e3 * given["t"],
+        q=np.degrees(given["q"]),
+        tau=given["tau"] * [1000, 1, 100],
+        unit_t="ms",
+        unit_q="deg",
+        unit_tau=("mN m", "N m", "N cm"),
+    )
+    np.testing.assert_allclose(samples(scaled), rows, rtol=1e-14, atol=1e-14)
+    single = Recording.from_arrays(
+        t=given["t"].tolist(), q=given["q"].tolist(), tau=given["tau"].astype(np.float32)
+    )
+    np.testing.assert_allclose(samples(single), rows, rtol=1e-6, atol=1e-6)
+    columns = deltaid.ColumnMapping.model_validate(
+        {"position": [{"column": f"q{i}", "unit": "deg", "gear": 2} for i in (1, 2, 3)]}
+    )
+    motor = Recording.from_arrays(**given | {"q": np.degrees(2 * given["q"])})
+    values = np.concatenate([b.values for b in open_log(motor, KINEMATICS, columns).batches()])
+    np.testing.assert_allclose(values, rows, rtol=1e-14, atol=1e-14)
+
+
+def test_derivatives_and_a_rate_in_place_of_times() -> None:
+    frame = recorded(1000, derivatives=True)
+    given = {key: frame.select(names(key)).to_numpy() for key in ("q", "qd", "qdd", "tau")}
+    rows = samples(Recording.from_arrays(rate=1000.0, **given))
+    np.testing.assert_array_equal(rows[:, 0], np.arange(1000) / 1000)
+    np.testing.assert_array_equal(rows[:, 1:], np.hstack([*given.values()]))
+    rpm = given | {"qd": given["qd"] * 30 / np.pi, "qdd": np.degrees(given["qdd"])}
+    turned = Recording.from_arrays(rate=1000.0, unit_qd="rpm", unit_qdd="deg/s^2", **rpm)
+    np.testing.assert_allclose(samples(turned), rows, rtol=1e-13, atol=1e-13)
+
+
+def test_a_copy_is_refused(frame: pl.DataFrame) -> None:
+    arrays = Recording.from_arrays(**parts(frame))
+    message = refusal(open_recordings, [frame, arrays], KINEMATICS)
+    assert message.startswith("arrays: is the same recording as table 1")
+    message = refusal(open_recordings, (frame.head(1200), frame, frame.clone()), KINEMATICS)
+    assert message.startswith("table 3: is the same recording as table 2")
+    other = frame.with_columns(tau1=pl.col("tau1") + 1e-9)
+    assert len(open_recordings([frame, other], KINEMATICS)) == 2
+
+
+SHAPES = {
+    "t shorter": ({"t": np.arange(5.0)}, "arrays, t: has shape (5,), but q has 1500 rows"),
+    "flat q": ({"q": np.zeros(1500)}, "arrays, q: has shape (1500,), not (samples, drives)"),
+    "empty": ({"q": np.zeros((0, 3))}, "arrays, q: has shape (0, 3), not (samples, drives)"),
+    "tau of others": ({"tau": np.zeros((1500, 2))}, "arrays, tau: has shape (1500, 2), but q has"),
+    "text": ({"tau": [["low"] * 3] * 1500}, "arrays, tau: holds <U3, not numbers"),
+    "complex": ({"q": np.zeros((1500, 3)) * 1j}, "arrays, q: holds complex128, not numbers"),
+    "ragged": ({"q": [[1.0, 2.0], [1.0]]}, "arrays, q: rows differ in length"),
+    "masked": (
+        {"q": np.ma.masked_less(np.tile([-1.0, 1.0, 1.0], (1500, 1)), 0)},
+        "arrays, q: has masked values",
+    ),
+    "no time": ({"t": None}, "arrays: neither t nor rate is given"),
+    "two times": ({"rate": 1000.0}, "arrays: both t and rate are given"),
+    "no rate": ({"t": None, "rate": float("nan")}, "arrays, rate: is nan"),
+    "rate zero": ({"t": None, "rate": 0.0}, "arrays, rate: is 0.0"),
+    "unit of rate": ({"t": None, "rate": 1e3, "unit_t": "ms"}, "arrays, unit_t: belongs to t"),
+    "unit of nothing": ({"unit_qd": "rpm"}, "arrays, unit_qd: qd is not given"),
+    "two units": ({"unit_q": ("deg", "deg")}, "arrays, unit_q: has 2 units for 3 drives"),
+    "name": ({"name": ""}, "name: '' is no name of a recording"),
+}
+
+
+@pytest.mark.parametrize("case", SHAPES)
+def test_arrays_that_do_not_fit(frame: pl.DataFrame, case: str) -> None:
+    change, expected = SHAPES[case]
+    message = refusal(lambda: Recording.from_arrays(**parts(frame) | change))
+    assert message.startswith(expected)
+    assert "\n  → " in message
+
+
+def test_values_and_units_that_do_not_fit(frame: pl.DataFrame) -> None:
+    given = parts(frame)
+    q = given["q"].copy()
+    q[17, 1] = np.nan
+    message = refusal(samples, Recording.from_arrays(**given | {"q": q}))
+    assert message.startswith("arrays, row 18: column q2 is 'nan', not a finite number")
+    wrong = Recording.from_arrays(**given, unit_tau="deg", name="run 7")
+    assert refusal(samples, wrong).startswith("run 7, torque[0]: unit 'deg' is not a unit of N m")
+    two = Recording.from_arrays(t=given["t"], q=given["q"][:, :2], tau=given["tau"][:, :2])
+    assert refusal(samples, two).startswith("arrays: q has 2 columns, but the robot has 3 drives")
+    silent = Recording.from_arrays(t=given["t"], q=given["q"])
+    assert refusal(samples, silent).startswith("arrays: has no torque columns")
+    texts = frame.with_columns(t=pl.lit("12:00"))
+    assert refusal(samples, texts).startswith("table: column t holds String, not numbers")
+    lazy = frame.lazy().select("no such column")
+    assert refusal(samples, lazy).startswith("table: cannot be computed: ")
+
+
+def test_what_is_no_recording(frame: pl.DataFrame) -> None:
+    for thing, kind in ((frame.to_numpy(), "ndarray"), ({"t": [0.0]}, "dict"), (None, "NoneType")):
+        for call in (as_source, as_sources):
+            message = refusal(call, thing)
+            assert message.startswith(f"logs: a {kind} is no recording")
+            assert "deltaid.Recording.from_arrays" in message
+    assert "no log was given" in refusal(open_recordings, [], KINEMATICS)
+    assert [str(source) for source in as_sources(("a.csv", frame))] == ["a.csv", "table 2"]
