@@ -122,6 +122,9 @@ def test_units_of_arrays(frame: pl.DataFrame) -> None:
     motor = Recording.from_arrays(**given | {"q": np.degrees(2 * given["q"])})
     values = np.concatenate([b.values for b in open_log(motor, KINEMATICS, columns).batches()])
     np.testing.assert_allclose(values, rows, rtol=1e-14, atol=1e-14)
+    own = open_log(scaled, KINEMATICS, columns)  # its own units go before those of the call
+    values = np.concatenate([batch.values for batch in own.batches()])
+    np.testing.assert_array_equal(values, samples(scaled))
 
 
 def test_derivatives_and_a_rate_in_place_of_times() -> None:
