@@ -1,13 +1,17 @@
 """A log that cannot be used gets one message: what is wrong, in which file, row and column."""
 
 import errno
+import gzip
 import io
 import os
+import random
 import re
+import sys
 from pathlib import Path
 
 import polars as pl
 import pytest
+import zstandard
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
@@ -179,11 +183,27 @@ FOREIGN = {
     "binary": (bytes(range(256)) * 8, "row 1: is not text"),
     "zeros": (bytes(5000), "row 1: is not text"),
     "endless line": (b"t" * (2 << 20), "row 1: is too long"),
-    "UTF-16": (GOOD.encode("utf-16"), "is text in UTF-16"),
+    "UTF-16 with a bad field": (
+        with_field(150, "q2", "x").encode("utf-16"),
+        "row 150: column q2 is 'x'",
+    ),
+    "UTF-16 cut off": (GOOD.encode("utf-16")[:-41], f"row {ROWS + 1}: "),
     "Excel": (b"PK\x03\x04" + bytes(100), "is an Excel workbook"),
     "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a MATLAB file"),
     "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is an HDF5 file"),
-    "gzip": (b"\x1f\x8b\x08" + bytes(100), "is compressed by gzip"),
+    "gzip damaged": (b"\x1f\x8b\x07" + bytes(100), "is a damaged gzip file"),
+    "gzip cut off": (gzip.compress(GOOD.encode())[:-20], "is a gzip file that is cut off"),
+    "gzip with a wrong checksum": (
+        gzip.compress(GOOD.encode())[:-8] + bytes(8),
+        "is a damaged gzip file",
+    ),
+    "gzip of MATLAB": (gzip.compress(b"MATLAB 5.0 MAT-file" + bytes(200)), "is a MATLAB file"),
+    "gzip with a bad field": (
+        gzip.compress(with_field(150, "q2", "x").encode()),
+        "row 150: column q2 is 'x'",
+    ),
+    "zstd cut off": (zstandard.compress(GOOD.encode())[:-20], "is a zstd file that is cut off"),
+    "zstd damaged": (zstandard.compress(GOOD.encode())[:9] + bytes(90), "zstd file"),
     "endless line of data": (b"t,q1,q2,q3,tau1,tau2,tau3\n" + b"1" * (6 << 20), "lines that are"),
 }
 
@@ -195,6 +215,25 @@ def test_files_that_are_no_csv(tmp_path, opened, name: str) -> None:
     message = refusal(opened, path)
     assert message.startswith(str(path))
     assert fragment in message
+
+
+def test_zstd_without_its_library(tmp_path, opened, monkeypatch) -> None:
+    path = write(tmp_path / "log.csv.zst", zstandard.compress(GOOD.encode()))
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    assert "pip install 'deltaid[formats]'" in refusal(opened, path)
+
+
+def test_damaged_compressed_logs_are_refused(tmp_path, opened) -> None:
+    rng = random.Random(3)
+    for compress in (gzip.compress, zstandard.ZstdCompressor(write_checksum=True).compress):
+        whole = compress(GOOD.encode())
+        for _ in range(30):
+            data = bytearray(whole)
+            data[rng.randrange(12, len(data) - 8)] ^= 1 << rng.randrange(8)
+            path = write(tmp_path / "log.csv", bytes(data))
+            message = refusal(opened, path)
+            assert message.startswith(str(path))
+            assert "→" in message
 
 
 def test_no_file(tmp_path, opened, monkeypatch) -> None:

@@ -1,11 +1,14 @@
 """Reading logs: every spelling of a recording gives the same samples; declared units become SI."""
 
 import dataclasses
+import gzip
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+import zstandard
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.recording import csv_text, parquet, table
@@ -38,6 +41,11 @@ def _with_notes(frame: pl.DataFrame) -> bytes:
     return text(noted.select("date", *frame.columns, "note")).encode()
 
 
+def _in_two(data: bytes, compress: Callable[[bytes], bytes]) -> bytes:
+    half = len(data) // 2
+    return compress(data[:half]) + compress(data[half:])
+
+
 SPELLINGS: dict[str, Spelling] = {
     "semicolons": lambda f: text(f, ";").encode(),
     "commas and tabs": lambda f: text(f, ",\t").encode(),
@@ -56,6 +64,13 @@ SPELLINGS: dict[str, Spelling] = {
     "scientific": lambda f: text(f, number="{:+.16E}".format).encode(),
     "other columns": _with_notes,
     "other columns from Windows": lambda f: _with_notes(f).decode().encode("cp1252"),
+    "gzip": lambda f: gzip.compress(text(f).encode()),
+    "gzip in two members": lambda f: _in_two(text(f).encode(), gzip.compress) + bytes(512),
+    "zstd": lambda f: zstandard.compress(text(f).encode()),
+    "zstd in two frames": lambda f: _in_two(text(f).encode(), zstandard.compress),
+    "UTF-16": lambda f: b"\xff\xfe" + text(f, eol="\r\n").encode("utf-16-le"),
+    "UTF-16, big end first, tabs": lambda f: b"\xfe\xff" + text(f, "\t").encode("utf-16-be"),
+    "UTF-16 in gzip": lambda f: gzip.compress(text(f, ";", number=comma).encode("utf-16")),
     "columns in another order": lambda f: text(f.select(sorted(f.columns, reverse=True))).encode(),
 }
 

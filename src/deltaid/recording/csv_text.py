@@ -1,14 +1,11 @@
-"""Reading CSV in blocks of lines: separators, decimal commas, quotes, and the line of each fault.
+"""Reading CSV in blocks of lines: decimal commas, quotes, and the line of each fault.
 
 A block ends where a line ends, so fields are counted before polars parses it and every row keeps
 its line number. Fields are read as text, because only then the place of a bad number is known.
 """
 
-import csv
 import io
-import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -16,32 +13,12 @@ from jaxtyping import Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Channel
+from deltaid.recording.csv_layout import LONGEST_LINE
 from deltaid.recording.numbers import to_si
-from deltaid.recording.source import Table, opened
+from deltaid.recording.source import Table
+from deltaid.recording.stream import content, skip
 
 _BLOCK_BYTES = 4 << 20
-_LONGEST_LINE = 1 << 20
-_SEPARATORS = ("\t", ";", ",")
-
-
-def open_csv(path: Path, header_row: int = 1, data_row: int | None = None) -> Table:
-    """The header of a CSV file.
-
-    Raises:
-        RecordingError: it is not text, or its header is missing.
-    """
-    first_row = data_row or header_row + 1
-    with opened(path) as file:
-        lines = [_line(file, path, row + 1) for row in range(header_row)]
-        for row in range(header_row, first_row - 1):
-            _line(file, path, row + 1)
-        data_start = file.tell()
-        ends_open = file.seek(0, io.SEEK_END) > 0 and _last_byte(file) != b"\n"
-    place = f"{path}, row {header_row}"
-    text = _decoded(lines[-1], place)
-    separator = _separator(text)
-    names = _names(text, separator, place)
-    return Table(path, names, separator, header_row, first_row, data_start, ends_open)
 
 
 def read_csv(
@@ -60,86 +37,6 @@ def read_csv(
         yield to_si(table, channels, decimals.numbers(texts), texts, row)
 
 
-def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
-    line = file.readline(_LONGEST_LINE)
-    if len(line) == _LONGEST_LINE:
-        raise RecordingError(
-            "is too long for a line of CSV",
-            where=f"{path}, row {row}",
-            cure="export the log as CSV with a line break after every sample, or as Parquet",
-        )
-    return line
-
-
-def _last_byte(file: io.BufferedReader) -> bytes:
-    file.seek(-1, io.SEEK_END)
-    return file.read(1)
-
-
-def _decoded(line: bytes, place: str) -> str:
-    """The header as text. Names that are not UTF-8 come from Windows, where ° is one byte."""
-    try:
-        text = line.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = line.decode("cp1252", errors="replace")
-    text = text.rstrip("\r\n")
-    if "\r" in text:
-        raise RecordingError(
-            "has carriage returns alone as line breaks", where=place, cure="convert them to LF"
-        )
-    if any(ord(c) < 32 and c != "\t" for c in text):
-        raise RecordingError(
-            "is not text", where=place, cure="export the log as CSV in UTF-8 or as Parquet"
-        )
-    if not text.strip():
-        raise RecordingError(
-            "is an empty line where the column names are expected",
-            where=place,
-            cure="delete it, or give --columns a mapping with header_row",
-        )
-    return text
-
-
-def _separator(header: str) -> str:
-    """The separator of a header: tab before semicolon before comma, since names may hold commas.
-
-    One that only follows another (`t,<tab>q1`) is padding.
-    """
-    unquoted = re.sub(r'"[^"]*"', "", header)
-    for mark in _SEPARATORS[:-1]:
-        fields = unquoted.split(mark)
-        if len(fields) > 1 and not any(f.rstrip().endswith(_SEPARATORS) for f in fields):
-            return mark
-    return _SEPARATORS[-1]
-
-
-def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
-    try:
-        fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-    except csv.Error as error:
-        raise RecordingError(
-            f"is not a row of column names: {error}",
-            where=place,
-            cure="mend it, or say with --columns MAPPING.yaml (header_row) where the names are",
-        ) from None
-    names = tuple(name.strip() for name in fields)
-    if all(_is_number(name) for name in names):
-        raise RecordingError(
-            "has no header: its first row holds numbers",
-            where=place,
-            cure="put a row of column names first, such as t,q1,q2,q3,tau1,tau2,tau3",
-        )
-    return names
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", ".", 1) or 0)
-    except ValueError:
-        return False
-    return True
-
-
 def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
     row, empty_row = table.first_row, 0
@@ -156,8 +53,8 @@ def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
 
 
 def _whole_lines(table: Table) -> Iterator[bytes]:
-    with opened(table.path) as file:
-        file.seek(table.data_start)
+    with content(table.path) as file:
+        skip(file, table.data_start)
         rest = b""
         while block := file.read(_BLOCK_BYTES):
             cut = block.rfind(b"\n") + 1
@@ -166,7 +63,7 @@ def _whole_lines(table: Table) -> Iterator[bytes]:
                 rest = block[cut:]
             else:
                 rest += block
-            if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
+            if len(rest) > LONGEST_LINE + _BLOCK_BYTES:
                 raise RecordingError(
                     "has lines that are too long for CSV",
                     where=str(table.path),

@@ -10,21 +10,20 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Columns
-from deltaid.recording.csv_text import open_csv, read_csv
+from deltaid.recording.csv_layout import open_csv
+from deltaid.recording.csv_text import read_csv
 from deltaid.recording.memory import frame_checksum, read_frame
 from deltaid.recording.parquet import SIGNATURE, open_parquet, read_parquet
 from deltaid.recording.source import Table, opened
+from deltaid.recording.stream import content
 
 # Rows of a batch, however the file is read, so that nothing depends on how it is.
 _BATCH_ROWS = 1 << 16
 _FOREIGN = {
     b"PK\x03\x04": "an Excel workbook or a ZIP archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
-    b"\x1f\x8b": "compressed by gzip",
     b"MATLAB": "a MATLAB file",
     b"\x89HDF": "an HDF5 file (or a MATLAB file of version 7.3)",
-    b"\xff\xfe": "text in UTF-16",
-    b"\xfe\xff": "text in UTF-16",
 }
 
 
@@ -46,7 +45,7 @@ def open_table(path: Path, header_row: int = 1, data_row: int | None = None) -> 
     Raises:
         RecordingError: the file is missing, empty, cannot be read, or is neither CSV nor Parquet.
     """
-    with opened(path) as file:
+    with content(path) as file:
         start = file.read(8)
     if not start:
         raise RecordingError("is empty", where=str(path), cure="copy or export it again")
