@@ -64,9 +64,10 @@ def write(path: Path, content: str | bytes | pl.DataFrame) -> Path:
 
 def read(path: Path, mapping: ColumnMapping | None = None) -> np.ndarray:
     """All rows of a log in SI units, columns as in `Columns.all`."""
-    given = mapping or ColumnMapping()
-    table = open_table(path, given.header_row, given.data_row)
-    columns = resolve_columns(table.header, (False,) * DOF, mapping, where=str(path))
+    table = open_table(path, mapping)
+    columns = resolve_columns(
+        table.header, (False,) * DOF, mapping, where=str(path), units=table.units
+    )
     batches = list(read_batches(table, columns))
     rows = np.cumsum([table.first_row] + [len(batch.values) for batch in batches])
     assert [batch.row for batch in batches] == rows[:-1].tolist()

@@ -119,9 +119,9 @@ BAD_TEXT = {
         text(recorded(ROWS).drop("tau1", "tau2", "tau3")),
         "row 1: has no torque columns",
     ),
-    "spaces between columns": (GOOD.replace(",", " "), "row 1: has no column", "semicolon or tab"),
+    "bars between columns": (GOOD.replace(",", "|"), "row 1: has no column", "tab or blanks"),
     "row of units": (
-        GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1),
+        GOOD.replace("\n", "\ns,rad,rad,counts,Nm,Nm,Nm\n", 1),
         "row 2: holds no numbers",
         "data_row: 3",
     ),
@@ -204,7 +204,10 @@ FOREIGN = {
     ),
     "zstd cut off": (zstandard.compress(GOOD.encode())[:-20], "is a zstd file that is cut off"),
     "zstd damaged": (zstandard.compress(GOOD.encode())[:9] + bytes(90), "zstd file"),
-    "endless line of data": (b"t,q1,q2,q3,tau1,tau2,tau3\n" + b"1" * (6 << 20), "lines that are"),
+    "endless line of data": (
+        b"t,q1,q2,q3,tau1,tau2,tau3\n" + b"1" * (6 << 20),
+        "row 2: is too long",
+    ),
 }
 
 
@@ -236,6 +239,71 @@ def test_damaged_compressed_logs_are_refused(tmp_path, opened) -> None:
             assert "→" in message
 
 
+def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
+    lines = with_field(150, "q2", "x").split("\n")
+    for at in (200, 149, 100, 100, 1, 0, 0):  # five of them above the bad field's line
+        lines.insert(at, "# remark")
+    path = write(tmp_path / "log.csv", "\n".join(lines))
+    for size in (1 << 22, 700, 60):
+        monkeypatch.setattr(csv_text, "_BLOCK_BYTES", size)
+        bad = lines.index(next(line for line in lines if ",x," in line)) + 1
+        assert f"row {bad}: column q2 is 'x'" in refusal(opened, path)
+    path = write(path, "# a\n# b\n" + without_rows(150, 159).replace("\n0.1,", "\n# c\n0.1,"))
+    assert "row 153: there is a gap" in refusal(opened, path)
+
+
+def test_later_passes_count_comments_once(tmp_path, opened) -> None:
+    log = opened(write(tmp_path / "log.csv", GOOD.replace("\n0.1,", "\n# c\n# d\n0.1,")))
+    for _ in range(2):
+        assert sum(len(batch.values) for batch in log.batches()) == ROWS
+        assert [log.table.line(row) for row in (101, 102, 103)] == [101, 104, 105]
+
+
+NUMBERED = ColumnMapping.model_validate(
+    {
+        "time": {"column": 1},
+        "position": [{"column": i, "unit": "rad"} for i in (2, 3, 4)],
+        "torque": [{"column": i, "unit": "Nm"} for i in (5, 6, 7)],
+    }
+)
+HEADLESS = GOOD.split("\n", 1)[1]
+
+
+def test_numbered_columns_must_be_there(tmp_path, opened) -> None:
+    path = write(tmp_path / "log.csv", HEADLESS.replace(",", " "))
+    assert opened(path, NUMBERED).samples == ROWS
+    torque = tuple(column.changed(column="9") for column in NUMBERED.torque or ())
+    message = refusal(opened, path, NUMBERED.changed(torque=torque[:1] + NUMBERED.torque[1:]))
+    assert "row 1: has no column 9; its columns are 1, 2, 3, 4, 5, 6, 7" in message
+    assert "column: 1" in refusal(opened, path)
+
+
+def test_stated_units_must_fit(tmp_path, opened) -> None:
+    amperes = GOOD.replace("\n", "\ns,rad,rad,rad,A,A,A\n", 1)
+    message = refusal(opened, write(tmp_path / "log.csv", amperes))
+    assert "row 1, unit of tau1: unit 'A' is not a unit of N m" in message
+    assert "torque_constant" in message
+
+
+def test_damaged_spellings_give_one_message(tmp_path, opened) -> None:
+    rng = random.Random(7)
+    wholes = (
+        "Scope\n\n# x\n" + GOOD.replace("\n", "\n# s\ns,rad,rad,rad,Nm,Nm,Nm\n", 1) + "END\n",
+        "% x\n" + GOOD.replace(",", "  ") + "// x\nEOF",
+    )
+    for data in (bytearray(whole.encode()) for whole in wholes for _ in range(60)):
+        for _ in range(3):
+            at = rng.randrange(len(data) if rng.random() < 0.5 else 100)
+            data[at : at + rng.randrange(3)] = rng.choice(b'#;,\n\t "x\0%\xff-').to_bytes()
+        path = write(tmp_path / "log.csv", bytes(data))
+        message = ""
+        try:
+            opened(path)
+        except DeltaidError as error:
+            message = str(error)
+        assert not message or (message.startswith(str(path)) and "→" in message)
+
+
 def test_no_file(tmp_path, opened, monkeypatch) -> None:
     assert "no such file" in refusal(opened, tmp_path / "nothing.csv")
     assert "is a folder" in refusal(opened, tmp_path)
@@ -263,6 +331,9 @@ SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
     ("content", "warning"),
     [
         (changed(q1=pl.lit(0.1)), "column q1 is constant"),
+        ("Scope\n" + GOOD, "row 2 is taken for the column names"),
+        (GOOD + "END\n", r"ends with text after its data \('END'\)"),
+        (GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1), r"row 2 .* of units \(s, rad, "),
         (GOOD.rstrip("\n"), "the last line has no line break"),
         (with_field(150, "t", "0.1484"), "2 time steps .* the first in row 150; taken as evenly"),
         (

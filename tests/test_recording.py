@@ -41,6 +41,18 @@ def _with_notes(frame: pl.DataFrame) -> bytes:
     return text(noted.select("date", *frame.columns, "note")).encode()
 
 
+def _commented(source: str, marks: tuple[str, ...] = ("#", "%", "//", ";")) -> bytes:
+    """A comment above the names, under them, among the data and at the end."""
+    lines = source.rstrip("\n").split("\n")
+    for i, at in enumerate((len(lines), 200, 40, 40, 2, 1, 0)):
+        lines.insert(at, f"{marks[i % len(marks)]} remark {i}, 1.5")
+    return "\n".join(lines).encode()
+
+
+def _with_second(source: str, row: str) -> bytes:
+    return source.replace("\n", f"\n{row}\n", 1).encode()
+
+
 def _in_two(data: bytes, compress: Callable[[bytes], bytes]) -> bytes:
     half = len(data) // 2
     return compress(data[:half]) + compress(data[half:])
@@ -64,6 +76,17 @@ SPELLINGS: dict[str, Spelling] = {
     "scientific": lambda f: text(f, number="{:+.16E}".format).encode(),
     "other columns": _with_notes,
     "other columns from Windows": lambda f: _with_notes(f).decode().encode("cp1252"),
+    "comments": lambda f: _commented(text(f, "\t")),
+    "comments with semicolons": lambda f: _commented(text(f, ";"), ("#", "%", "//")),
+    "names in a comment": lambda f: ("# made by x\n# " + text(f, " ")).encode(),
+    "row of units": lambda f: _with_second(text(f), "s,rad,[rad],(rad),N m,Nm,Nm"),
+    "preamble": lambda f: ("Scope;1,5\n\nStart: 12:00\n" + text(f, ";", number=comma)).encode(),
+    "preamble and units": lambda f: b"Scope\n" + _with_second(text(f), "s,rad,rad,rad,Nm,Nm,Nm"),
+    "blanks": lambda f: text(f, " \t  ").replace("\n", " \r\n  ").encode(),
+    "blanks and decimal commas": lambda f: text(f, "   ", number=comma).encode(),
+    "end tag": lambda f: (text(f) + "END\n").encode(),
+    "end in words": lambda f: (text(f, ";", eol="\r\n") + "\r\nEnd of file; bye").encode(),
+    "end tag in gzip": lambda f: gzip.compress((text(f) + "END\n\n").encode()),
     "gzip": lambda f: gzip.compress(text(f).encode()),
     "gzip in two members": lambda f: _in_two(text(f).encode(), gzip.compress) + bytes(512),
     "zstd": lambda f: zstandard.compress(text(f).encode()),
@@ -134,6 +157,34 @@ def test_rows_above_the_data_can_be_declared(tmp_path, frame) -> None:
     path = write(tmp_path / "scope.csv", f"{preamble}{header}\r\n{units}\r\n{rest}")
     mapping = ColumnMapping(header_row=4, data_row=6)
     np.testing.assert_array_equal(read(path, mapping), frame.to_numpy())
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+@pytest.mark.parametrize("number", [repr, comma])
+def test_columns_without_names_are_numbered(tmp_path, frame, separator, number) -> None:
+    if (separator, number) == (",", comma):
+        separator = " ;"
+    mapping = ColumnMapping.model_validate(
+        {
+            "time": {"column": 1},
+            "position": [{"column": i, "unit": "rad"} for i in (2, 3, 4)],
+            "torque": [{"column": i, "unit": "Nm"} for i in (5, 6, 7)],
+        }
+    )
+    rows = text(frame, separator, number=number).split("\n", 1)[1]
+    path = write(tmp_path / "log.csv", "# a remark\n" + rows)
+    np.testing.assert_array_equal(read(path, mapping), frame.to_numpy())
+
+
+def test_units_under_the_header_hold(tmp_path) -> None:
+    rows = ["t,q1,q2,q3,tau1,tau2,tau3", "ms,deg,mrad,rad,Nmm,N m,kN*m", "1,90,1,1,1,1,1"]
+    path = write(tmp_path / "log.csv", "\n".join([*rows, "2,0,0,0,0,0,0"]))
+    expected = [1e-3, np.pi / 2, 1e-3, 1, 1e-3, 1, 1e3]
+    np.testing.assert_allclose(read(path)[0], expected, rtol=1e-15)
+    columns = tuple({"column": f"q{i}", "unit": "rev"} for i in (1, 2, 3))
+    declared = ColumnMapping.model_validate({"position": columns, "time": {"unit": "s"}})
+    expected[:4] = [1, 180 * np.pi, 2 * np.pi, 2 * np.pi]
+    np.testing.assert_allclose(read(path, declared)[0], expected, rtol=1e-15)
 
 
 def test_whole_numbers_do_not_decide_the_decimal_mark(tmp_path) -> None:

@@ -2,11 +2,12 @@
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from deltaid.errors import RecordingError
 from deltaid.recording.units import si_factor
@@ -14,7 +15,17 @@ from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
 
-Name = Annotated[str, Field(min_length=1, description="as in the log's header")]
+
+def _numbered(value: object) -> object:
+    """A column's number as the name that it has in a log without header."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Name = Annotated[
+    str,
+    BeforeValidator(_numbered, json_schema_input_type=str | int),
+    Field(min_length=1, description="as in the log's header; its number from 1 if there is none"),
+]
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
@@ -64,7 +75,8 @@ class ColumnMapping(Part):
     acceleration: tuple[DriveColumn, ...] | None = None
     torque: tuple[DriveColumn, ...] | None = None
     header_row: Annotated[int, Field(ge=1)] = Field(
-        default=1, description="line of a CSV file that holds the column names"
+        default=1,
+        description="line of a CSV file of the column names; searched if neither row is given",
     )
     data_row: int | None = Field(
         default=None,
@@ -82,6 +94,12 @@ class ColumnMapping(Part):
         mapping = self.model_copy()
         mapping._source = source
         return mapping
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Names without which a row is no header: time, and positions of whatever robot."""
+        positions = self.position or ()
+        return (self.time.column, *([c.column for c in positions] or ["q1"]))
 
     @model_validator(mode="after")
     def _check(self) -> "ColumnMapping":
@@ -131,6 +149,7 @@ def resolve_columns(
     mapping: ColumnMapping | None,
     *,
     where: str,
+    units: Mapping[str, str] | None = None,
 ) -> Columns:
     """Match a log's header with a mapping, or with the default names t, q1…, qd1…, qdd1…, tau1….
 
@@ -138,16 +157,22 @@ def resolve_columns(
 
     Args:
         linear: for each drive whether it is a linear one.
+        units: of columns as the log states them, for those of which the mapping says nothing.
 
     Raises:
         RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
             a list has the wrong length.
     """
     mapping = mapping or ColumnMapping()
-    place = f"{mapping.source}, time.unit"
-    time = Channel(mapping.time.column, si_factor(mapping.time.unit, "s", where=place), 0.0)
+    units = units or {}
+    place, unit = f"{mapping.source}, time.unit", mapping.time.unit
+    if "unit" not in mapping.time.model_fields_set and mapping.time.column in units:
+        place, unit = f"{where}, unit of {mapping.time.column}", units[mapping.time.column]
+    time = Channel(mapping.time.column, si_factor(unit, "s", where=place), 0.0)
     channels = {
-        quantity: _channels(quantity, header, linear, getattr(mapping, quantity), mapping.source)
+        quantity: _declared(quantity, linear, given, mapping.source)
+        if (given := getattr(mapping, quantity)) is not None
+        else _under_default_names(quantity, header, linear, units, where)
         for quantity in QUANTITIES
     }
     columns = Columns(time, **channels)
@@ -177,19 +202,28 @@ def _default_names(quantity: Quantity, dof: int) -> list[str]:
     return [f"{_SHORT[quantity]}{i + 1}" for i in range(dof)]
 
 
-def _channels(
+def _under_default_names(
     quantity: Quantity,
     header: tuple[str, ...],
     linear: tuple[bool, ...],
-    given: tuple[DriveColumn, ...] | None,
-    source: str,
+    units: Mapping[str, str],
+    where: str,
+) -> tuple[Channel, ...]:
+    names = _default_names(quantity, len(linear))
+    if not any(name in header for name in names):
+        return ()
+    # Some but not all: keep them all, so that the missing ones are named.
+    targets = [(_SLIDING if slides else _TURNING)[quantity] for slides in linear]
+    return tuple(
+        Channel(name, si_factor(units.get(name, si), si, where=f"{where}, unit of {name}"), 0.0)
+        for name, si in zip(names, targets, strict=True)
+    )
+
+
+def _declared(
+    quantity: Quantity, linear: tuple[bool, ...], given: tuple[DriveColumn, ...], source: str
 ) -> tuple[Channel, ...]:
     dof = len(linear)
-    if given is None:
-        names = _default_names(quantity, dof)
-        present = [name for name in names if name in header]
-        # Some but not all: keep them all, so that the missing ones are named.
-        return tuple(Channel(name, 1.0, 0.0) for name in names) if present else ()
     if len(given) != dof:
         raise RecordingError(
             f"lists {len(given)} columns, but the robot has {dof} drives",
@@ -236,7 +270,7 @@ def _require_present(names: list[str], header: tuple[str, ...], where: str) -> N
         "with --columns MAPPING.yaml, and in which row (header_row) the names are"
     )
     if len(header) == 1:
-        cure = "separate the columns by comma, semicolon or tab"
+        cure = "separate the columns by comma, semicolon, tab or blanks"
     raise RecordingError(
         f"has no column {', '.join(missing)}; its columns are {listing(header)}",
         where=where,

@@ -3,33 +3,157 @@
 import csv
 import io
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import RecordingError
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.csv_end import find_end, is_number
 from deltaid.recording.source import Table
 from deltaid.recording.stream import content
+from deltaid.recording.units import is_unit
 
 LONGEST_LINE = 1 << 20
-_TAIL = 1 << 16
+_SEARCHED_LINES = 200
 _SEPARATORS = ("\t", ";", ",")
+_COMMENT = re.compile(r"\A\s*(?:#|%|//|;(?=[^;]*$))+")
+_DEFAULT_NAME = re.compile(r"t|(?:q|qd|qdd|tau)\d+")
 
 
-def open_csv(path: Path, header_row: int = 1, data_row: int | None = None) -> Table:
-    """The header of a CSV file.
+@dataclass(frozen=True)
+class _Header:
+    """The line of column names, or without one the first line of numbers."""
+
+    row: int
+    separator: str
+    names: tuple[str, ...]
+    holds_numbers: bool = False
+
+
+class _Lines:
+    """The lines from the start of a file, read as they are asked for."""
+
+    def __init__(self, file: io.BufferedReader, path: Path) -> None:
+        self._file, self._path = file, path
+        self._lines: list[bytes] = []
+
+    def __getitem__(self, row: int) -> bytes:
+        """A line, counted from 1; nothing behind the end of the file."""
+        while len(self._lines) < row:
+            self._lines.append(_line(self._file, self._path, len(self._lines) + 1))
+        return self._lines[row - 1]
+
+    def size(self, rows: int) -> int:
+        """Of the first lines together [bytes]."""
+        return sum(map(len, self._lines[:rows]))
+
+
+def open_csv(path: Path, mapping: ColumnMapping) -> Table:
+    """The layout of a CSV file.
+
+    Its names stand in `mapping.header_row` if that is given, else in the first of 200 lines that
+    holds those of time and positions.
 
     Raises:
         RecordingError: it is not text, or its header is missing.
     """
-    first_row = data_row or header_row + 1
     with content(path) as file:
-        lines = [_line(file, path, row + 1) for row in range(first_row - 1)]
-        data_start = sum(map(len, lines))
-        ends_open = not _tail(file, lines[-1]).endswith(b"\n")
-    place = f"{path}, row {header_row}"
-    text = _decoded(lines[header_row - 1], place)
+        lines = _Lines(file, path)
+        header, warnings = _header(lines, path, mapping)
+        first_row, units = mapping.data_row, dict[str, str]()
+        if first_row is None:
+            first_row = _after_comments(lines, header.row + (not header.holds_numbers))
+            if not header.holds_numbers and (units := _units(lines[first_row], header, mapping)):
+                warnings.append(
+                    f"row {first_row} is taken for a row of units ({', '.join(units.values())}), "
+                    "which hold where no mapping says otherwise"
+                )
+                first_row = _after_comments(lines, first_row + 1)
+        before = lines[first_row - 1] if first_row > 1 else b""
+        data_start = lines.size(first_row - 1)
+    with content(path) as file:
+        end = find_end(file, data_start, header.separator)
+    if end.tag:
+        warnings.append(f"ends with text after its data ('{end.tag}'), which is left out")
+    return Table(
+        path,
+        header.names,
+        header.separator,
+        header.row,
+        first_row,
+        data_start,
+        not (end.last_byte or before).endswith(b"\n"),
+        data_size=end.size,
+        units=units,
+        warnings=tuple(warnings),
+    )
+
+
+def is_comment(line: bytes) -> bool:
+    """Whether a line near the head of a file says nothing but remarks."""
+    return bool(_COMMENT.match(line.decode("latin-1")))
+
+
+def _header(lines: _Lines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[str]]:
+    given = bool({"header_row", "data_row"} & mapping.model_fields_set)
+    numbered = all(name.isdecimal() for name in mapping.needed)
+    row = mapping.header_row if given else None
+    if row is None and not numbered:
+        row = _row_of_names(lines, mapping.needed)
+    if row is None:
+        row = _after_comments(lines, 1)
+    text = _decoded(lines[row], f"{path}, row {row}")
+    bare = _COMMENT.sub("", text, count=1)
+    # A mark that has a field of its own is the name of a column.
+    if _holds(bare, mapping.needed) and not bare.lstrip(" ").startswith(_SEPARATORS):
+        text = bare
     separator = _separator(text)
-    names = _names(text, separator, place)
-    return Table(path, names, separator, header_row, first_row, data_start, ends_open)
+    names = _names(text, separator, f"{path}, row {row}")
+    holds_numbers = all(is_number(name) for name in names)
+    if holds_numbers and not numbered:
+        raise RecordingError(
+            "has no header: its first row holds numbers",
+            where=f"{path}, row {row}",
+            cure="put a row of column names first, such as t,q1,q2,q3,tau1,tau2,tau3, or number "
+            "the columns in a mapping (column: 1 is the first)",
+        )
+    if numbered and (holds_numbers or not set(mapping.needed) <= set(names)):
+        names = tuple(str(i + 1) for i in range(len(names)))
+    skipped = [i for i in range(1, row) if lines[i].strip() and not is_comment(lines[i])]
+    warnings: list[str] = []
+    if skipped and not given:
+        warnings.append(
+            f"row {row} is taken for the column names; what stands above it is left out"
+        )
+    return _Header(row, separator, names, holds_numbers), warnings
+
+
+def _row_of_names(lines: _Lines, needed: tuple[str, ...]) -> int | None:
+    """The first line that holds the names needed, be it as a comment."""
+    for row in range(1, _SEARCHED_LINES + 1):
+        if not lines[row]:
+            return None
+        text = _text(lines[row])
+        if _holds(text, needed) or _holds(_COMMENT.sub("", text, count=1), needed):
+            return row
+    return None
+
+
+def _holds(text: str, needed: tuple[str, ...]) -> bool:
+    try:
+        return set(needed) <= set(_cells(text, _separator(text)))
+    except csv.Error:
+        return False
+
+
+def _after_comments(lines: _Lines, row: int) -> int:
+    """The first line from a row on that is no comment."""
+    start = row
+    while is_comment(lines[row]):
+        row += 1
+        if row - start > _SEARCHED_LINES:
+            return start
+    return row
 
 
 def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
@@ -43,27 +167,18 @@ def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
     return line
 
 
-def _tail(file: io.BufferedReader, before: bytes) -> bytes:
-    """The last part of a file, of which `before` is what was read last.
-
-    What is compressed has to be unpacked for it once more.
-    """
-    if file.seekable():
-        at = file.tell()
-        file.seek(max(at, file.seek(0, io.SEEK_END) - _TAIL))
-    tail = before
-    while part := file.read(_TAIL):
-        tail = (tail + part)[-_TAIL:]
-    return tail
-
-
-def _decoded(line: bytes, place: str) -> str:
-    """The header as text. Names that are not UTF-8 come from Windows, where ° is one byte."""
+def _text(line: bytes) -> str:
+    """A line as text. What is not UTF-8 comes from Windows, where ° is one byte."""
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = line.decode("cp1252", errors="replace")
-    text = text.rstrip("\r\n")
+    return text.rstrip("\r\n")
+
+
+def _decoded(line: bytes, place: str) -> str:
+    """The header as text."""
+    text = _text(line)
     if "\r" in text:
         raise RecordingError(
             "has carriage returns alone as line breaks", where=place, cure="convert them to LF"
@@ -84,38 +199,49 @@ def _decoded(line: bytes, place: str) -> str:
 def _separator(header: str) -> str:
     """The separator of a header: tab before semicolon before comma, since names may hold commas.
 
-    One that only follows another (`t,<tab>q1`) is padding.
+    One that only follows another (`t,<tab>q1`) is padding. Where there is none of them, or numbers
+    with decimal commas stand apart, it is runs of blanks.
     """
     unquoted = re.sub(r'"[^"]*"', "", header)
     for mark in _SEPARATORS[:-1]:
         fields = unquoted.split(mark)
         if len(fields) > 1 and not any(f.rstrip().endswith(_SEPARATORS) for f in fields):
             return mark
+    words = unquoted.split()
+    apart = len(words) > 1 and all(is_number(w) and not w.endswith(",") for w in words)
+    if apart or (len(words) > 1 and "," not in unquoted):
+        return " "
     return _SEPARATORS[-1]
+
+
+def _cells(text: str, separator: str) -> list[str]:
+    text = text.strip() if separator == " " else text
+    fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+    return [field.strip() for field in fields]
 
 
 def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
     try:
-        fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        return tuple(_cells(text, separator))
     except csv.Error as error:
         raise RecordingError(
             f"is not a row of column names: {error}",
             where=place,
             cure="mend it, or say with --columns MAPPING.yaml (header_row) where the names are",
         ) from None
-    names = tuple(name.strip() for name in fields)
-    if all(_is_number(name) for name in names):
-        raise RecordingError(
-            "has no header: its first row holds numbers",
-            where=place,
-            cure="put a row of column names first, such as t,q1,q2,q3,tau1,tau2,tau3",
-        )
-    return names
 
 
-def _is_number(text: str) -> bool:
+def _units(line: bytes, header: _Header, mapping: ColumnMapping) -> dict[str, str]:
+    """The unit of each column that may be used, if the line under the names is a row of units."""
     try:
-        float(text.replace(",", ".", 1) or 0)
-    except ValueError:
-        return False
-    return True
+        cells = _cells(_text(line), header.separator)
+    except csv.Error:
+        return {}
+    if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):
+        return {}
+    units = {
+        name: cell.strip("[]() ")
+        for name, cell in zip(header.names, cells, strict=True)
+        if name in mapping.needed or (_DEFAULT_NAME.fullmatch(name) and cell)
+    }
+    return units if all(is_unit(unit) for unit in units.values()) else {}

@@ -5,6 +5,7 @@ its line number. Fields are read as text, because only then the place of a bad n
 """
 
 import io
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -39,8 +40,16 @@ def read_csv(
 
 def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
-    row, empty_row = table.first_row, 0
-    for block in _whole_lines(table):
+    row, empty_row, comments = table.first_row, 0, 0
+    for whole in _whole_lines(table):
+        block, after = _without_comments(whole, table.separator, row)
+        # A later pass meets the same comments again.
+        table.comments.extend(after[max(0, len(table.comments) - comments) :])
+        comments += len(after)
+        if not block:
+            continue
+        if table.separator == " ":
+            block = _single_blanks(block)
         lines = block.count(b"\n") + (not block.endswith(b"\n"))
         filled = _without_empty_end(block, table.separator)
         if filled and empty_row:
@@ -52,11 +61,37 @@ def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
         row += lines
 
 
+def _without_comments(block: bytes, separator: str, row: int) -> tuple[bytes, list[int]]:
+    """A block without its comment lines, and for each of them the row after it."""
+    marks = [b"#", b"%", b"//"] + [b";"] * (separator != ";")
+    if not any(mark in block for mark in marks):
+        return block, []
+    after, start = list[int](), 0
+    parts: list[bytes] = []
+    for match in re.finditer(rb"(?m)^ *(?:" + b"|".join(marks) + rb")[^\n]*\n?", block):
+        kept = block[start : match.start()]
+        parts.append(kept)
+        row += kept.count(b"\n")
+        after.append(row)
+        start = match.end()
+    return b"".join([*parts, block[start:]]), after
+
+
+def _single_blanks(block: bytes) -> bytes:
+    """Lines with one blank between their fields."""
+    block = block.replace(b"\t", b" ").replace(b"\r\n", b"\n")
+    while b"  " in block:
+        block = block.replace(b"  ", b" ")
+    block = block.replace(b"\n ", b"\n").replace(b" \n", b"\n")
+    return block.removeprefix(b" ").removesuffix(b" ")
+
+
 def _whole_lines(table: Table) -> Iterator[bytes]:
     with content(table.path) as file:
         skip(file, table.data_start)
-        rest = b""
-        while block := file.read(_BLOCK_BYTES):
+        rest, left = b"", table.data_size
+        while block := file.read(min(_BLOCK_BYTES, left)):
+            left -= len(block)
             cut = block.rfind(b"\n") + 1
             if cut:
                 yield rest + block[:cut]
@@ -102,7 +137,7 @@ def _fields(table: Table, block: bytes, row: int) -> pl.DataFrame:
         last = row + lines - 1
         raise RecordingError(
             "are not valid CSV",
-            where=f"{table.path}, rows {row} to {last}",
+            where=f"{table.path}, rows {table.line(row)} to {table.line(last)}",
             cure="look there for stray quotation marks",
         )
     return frame

@@ -90,10 +90,12 @@ def open_log(
         source.require_drives(kinematics.dof)
         table, mapping = source.table, source.mapping or mapping
     else:
-        table = open_table(source, mapping.header_row, mapping.data_row)
+        table = open_table(source, mapping)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    columns = resolve_columns(table.header, linear, mapping, where=table.header_place)
+    columns = resolve_columns(
+        table.header, linear, mapping, where=table.header_place, units=table.units
+    )
     if not need_torque:
         columns = replace(columns, torque=())
     elif not columns.torque:
@@ -103,6 +105,7 @@ def open_log(
             cure="name them tau1, tau2, … or declare them with --columns MAPPING.yaml",
         )
     survey = Survey(table, columns, kinematics)
+    survey.warnings += table.warnings
     if extra := extra_drives(table.header, columns, kinematics.dof):
         survey.warnings.append(
             f"has columns of another drive ({', '.join(extra)}), but the robot has "

@@ -1,5 +1,6 @@
 """Where a log lies, on the disk or in memory: its name, its layout, and how a file is opened."""
 
+from bisect import bisect_right
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,6 +24,11 @@ class Table:
         data_start: where in a CSV file the first data row starts [bytes].
         ends_open: whether a CSV file ends without a line break.
         frame: the table in memory; None for a file.
+        data_size: of the data in a CSV file [bytes].
+        units: of columns, as a CSV file states them under its header.
+        warnings: what was seen of the layout.
+        comments: for each comment line that was met among the data, the row after it, comments not
+            counted.
     """
 
     path: Path
@@ -33,15 +39,23 @@ class Table:
     data_start: int = 0
     ends_open: bool = False
     frame: pl.DataFrame | None = field(default=None, repr=False, compare=False)
+    data_size: int = 0
+    units: dict[str, str] = field(default_factory=dict[str, str])
+    warnings: tuple[str, ...] = ()
+    comments: list[int] = field(default_factory=list[int])
 
     @property
     def header_place(self) -> str:
         """Where the names stand, for messages."""
         return self.row_place(self.header_row) if self.separator else str(self.path)
 
+    def line(self, row: int) -> int:
+        """A row as a user counts it: with the comment lines among the data."""
+        return row + bisect_right(self.comments, row)
+
     def row_place(self, row: int) -> str:
         """One row, for messages."""
-        return f"{self.path}, row {row}"
+        return f"{self.path}, row {self.line(row)}"
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import ColumnMapping, Columns
 from deltaid.recording.csv_layout import open_csv
 from deltaid.recording.csv_text import read_csv
 from deltaid.recording.memory import frame_checksum, read_frame
@@ -35,12 +35,12 @@ class Batch:
     values: Float[np.ndarray, "rows channels"]
 
 
-def open_table(path: Path, header_row: int = 1, data_row: int | None = None) -> Table:
+def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
     """Find out what kind of file a log is and read its header.
 
     Args:
         path: the log.
-        header_row, data_row: in CSV, the lines of the column names and of the first data.
+        mapping: what to look for in CSV: names of columns, lines of the header and first data.
 
     Raises:
         RecordingError: the file is missing, empty, cannot be read, or is neither CSV nor Parquet.
@@ -56,7 +56,7 @@ def open_table(path: Path, header_row: int = 1, data_row: int | None = None) -> 
             raise RecordingError(
                 f"is {kind}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
             )
-    return open_csv(path, header_row, data_row)
+    return open_csv(path, mapping or ColumnMapping())
 
 
 def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:

@@ -80,6 +80,20 @@ def si_factor(unit: str, target: str, *, where: str, torque_constant: float | No
         raise _other_kind(unit, target, where, torque_constant) from None
 
 
+def is_unit(unit: str) -> bool:
+    """Whether a text is a unit of anything that a log may hold."""
+    import pint
+
+    match = _GRAMMAR.fullmatch(unit.strip())
+    if match is None:
+        return False
+    try:
+        _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
+    except (pint.UndefinedUnitError, ValueError):
+        return False
+    return True
+
+
 def _number(match: re.Match[str]) -> float:
     divisor = float(match["divisor"] or 1)
     return float(match["number"] or 1) / divisor if divisor else float("inf")

@@ -1,0 +1,73 @@
+"""How a CSV file ends: with data, or with lines of text such as END that belong to no sample."""
+
+import io
+import re
+from dataclasses import dataclass
+
+from deltaid.recording.stream import skip
+
+_TAIL = 1 << 16
+_LINES = 3
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a CSV file.
+
+    Attributes:
+        size: of the data [bytes].
+        tag: the text after the data; empty if there is none.
+        last_byte: of the file; empty if there is no data.
+    """
+
+    size: int
+    tag: str
+    last_byte: bytes
+
+
+def find_end(file: io.BufferedReader, data_start: int, separator: str) -> End:
+    """Where the data ends that begins at an offset.
+
+    What is compressed has to be unpacked for it once more.
+    """
+    skip(file, data_start)
+    size, tail = _tail(file)
+    stop, tag = len(tail), ""
+    for _ in range(_LINES):
+        filled = len(tail[:stop].rstrip())
+        start = tail.rfind(b"\n", 0, filled) + 1
+        line = tail[start:filled].decode("latin-1").strip()
+        if not start or not _is_text(line, separator):
+            break
+        stop, tag = start, line
+    shown = "".join(c if c.isprintable() else "?" for c in tag[:40])
+    return End(size - len(tail) + stop, shown, tail[-1:])
+
+
+def is_number(text: str) -> bool:
+    """Whether a field is empty or a number with decimal point or comma."""
+    try:
+        float(text.replace(",", ".", 1) or 0)
+    except ValueError:
+        return False
+    return True
+
+
+def _tail(file: io.BufferedReader) -> tuple[int, bytes]:
+    """How much there is from here on, and the last part of it."""
+    if file.seekable():
+        at = file.tell()
+        size = file.seek(0, io.SEEK_END) - at
+        file.seek(at + max(0, size - _TAIL))
+        return size, file.read()
+    size, tail = 0, b""
+    while part := file.read(_TAIL):
+        size += len(part)
+        tail = (tail + part)[-_TAIL:]
+    return size, tail
+
+
+def _is_text(line: str, separator: str) -> bool:
+    """Whether a line holds words and no number at all."""
+    fields = [field.strip(' "') for field in line.split(separator)]
+    return bool(re.match(r"[^\W\d_]", line)) and not any(f and is_number(f) for f in fields)
