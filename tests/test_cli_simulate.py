@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from command import Outcome, refused, run
-from deltaid.control.comparison import base_vector, candidates
+from deltaid.control.comparison import _lack, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
 from deltaid.control.trajectory import open_trajectory
 from deltaid.dynamics.dynamics import compiled
@@ -105,6 +105,11 @@ def test_a_model_without_a_positive_mass_matrix_runs_feed_forward_only(folder: P
     refused_rows = [row for row in rows if "M is not positive definite" in row]
     assert len(refused_rows) == 3
     assert "pd-feedforward" in next(row for row in rows if row not in refused_rows)
+
+
+@pytest.mark.parametrize(("eigenvalue", "runs"), [(0.02, True), (0.005, False), (-0.02, False)])
+def test_a_mass_matrix_is_judged_by_a_share_of_its_diagonal(eigenvalue: float, runs: bool) -> None:
+    assert (_lack(eigenvalue) == "") == runs
 
 
 def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:

@@ -292,3 +292,21 @@ def test_mapping_file(tmp_path, frame) -> None:
     path = write(tmp_path / "log.csv", pl.DataFrame({name: [1.0, 2.0] for name in names_of}))
     expected = [1e-3, *np.deg2rad([-1, 0.5, -1]), *[-np.pi / 300] * 3, *[-1.2] * 3]
     np.testing.assert_allclose(read(path, mapping)[0], expected)
+
+
+@pytest.mark.parametrize("at", [1, 280])
+def test_rows_of_data_behind_a_comment_mark_are_told(
+    tmp_path: Path, clavel: Dynamics, at: int
+) -> None:
+    """At the ends of a recording, where no gap shows that they are missing."""
+    head, *rows = text(recorded(300)).splitlines()
+    lines = [f"note,{head}", *(f"ok,{row}" for row in rows)]
+    for i in range(at, 301 if at > 1 else 4):
+        lines[i] = f"#N/A,{rows[i - 1]}"
+    lines.insert(100, "# a remark, and no data")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n")
+    (warning,) = open_log(path, clavel.kinematics).warnings
+    count, first = (3, 2) if at == 1 else (21, 282)
+    assert f"{count} of them hold a number" in warning
+    assert warning.endswith(f"the first in row {first}")

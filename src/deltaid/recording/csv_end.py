@@ -44,6 +44,13 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> End:
     return End(size - len(tail) + stop, shown, tail[-1:])
 
 
+def is_marked_row(line: bytes, separator: str, columns: int) -> bool:
+    """Whether a comment line might be a row of data: all fields but the first are numbers."""
+    text = line.decode("latin-1").strip()
+    fields = text.split(None if separator == " " else separator)
+    return 1 < columns == len(fields) and all(is_number(field) for field in fields[1:])
+
+
 def is_number(text: str) -> bool:
     """Whether a field is empty or a number with decimal point or comma."""
     try:

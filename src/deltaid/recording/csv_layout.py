@@ -8,7 +8,7 @@ from pathlib import Path
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.csv_end import find_end, is_number
+from deltaid.recording.csv_end import find_end, is_marked_row, is_number
 from deltaid.recording.source import Table
 from deltaid.recording.stream import content
 from deltaid.recording.units import is_unit
@@ -71,6 +71,13 @@ def open_csv(path: Path, mapping: ColumnMapping) -> Table:
                 first_row = _after_comments(lines, first_row + 1)
         before = lines[first_row - 1] if first_row > 1 else b""
         data_start = lines.size(first_row - 1)
+        above = range(header.row + 1, first_row) if mapping.data_row is None else ()
+        marked = [
+            row
+            for row in above
+            if is_comment(lines[row])
+            and is_marked_row(lines[row], header.separator, len(header.names))
+        ]
     with content(path) as file:
         end = find_end(file, data_start, header.separator)
     if end.tag:
@@ -86,6 +93,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> Table:
         data_size=end.size,
         units=units,
         warnings=tuple(warnings),
+        marked=marked,
     )
 
 

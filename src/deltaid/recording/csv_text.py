@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Channel
+from deltaid.recording.csv_end import is_marked_row
 from deltaid.recording.csv_layout import LONGEST_LINE
 from deltaid.recording.numbers import to_si
 from deltaid.recording.source import Table
@@ -42,10 +43,13 @@ def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
     row, empty_row, comments = table.first_row, 0, 0
     for whole in _whole_lines(table):
-        block, after = _without_comments(whole, table.separator, row)
+        block, found = _without_comments(whole, table.separator, row)
         # A later pass meets the same comments again.
-        table.comments.extend(after[max(0, len(table.comments) - comments) :])
-        comments += len(after)
+        for at, line in found[max(0, len(table.comments) - comments) :]:
+            if is_marked_row(line, table.separator, len(table.header)):
+                table.marked.append(at + len(table.comments))
+            table.comments.append(at)
+        comments += len(found)
         if not block:
             continue
         if table.separator == " ":
@@ -61,20 +65,22 @@ def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
         row += lines
 
 
-def _without_comments(block: bytes, separator: str, row: int) -> tuple[bytes, list[int]]:
-    """A block without its comment lines, and for each of them the row after it."""
+def _without_comments(
+    block: bytes, separator: str, row: int
+) -> tuple[bytes, list[tuple[int, bytes]]]:
+    """A block without its comment lines, and each of them with the row after it."""
     marks = [b"#", b"%", b"//"] + [b";"] * (separator != ";")
     if not any(mark in block for mark in marks):
         return block, []
-    after, start = list[int](), 0
+    found, start = list[tuple[int, bytes]](), 0
     parts: list[bytes] = []
     for match in re.finditer(rb"(?m)^ *(?:" + b"|".join(marks) + rb")[^\n]*\n?", block):
         kept = block[start : match.start()]
         parts.append(kept)
         row += kept.count(b"\n")
-        after.append(row)
+        found.append((row, match[0]))
         start = match.end()
-    return b"".join([*parts, block[start:]]), after
+    return b"".join([*parts, block[start:]]), found
 
 
 def _single_blanks(block: bytes) -> bytes:

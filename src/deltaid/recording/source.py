@@ -29,6 +29,7 @@ class Table:
         warnings: what was seen of the layout.
         comments: for each comment line that was met among the data, the row after it, comments not
             counted.
+        marked: comment lines that hold a number for every column but the first.
     """
 
     path: Path
@@ -43,6 +44,7 @@ class Table:
     units: dict[str, str] = field(default_factory=dict[str, str])
     warnings: tuple[str, ...] = ()
     comments: list[int] = field(default_factory=list[int])
+    marked: list[int] = field(default_factory=list[int])
 
     @property
     def header_place(self) -> str:

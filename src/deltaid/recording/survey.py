@@ -139,6 +139,11 @@ class Survey:
                 f"the first in {self.first_strained}"
             )
         self.warnings += self.clock.warnings
+        if marked := self.table.marked:
+            self.warnings.append(
+                f"lines that begin with a comment mark are left out, but {len(marked)} of them "
+                f"hold a number for every other column, the first in row {marked[0]}"
+            )
         if self.table.ends_open:
             self.warnings.append(
                 "the last line has no line break; if the file was cut off there, its last number "
