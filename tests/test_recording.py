@@ -303,10 +303,23 @@ def test_rows_of_data_behind_a_comment_mark_are_told(
     lines = [f"note,{head}", *(f"ok,{row}" for row in rows)]
     for i in range(at, 301 if at > 1 else 4):
         lines[i] = f"#N/A,{rows[i - 1]}"
-    lines.insert(100, "# a remark, and no data")
+    lines.insert(100, "# " + ", ".join(["word"] * len(lines[0].split(","))))
     path = tmp_path / "log.csv"
     path.write_text("\n".join(lines) + "\n")
     (warning,) = open_log(path, clavel.kinematics).warnings
     count, first = (3, 2) if at == 1 else (21, 282)
     assert f"{count} of them hold a number" in warning
     assert warning.endswith(f"the first in row {first}")
+
+
+@pytest.mark.parametrize(("share", "uneven"), [(0.04, False), (0.08, True)])
+def test_a_time_stamp_is_uneven_beyond_a_twentieth_of_a_step(
+    tmp_path: Path, clavel: Dynamics, share: float, uneven: bool
+) -> None:
+    frame = recorded(300)
+    time = frame["t"].to_numpy().copy()
+    time[150] += share * (time[1] - time[0])
+    path = write(tmp_path / "log.parquet", frame.with_columns(t=pl.Series(time)))
+    told = " ".join(open_log(path, clavel.kinematics).warnings)
+    assert told.startswith("2 time steps differ by more than 5 %") == uneven
+    assert bool(told) == uneven
