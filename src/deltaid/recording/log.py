@@ -85,17 +85,7 @@ def open_log(
             or has gaps; a torque is constant; angles look like degrees; velocities are not the
             positions' derivatives; a sample is out of reach.
     """
-    mapping, source = mapping or ColumnMapping(), as_source(source)
-    if isinstance(source, Recording):
-        source.require_drives(kinematics.dof)
-        table, mapping = source.table, source.mapping or mapping
-    else:
-        table = open_table(source, mapping)
-    robot = kinematics.robot
-    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    columns = resolve_columns(
-        table.header, linear, mapping, where=table.header_place, units=table.units
-    )
+    table, columns, mapping = resolved_table(source, kinematics, mapping)
     if not need_torque:
         columns = replace(columns, torque=())
     elif not columns.torque:
@@ -127,3 +117,25 @@ def open_log(
         suggested_cutoff=survey.spectrum.cutoff(survey.clock.rate),
         warnings=tuple(survey.warnings),
     )
+
+
+def resolved_table(
+    source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
+) -> tuple[Table, Columns, ColumnMapping]:
+    """A recording's table, which of its columns are what, and the mapping that decided it.
+
+    Raises:
+        RecordingError: it cannot be read, or a column is missing.
+    """
+    mapping, source = mapping or ColumnMapping(), as_source(source)
+    if isinstance(source, Recording):
+        source.require_drives(kinematics.dof)
+        table, mapping = source.table, source.mapping or mapping
+    else:
+        table = open_table(source, mapping)
+    robot = kinematics.robot
+    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+    columns = resolve_columns(
+        table.header, linear, mapping, where=table.header_place, units=table.units
+    )
+    return table, columns, mapping

@@ -1,0 +1,130 @@
+"""What checks look at: a robot, and of a recording what is read of it whatever is wrong with it."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.errors import IdentificationError, RecordingError
+from deltaid.identification.fit import FittedProblem, fit
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.model.record import Settings
+from deltaid.recording.columns import ColumnMapping, Columns
+from deltaid.recording.log import resolved_table
+from deltaid.recording.memory import RecordingLike
+from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.source import Table
+from deltaid.recording.table import read_batches
+from deltaid.robot.description import RobotDescription
+
+# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
+_MOST = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Consecutive rows as the mapping makes them, before any check.
+
+    Attributes:
+        time: s.
+        q, qd, qdd, tau: (rows, drives) in SI units; without columns where not recorded.
+    """
+
+    time: Float[np.ndarray, " rows"]
+    q: Float[np.ndarray, "rows drives"]
+    qd: Float[np.ndarray, "rows _"]
+    qdd: Float[np.ndarray, "rows _"]
+    tau: Float[np.ndarray, "rows _"]
+
+    @property
+    def step(self) -> float:
+        """The usual time between two rows, a median [s]."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A robot and one recording of it.
+
+    Attributes:
+        dynamics: of the robot as described.
+        table, columns: the log and what of it is what.
+        rows: its beginning, unchecked; of a log of usual length all of it.
+        source, mapping: as given.
+        settings: of the fit that verdicts on the fit rest on.
+    """
+
+    dynamics: Dynamics
+    table: Table
+    columns: Columns
+    rows: Rows
+    source: RecordingLike
+    mapping: ColumnMapping | None
+    settings: Settings
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The description."""
+        return self.dynamics.robot
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Of the robot as described."""
+        return self.dynamics.kinematics
+
+    @cached_property
+    def surveyed(self) -> Recording | RecordingError:
+        """The recording as an identification takes it, or why none can."""
+        try:
+            return open_recordings(
+                self.source, self.kinematics, self.mapping, self.settings.cutoff
+            )[0]
+        except RecordingError as error:
+            return error
+
+    @cached_property
+    def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
+        """The fit to this recording, or why there is none."""
+        if isinstance(self.surveyed, RecordingError):
+            return self.surveyed
+        try:
+            return fit(self.dynamics, [self.surveyed], self.settings)
+        except IdentificationError as error:
+            return error
+
+
+def evidence(
+    robot: RobotDescription,
+    source: RecordingLike,
+    mapping: ColumnMapping | None = None,
+    settings: Settings | None = None,
+) -> Evidence:
+    """Read a recording for checks, however wrong its numbers are.
+
+    Raises:
+        RecordingError: it cannot be read at all.
+    """
+    dynamics = compiled(robot)
+    table, columns, mapping = resolved_table(source, dynamics.kinematics, mapping)
+    rows = _rows(table, columns, _MOST)
+    return Evidence(dynamics, table, columns, rows, source, mapping, settings or Settings())
+
+
+def changed(rows: Rows, **values: np.ndarray) -> Rows:
+    """The rows with some of them replaced."""
+    return replace(rows, **values)
+
+
+def _rows(table: Table, columns: Columns, most: int) -> Rows:
+    parts, held = [], 0
+    for batch in read_batches(table, columns):
+        parts.append(batch.values[: most - held])
+        held += len(parts[-1])
+        if held >= most:
+            break
+    values = np.concatenate(parts) if parts else np.zeros((0, len(columns.all)))
+    counts = [len(c) for c in (columns.position, columns.velocity, columns.acceleration)]
+    q, qd, qdd, tau = np.split(values[:, 1:], np.cumsum(counts), axis=1)
+    return Rows(values[:, 0], q, qd, qdd, tau)

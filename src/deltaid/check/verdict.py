@@ -1,0 +1,59 @@
+"""What is said of a description, a recording or a fit: one verdict a cause."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+
+class Grade(StrEnum):
+    """How a thing looks; the order is that of severity."""
+
+    GOOD = "good"
+    CANNOT_TELL = "cannot tell"
+    DOUBTFUL = "doubtful"
+    WRONG = "wrong"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Lines of a user's file that would mend it. Proposed, never applied unasked.
+
+    Attributes:
+        file: the robot file or the column mapping.
+        changes: keys, such as `position[2].sign` or `limbs.strut`, and the values they should have.
+    """
+
+    file: Literal["robot", "mapping"]
+    changes: tuple[tuple[str, object], ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One cause, in the words of the trade.
+
+    Attributes:
+        key: of the check, as the docs list it, such as `torque-sign`.
+        grade: how it looks.
+        seen: what was seen, with its number and unit.
+        subject: a drive, column, body or limit that it is about; empty for the whole.
+        cause: the likeliest cause; empty if all is good.
+        cure: the next step; empty if all is good.
+        proposals: lines to paste.
+        number: the figure that decided, and `unit` what it is in; None where there is none.
+    """
+
+    key: str
+    grade: Grade
+    seen: str
+    subject: str = ""
+    cause: str = ""
+    cure: str = ""
+    proposals: tuple[Proposal, ...] = ()
+    number: float | None = None
+    unit: str = ""
+
+
+def worst(verdicts: "tuple[Verdict, ...] | list[Verdict]") -> Grade:
+    """The most severe grade; good if there is none."""
+    order = list(Grade)
+    return max((one.grade for one in verdicts), key=order.index, default=Grade.GOOD)
