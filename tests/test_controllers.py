@@ -32,6 +32,7 @@ from deltaid.report.page import Table, Text
 from deltaid.report.tracking import comparison_page
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from deltaid.robot.task import NAMES, Task
 
 ROBOT = "clavel-delta3"
 
@@ -292,7 +293,7 @@ def made_up(shift: float, turn: float, ended: float | None = None) -> Tracking:
     off = still + np.array([shift, 0, 0, turn])
     if ended is not None:
         off[time >= ended] = np.nan
-    return Tracking(time, still, still, off, off, still, still > 0, ended)
+    return Tracking(time, still, still, off, off, still, still > 0, ended, Task(NAMES))
 
 
 def test_the_tools_turn_is_an_error_of_its_own() -> None:

@@ -211,7 +211,7 @@ def as_table(result: "Tracking") -> "pl.DataFrame":
     import numpy as np
     import polars as pl
 
-    task = ("x", "y", "z", "psi")[: result.z.shape[1]]
+    task = result.task.names
     columns = {"t": result.time}
     for name, values in (
         ("q{}", result.q),

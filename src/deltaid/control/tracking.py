@@ -24,6 +24,7 @@ from deltaid.control.trajectory import Desired, Trajectory
 from deltaid.dynamics.limits import effort_limits
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
+from deltaid.robot.task import Task
 
 ENCODER_STEP = 2 * np.pi / 2**20
 
@@ -78,6 +79,7 @@ class Tracking:
         tau: torques that were applied.
         saturated: where a limit cut them.
         ended: when the robot left its workspace [s]; None if it did not.
+        task: what z consists of.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -88,6 +90,7 @@ class Tracking:
     tau: Samples
     saturated: Bool[np.ndarray, "samples dof"]
     ended: float | None
+    task: Task
 
     @property
     def drive_error(self) -> Samples:
@@ -97,12 +100,13 @@ class Tracking:
     @property
     def platform_error(self) -> Float[np.ndarray, " samples"]:
         """Distance of the platform point from where it should be [m]."""
-        return np.linalg.norm(self.z[:, :3] - self.z_desired[:, :3], axis=1)
+        return np.linalg.norm((self.z - self.z_desired)[:, self.task.moves], axis=1)
 
     @property
     def turn_error(self) -> Float[np.ndarray, " samples"] | None:
         """ψ − ψ_d [rad]; None for a robot that does not turn its tool."""
-        return self.z[:, 3] - self.z_desired[:, 3] if self.z.shape[1] > 3 else None
+        i = self.task.turn
+        return None if i is None else self.z[:, i] - self.z_desired[:, i]
 
     @property
     def error(self) -> TrackingError:
@@ -165,6 +169,7 @@ def track(
         tau=torques,
         saturated=np.abs(wanted) > limits,
         ended=float(time[lost[0]]) if lost.size else None,
+        task=plant.robot.task,
     )
 
 

@@ -174,7 +174,7 @@ class Dynamics:
             return np.arange(self.equations.Y.nnz())
         e, rng, home = self.equations, np.random.default_rng(0), self.kinematics.home
         turn = 0.5 * (self.robot.turn.high - self.robot.turn.low)
-        half = np.append(self.robot.workspace.inner_box[1], np.full(self.dof - 3, turn))
+        half = self.robot.within(0.0, turn)[1]
         z = home + 0.5 * half * rng.uniform(-1, 1, (_GENERIC, self.dof))
         others = rng.standard_normal((_GENERIC, 3 * self.dof))
         Y = ca.Function("Y", [ca.vertcat(e.z, e.qd, e.qdd, e.tau)], [e.Y.T.nz[:]])

@@ -66,6 +66,10 @@ def _hold(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
 def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
     """Those of the workspace alone, which stand first among all."""
     space = robot.workspace
+    if isinstance(space, Box):
+        names = {"x": "workspace x", "y": "workspace y", "z": "workspace height"}
+        given = ((name, getattr(space, name)) for name in robot.task.names if name in names)
+        return [_between(names[name], z[i], bounds) for i, (name, bounds) in enumerate(given)]
     x, y, height = z[0], z[1], z[2]
     match space:
         case Cylinder():
@@ -80,24 +84,18 @@ def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
                 Limit("workspace sphere", squared / space.radius**2, False),
                 Limit("workspace top", 1 + (height - space.top) / space.radius, False),
             ]
-        case Box():
-            return [
-                _between("workspace x", x, space.x),
-                _between("workspace y", y, space.y),
-                _between("workspace height", height, space.z),
-            ]
 
 
 def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
     limits = []
-    for i, axis in enumerate("xyz"):
+    for i, axis in enumerate("xyz"[k] for k in robot.task.axes):
         limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
         share = motion.zdd[i] / robot.platform_acceleration
         limits.append(Limit(f"platform acceleration {axis}", share, True))
     if robot.platform_turns:  # of a telescope they are the drive's
-        turn = robot.turn
-        limits.append(Limit("tool speed", motion.zd[3] / turn.speed, True))
-        limits.append(Limit("tool acceleration", motion.zdd[3] / turn.acceleration, True))
+        turn, i = robot.turn, -1  # ψ is the last of z
+        limits.append(Limit("tool speed", motion.zd[i] / turn.speed, True))
+        limits.append(Limit("tool acceleration", motion.zdd[i] / turn.acceleration, True))
     return limits
 
 
@@ -143,7 +141,7 @@ def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
             limits.append(Limit(f"strut {i + 1} swing", sideways / largest, True))
     if robot.platform_turns:
         turn = robot.turn
-        limits.append(_between("tool angle", mechanism.z[3], (turn.low, turn.high)))
+        limits.append(_between("tool angle", mechanism.z[-1], (turn.low, turn.high)))
     if robot.telescope is not None and robot.telescope.stroke is not None:
         length = mechanism.joints["slide"]
         limits.append(_between("telescope length", length, robot.telescope.stroke))

@@ -269,11 +269,10 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
 
 
 def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:
-    centre, half = dynamics.robot.workspace.inner_box
-    if dynamics.dof > 3:
-        turn = dynamics.robot.turn
-        centre = np.append(centre, 0.5 * (turn.low + turn.high))
-        half = np.append(half, min(_TURN, 0.5 * (turn.high - turn.low)))
+    turn = dynamics.robot.turn
+    centre, half = dynamics.robot.within(
+        0.5 * (turn.low + turn.high), min(_TURN, 0.5 * (turn.high - turn.low))
+    )
     slowest = 2 * np.pi / settings.duration
     return Series(
         harmonics=settings.harmonics,

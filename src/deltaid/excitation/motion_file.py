@@ -14,7 +14,6 @@ from deltaid.mechanism.kinematics import Kinematics
 LONGEST, MOST_ROWS = 36_000.0, 3e7
 # Rows that are computed and written at once.
 _BLOCK = 1 << 16
-_TASK_NAMES = ("x", "y", "z", "psi")
 
 
 def sample_run(kinematics: Kinematics, run: Run, rate: float) -> pl.DataFrame:
@@ -36,7 +35,7 @@ def _sampled(kinematics: Kinematics, run: Run, time: Float[np.ndarray, " rows"])
     columns = {"t": time}
     for name, values in zip(("q", "qd", "qdd"), drives, strict=True):
         columns |= {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}
-    columns |= {name: z[:, i] for i, name in enumerate(_TASK_NAMES[: z.shape[1]])}
+    columns |= {name: z[:, i] for i, name in enumerate(kinematics.robot.task.names)}
     return pl.DataFrame(columns)
 
 

@@ -124,7 +124,8 @@ def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
     """Rest in the middle of the workspace; where that exceeds a limit, at a better random point."""
     series = problem.series
     centres = np.zeros((_CENTRES, series.dof))
-    centres[1:, :3] = rng.uniform(-1, 1, (_CENTRES - 1, 3))
+    moves = problem.graph.dynamics.robot.task.moves
+    centres[1:, moves] = rng.uniform(-1, 1, (_CENTRES - 1, moves.stop))
     z = series.centre + centres * series.size
     u = problem.limits_of(np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T)
     use = np.where(problem.two_sided[:, None], np.abs(u), u)

@@ -6,6 +6,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from deltaid.model.model import Model
+from deltaid.robot.task import UNITS
 
 # Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
 FRICTION_SPEED = 0.01
@@ -76,7 +77,7 @@ class _List:
     def __init__(self, subject: Model) -> None:
         linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
         self.drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
-        self.task = [("x", "m"), ("y", "m"), ("z", "m"), ("psi", "rad")][: len(linear)]
+        self.task = [(name, UNITS[name]) for name in subject.robot.task.names]
         self.all: list[Variable] = []
         self.places: dict[str, int] = {}
 

@@ -157,11 +157,11 @@ def _blocks(
     load: Parameters | None = None,
 ) -> Iterator[Iterator[Condensed]]:
     """The samples of each block of a recording, all blocks of equal length but the last."""
-    length = _block_length(recording)
+    length, robot = _block_length(recording), regressor.kinematics.robot
 
     def share(window: Window) -> _Share:
         values, tau, z = _thinned(regressor, window, load)
-        visits = places.visits(z, chunks(values, tau)) if places else []
+        visits = places.visits(robot.task.point(z), chunks(values, tau)) if places else []
         pieces = (
             (number, condense(chunks(values[:, part], tau[:, part]), tau[:, part]))
             for number, part in _cuts(window.start // window.thinned, tau.shape[1], length)

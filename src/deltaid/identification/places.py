@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from deltaid.identification.information import Chunk
 from deltaid.recording.recording import Recording
 
-# Each of the platform's three coordinates is cut into so many parts of its range. Finer places part
+# Each coordinate of the platform point is cut into so many parts of its range. Finer places part
 # errors that belong together, coarser ones are too few to see a scatter.
 _PARTS = 3
 
@@ -32,9 +32,9 @@ class Places:
         self._shape = _PARTS**3, drives, augmented, augmented
         self._totals: list[Visits] = []
 
-    def visits(self, z: Float[np.ndarray, "samples dof"], drives: Iterable[Chunk]) -> list[Visits]:
-        """Some samples by place: where the robot was, and each drive's rows of [Y, τ]."""
-        parts = ((z[:, :3] - self._low) / self._size * _PARTS).astype(int)
+    def visits(self, r: Float[np.ndarray, "samples 3"], drives: Iterable[Chunk]) -> list[Visits]:
+        """Some samples by place: the platform point r there, and each drive's rows of [Y, τ]."""
+        parts = ((r - self._low) / self._size * _PARTS).astype(int)
         place = np.clip(parts, 0, _PARTS - 1) @ _PARTS ** np.arange(3)
         order = np.argsort(place, kind="stable")
         ends = np.searchsorted(place[order], np.arange(_PARTS**3 + 1))

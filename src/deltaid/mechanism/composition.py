@@ -87,7 +87,7 @@ def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | 
     if robot.is_linear(robot.drives[i]):
         return None
     angle = ca.Function("q", [z], [build_limb(point, robot.limb_geometry[i]).q])
-    home, limits = float(angle(robot.home(z.numel()))), robot.drive_limits.get(f"drive{i + 1}")
+    home, limits = float(angle(robot.home)), robot.drive_limits.get(f"drive{i + 1}")
     low, high = limits.range if limits and limits.range else (home - _QUARTER, home + _QUARTER)
     return 0.0 if max(-low, high) < _CLEAR or np.isnan(low) else 0.5 * (low + high)
 
@@ -142,7 +142,7 @@ def _closed_form(robot: RobotDescription, task: tuple[ca.SX, ca.SX], q: ca.SX) -
     if not isinstance(robot.platform, RigidPlatform) or len(geometry) != 3:
         return None
     sides = [meeting_point(q[:3], geometry, below=below) for below in (True, False)]
-    home = np.append(robot.workspace.inner_box[0], np.zeros(q.numel() - 3))
+    home = robot.home
     at_home = ca.Function("sides", [q], [point for point, _, _ in sides])
     ends = at_home(ca.Function("q", list(task[:1]), list(task[1:]))(home))
     below, above = (np.linalg.norm(np.asarray(end)[:, 0] - home[:3]) for end in ends)

@@ -233,7 +233,7 @@ class Kinematics:
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
         """A pose in the middle of the workspace, z; ψ of a platform in the middle of its range."""
-        return self.robot.home(self.dof)
+        return self.robot.home
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:

@@ -78,7 +78,7 @@ class NewtonForward:
         self._q_home = np.asarray(inverse_kinematics(home)).ravel()
         if not np.isfinite(self._q_home).all():
             raise KinematicsError(
-                f"the middle of the workspace, {np.round(home[:3], 4)} m, is out of reach",
+                f"the middle of the workspace, z = {np.round(home, 4)}, is out of reach",
                 where="workspace",
                 cure="forward kinematics starts there; check workspace and the limbs' lengths",
             )

@@ -88,7 +88,8 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     motion = Path(z, speeds.z.u, speeds.z.ud)
     bodies = tuple(_body(body, motion, check) for body in parts.bodies)
     joints = {name: check.scalar(parts.joints[name], f"joint '{name}'") for name in own.joints}
-    lengths = (1.0, 1.0, 1.0, *([check.positive(parts.turn_length, "turn_length")] * (n > 3)))
+    turn = check.positive(parts.turn_length, "turn_length")
+    lengths = tuple(turn if name == "psi" else 1.0 for name in own.task.names)
     mechanism = Mechanism(
         z=z,
         q=q,

@@ -92,7 +92,7 @@ class Checker:
     def motion(self, mechanism: Mechanism, robot: RobotDescription) -> None:
         """Refuse what is not finite in the middle of the workspace, no rigid motion, or does not
         let the drives move z there."""
-        home = robot.home(mechanism.dof)
+        home = robot.home
         self._require_independent(mechanism)
         self._require_reach(mechanism, home)
         self._require_finite(mechanism, home)
@@ -136,7 +136,7 @@ class Checker:
         self, mechanism: Mechanism, robot: RobotDescription, home: Float[np.ndarray, " dof"]
     ) -> None:
         psi = 0.5 * (robot.turn.high - robot.turn.low)
-        half = np.append(robot.workspace.inner_box[1], np.full(mechanism.dof - 3, psi))
+        half = robot.within(0.0, psi)[1]
         aside = np.random.default_rng(0).uniform(-1, 1, (_POSES, mechanism.dof)) * half
         for body in mechanism.bodies:
             for pose in (home, *(home + aside)):

@@ -73,18 +73,16 @@ def _scaled(
     cosine = rng.standard_normal((dof, harmonics)) * decay
     motion = FourierMotion(w0, np.zeros(dof), sine, cosine)
     z, zd, zdd = (np.abs(x).max(axis=0) for x in motion.evaluate(np.linspace(0, period, _GRID)))
-    middle, reach = robot.workspace.inner_box
-    share = np.minimum.reduce([reach / z[:3], robot.platform_speed / zd[:3],
-                               robot.platform_acceleration / zdd[:3]])  # fmt: skip
-    scale = np.ones(dof)
-    scale[:3] = 0.95 * share
-    centre = np.zeros(dof)
-    centre[:3] = middle
-    if dof == 4:
-        turn = robot.turn
-        shares = [turn.speed / zd[3], turn.acceleration / zdd[3]]
+    centre, half = robot.within(0.0)
+    task, scale = robot.task, np.ones(dof)
+    m = task.moves
+    scale[m] = 0.95 * np.minimum.reduce([half[m] / z[m], robot.platform_speed / zd[m],
+                                         robot.platform_acceleration / zdd[m]])  # fmt: skip
+    if task.turn is not None:
+        turn, i = robot.turn, task.turn
+        shares = [turn.speed / zd[i], turn.acceleration / zdd[i]]
         if robot.platform_turns:  # a telescope turns without end
-            shares.append(0.5 * (turn.high - turn.low) / z[3])
-            centre[3] = 0.5 * (turn.high + turn.low)
-        scale[3] = 0.95 * min(shares)
+            shares.append(0.5 * (turn.high - turn.low) / z[i])
+            centre[i] = 0.5 * (turn.high + turn.low)
+        scale[i] = 0.95 * min(shares)
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])

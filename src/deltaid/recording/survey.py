@@ -187,8 +187,9 @@ class Survey:
         bad = np.flatnonzero(~seen.good)
         if bad.size:
             self._require_way(time, q, z, int(bad[0]), row)
-        self.nearest = np.minimum(self.nearest, z[:, :3].min(axis=0))
-        self.farthest = np.maximum(self.farthest, z[:, :3].max(axis=0))
+        points = self.kinematics.robot.task.point(z)
+        self.nearest = np.minimum(self.nearest, points.min(axis=0))
+        self.farthest = np.maximum(self.farthest, points.max(axis=0))
         singular = np.flatnonzero(~(regular.worst < SINGULAR_CONDITION))
         if singular.size:
             raise RecordingError(
@@ -202,10 +203,11 @@ class Survey:
             self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
         self.strained += strained.size
         self._check_branch(time, q, z, regular, row)
-        outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(z[:, :3]))
+        outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(points))
         if outside.size and not self.outside:
             i = int(outside[0])
-            self.first_outside = f"row {row + i} at [{z[i, 0]:.3f}, {z[i, 1]:.3f}, {z[i, 2]:.3f}] m"
+            x, y, height = points[i]
+            self.first_outside = f"row {row + i} at [{x:.3f}, {y:.3f}, {height:.3f}] m"
         self.outside += outside.size
 
     def _check_branch(

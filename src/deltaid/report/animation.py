@@ -21,6 +21,10 @@ CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
 _SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
 
 
+# The platform point over time.
+Path = Float[np.ndarray, "samples 3"]
+
+
 @dataclass(frozen=True)
 class Motion:
     """Task coordinates over time, evenly spaced in time."""
@@ -42,7 +46,8 @@ def recorded_motion(kinematics: Kinematics, recording: Recording) -> Motion:
 
 def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     """The robot along the stretch of a few seconds in which its platform travels farthest."""
-    seen = _liveliest(motion)
+    path = kinematics.robot.task.point(motion.z)
+    seen = _liveliest(motion.time, path)
     every = np.linspace(seen.start, seen.stop - 1, min(_FRAMES, seen.stop - seen.start))
     chosen = every.astype(int)
     skeleton = Skeleton(kinematics.robot, kinematics.mechanism)
@@ -50,7 +55,7 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     moving = [name for name in skeleton.bodies if name != "base"]
     lines = robot_lines(skeleton, shapes[0])
     base = [lines[name] for name in skeleton.bodies if name == "base"]
-    traces = [*base, *_still(kinematics, motion, seen)]
+    traces = [*base, *_still(kinematics, path, seen)]
     first = len(traces)
     traces += [lines[name] for name in moving]
     frames = [
@@ -68,28 +73,28 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
     _controls(figure, frames, motion.time[chosen], round(1000 * span / max(len(chosen) - 1, 1)))
     edges = outline(kinematics.robot.workspace)
-    drawn = (shapes.reshape(-1, 3), motion.z[:, :3], edges[~np.isnan(edges[:, 0])])
+    drawn = (shapes.reshape(-1, 3), path, edges[~np.isnan(edges[:, 0])])
     fix_scene(figure, np.concatenate(drawn))
     return Figure(figure, caption)
 
 
-def _liveliest(motion: Motion) -> slice:
+def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
     """Samples of the stretch in which the platform point travels farthest."""
-    steps = np.linalg.norm(np.diff(motion.z[:, :3], axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     travelled = np.append(0.0, np.cumsum(steps))
-    interval = (motion.time[-1] - motion.time[0]) / max(len(motion.time) - 1, 1)
-    length = min(len(motion.time), int(_SECONDS / interval) + 1) if interval > 0 else 1
+    interval = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    length = min(len(time), int(_SECONDS / interval) + 1) if interval > 0 else 1
     start = int(np.argmax(travelled[length - 1 :] - travelled[: len(travelled) - length + 1]))
     return slice(start, start + length)
 
 
-def _still(kinematics: Kinematics, motion: Motion, seen: slice) -> list[go.Scatter3d]:
+def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d]:
     """What does not move: the workspace, the whole path, and the part of it that is shown."""
-    every = max(1, len(motion.z) // _PATH)
+    every = max(1, len(path) // _PATH)
     parts = [
         ("workspace", outline(kinematics.robot.workspace), {"color": style.PRIOR, "width": 1}),
-        ("path", motion.z[::every, :3], {"color": style.PRIOR, "width": 2}),
-        ("path shown", motion.z[seen, :3][::5], {"color": style.SERIES[1], "width": 3}),
+        ("path", path[::every], {"color": style.PRIOR, "width": 2}),
+        ("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]
     return [
         go.Scatter3d(

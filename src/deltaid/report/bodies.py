@@ -54,8 +54,7 @@ def ellipsoid(
 
 
 def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:
-    home = np.zeros((1, kinematics.dof))
-    home[0, :3] = model.robot.workspace.inner_box[0]
+    home = model.robot.within(0.0)[0][None]
     prior = np.array([parameter.prior for parameter in model.parameters])
     figure = go.Figure(_lines(Skeleton(model.robot, kinematics.mechanism), home))
     figure.add_trace(_outlines(model, kinematics, home, prior))

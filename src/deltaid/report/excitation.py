@@ -63,10 +63,11 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
     q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
     units = dynamics.robot.drive_units
     first, shown = next(iter(units.values())), np.array([u.per_shown for u in units.values()])
-    axes = dict(zip("xyz", style.SERIES[4:], strict=True))
+    task = dynamics.robot.task
+    axes = {"xyz"[axis]: style.SERIES[4 + axis] for axis in task.axes}
     turns = dict(zip(units, style.SERIES, strict=False))
     rows = [
-        ("platform [m]", z[:, :3], axes),
+        ("platform [m]", z[:, task.moves], axes),
         ("{0.motion} [{0.shown}]", q * shown, turns),
         ("speed [{0.shown}/s]", qd * shown, turns),
         ("{0.effort} [{0.force}]", exciter.preview(run, _SAMPLES), turns),

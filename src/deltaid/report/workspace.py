@@ -44,7 +44,7 @@ def _hemisphere(workspace: Hemisphere) -> list[Line]:
 
 
 def _box(workspace: Box) -> list[Line]:
-    x, y = workspace.x, workspace.y
+    x, y, z = workspace.bounds
     corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])])
-    low, high = (np.column_stack([corners, np.full(5, height)]) for height in workspace.z)
+    low, high = (np.column_stack([corners, np.full(5, height)]) for height in z)
     return [low, high, *(np.stack([low[k], high[k]]) for k in range(4))]

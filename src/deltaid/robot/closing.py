@@ -16,7 +16,7 @@ def open_limb(robot: RobotDescription) -> str:
     """
     if robot.limbs is None:  # a mechanism of the user's own, which is checked when it is built
         return ""
-    home = robot.home(4)
+    home = robot.home
     for i, limb in enumerate(robot.limb_geometry):
         held = home[:3] + limb.attachment
         if not isinstance(robot.platform, RigidPlatform):

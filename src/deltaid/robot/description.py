@@ -20,8 +20,9 @@ from deltaid.robot.own import OwnMechanism
 from deltaid.robot.part import Part
 from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
+from deltaid.robot.task import NAMES, Task
 from deltaid.robot.telescope import Telescope
-from deltaid.robot.workspace import Workspace
+from deltaid.robot.workspace import Box, Workspace
 
 TELESCOPE_BODIES = ("TU", "TL", "EE")
 
@@ -143,7 +144,7 @@ class RobotDescription(Part):
     def platform_turns(self) -> bool:
         """Whether ψ is a coordinate of the platform, and not of a telescope."""
         if self.mechanism is not None:
-            return len(self.mechanism.drives) > 3
+            return self.mechanism.task.turn is not None
         return not isinstance(self.platform, RigidPlatform)
 
     def is_linear(self, joint: str) -> bool:
@@ -184,10 +185,25 @@ class RobotDescription(Part):
         low, high = limits.range or (-np.pi, np.pi)
         return Turn(low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf)
 
-    def home(self, dof: int) -> Float[np.ndarray, " dof"]:
+    @property
+    def task(self) -> Task:
+        """What the task coordinates z consist of."""
+        return self.mechanism.task if self.mechanism else Task(NAMES[: len(self.drives)])
+
+    @property
+    def home(self) -> Float[np.ndarray, " dof"]:
         """The middle of the workspace as z [m, rad]; ψ of a platform in the middle of its range."""
-        middle = 0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0
-        return np.append(self.workspace.inner_box[0], np.full(dof - 3, middle))
+        return self.within(0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0)[
+            0
+        ]
+
+    def within(
+        self, middle: float, half: float = 0.0
+    ) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
+        """Middle and half extents of z in a box inside of the workspace, with those given of ψ."""
+        centre, size = map(self.task.of_point, self.workspace.inner_box)
+        turns = self.task.turn is not None
+        return np.append(centre, [middle] * turns), np.append(size, [half] * turns)
 
     @property
     def friction_joints(self) -> tuple[str, ...]:
@@ -225,6 +241,7 @@ class RobotDescription(Part):
     @model_validator(mode="after")
     def _check(self) -> "RobotDescription":
         self._check_drives()
+        self._check_workspace()
         _exactly("bodies", self.bodies, self.body_names)
         _among("friction", self.friction, self.joints)
         _among("springs", self.springs, self.joints)
@@ -240,12 +257,29 @@ class RobotDescription(Part):
         _among("drive_limits", self.drive_limits, self.drives)
         return self
 
+    def _check_workspace(self) -> None:
+        """A workspace has room along the axes that the platform moves along, and no others."""
+        moves = {"xyz"[axis] for axis in self.task.axes}
+        if isinstance(self.workspace, Box):
+            for axis in "xyz":
+                if (getattr(self.workspace, axis) is not None) != (axis in moves):
+                    says = "lacks" if axis in moves else "has"
+                    does = "moves" if axis in moves else "does not move"
+                    raise ValueError(f"workspace {says} {axis}, along which this robot {does}")
+        elif len(moves) < 3:
+            raise ValueError(
+                f"workspace is a {self.workspace.shape}, but this robot moves only along "
+                f"{' and '.join(sorted(moves)) or 'no axis'}; give a box of these axes"
+            )
+
     def _check_drives(self) -> None:
         if (self.limbs is None) == (self.mechanism is None):
             given = "neither is" if self.limbs is None else "both are"
             raise ValueError(f"give either limbs or mechanism; {given} given")
         if self.limbs is not None:
             self._check_composition(self.limbs)
+            if not any(self.gravity):
+                raise ValueError("gravity: is zero; give the vector in the world frame, in m/s²")
         elif self.telescope is not None or self.platform != RigidPlatform():
             raise ValueError("mechanism is in place of limbs, platform and telescope")
         for drive, limits in self.drive_limits.items():

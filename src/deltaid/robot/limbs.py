@@ -62,7 +62,7 @@ class Limbs(Part):
 
     drive: DriveKind = Field(default="rotary", description="arm on a motor, or carriage on a rail")
     azimuth_deg: tuple[Coordinate, ...] = Field(
-        min_length=3,
+        min_length=1,
         max_length=4,
         description="direction of each limb about world z, counted from world x, degrees",
     )
@@ -152,7 +152,7 @@ class Limbs(Part):
                 raise ValueError(
                     "two limbs point the same way; azimuth_deg needs distinct directions"
                 )
-            if gaps.max() > 360.0 - _NARROW:
+            if self.count > 1 and gaps.max() > 360.0 - _NARROW:
                 raise ValueError(
                     f"all limbs point the same way within {360.0 - gaps.max():.3g}°; azimuth_deg "
                     "is in degrees"

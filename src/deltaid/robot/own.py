@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from deltaid.errors import DescriptionError
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Positive
+from deltaid.robot.task import NAMES, Task, TaskName
 
 JointKind = Literal["rotary", "linear"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
@@ -24,9 +25,12 @@ class OwnMechanism(Part):
     """A mechanism whose geometry is a Python function."""
 
     drives: tuple[JointKind, ...] = Field(
-        min_length=3,
-        max_length=4,
-        description="kind of each drive; three for z = (x, y, z), four for z = (x, y, z, ψ)",
+        min_length=1, max_length=4, description="kind of each drive, as many as coordinates"
+    )
+    coordinates: tuple[TaskName, ...] | None = Field(
+        default=None,
+        description="what z consists of, some of x, y, z, psi in this order; x, y, z for three "
+        "drives, and psi for the fourth, if not given",
     )
     bodies: tuple[Name, ...] = Field(min_length=1, description="names of the bodies, in order")
     joints: dict[Name, JointKind] = Field(
@@ -45,6 +49,7 @@ class OwnMechanism(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "OwnMechanism":
+        self._check_coordinates()
         if len(set(self.bodies)) != len(self.bodies):
             raise ValueError("bodies has a name twice")
         clash = [name for name in self.joints if name.startswith("drive")]
@@ -53,6 +58,27 @@ class OwnMechanism(Part):
         if self.angle_deg[0] >= self.angle_deg[1]:
             raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
+
+    def _check_coordinates(self) -> None:
+        count, given = len(self.drives), self.coordinates
+        if given is None:
+            if count < 3:
+                raise ValueError(
+                    f"has {count} drive{'s' if count > 1 else ''}, so say which coordinates they "
+                    "move, such as coordinates: " + ("[x]" if count == 1 else "[x, z]")
+                )
+            return
+        if len(given) != count:
+            raise ValueError(
+                f"has {count} drives, but {len(given)} coordinates; there is one for each drive"
+            )
+        if list(given) != [name for name in NAMES if name in given]:
+            raise ValueError("coordinates must be given once each, in the order x, y, z, psi")
+
+    @property
+    def task(self) -> Task:
+        """What z consists of."""
+        return Task(self.coordinates or NAMES[: len(self.drives)])
 
 
 def name_file(digest: str) -> None:

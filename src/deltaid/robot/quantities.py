@@ -47,8 +47,6 @@ def _speed(value: float) -> float:
 
 
 def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(value):
-        raise ValueError("is zero; give the vector in the world frame, in m/s²")
     if math.hypot(*value) > _STRONGEST:
         raise ValueError(f"{math.hypot(*value):g} m/s² cannot be; gravity is in m/s²")
     return value

@@ -57,29 +57,35 @@ class Hemisphere(Part):
 
 
 class Box(Part):
-    """A box along the world's axes."""
+    """A box along the world's axes; a mechanism of the user's own may not move along some."""
 
     shape: Literal["box"]
-    x: Range = Field(description="m")
-    y: Range = Field(description="m")
-    z: Range = Field(description="m")
+    x: Range | None = Field(default=None, description="m; left out where the robot does not move")
+    y: Range | None = Field(default=None, description="m; the same")
+    z: Range | None = Field(default=None, description="m; the same")
 
     @model_validator(mode="after")
     def _check(self) -> "Box":
         for name in ("x", "y", "z"):
-            _require_increasing(name, getattr(self, name))
+            if (bounds := getattr(self, name)) is not None:
+                _require_increasing(name, bounds)
         return self
 
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Centre and half extents: the box itself."""
-        bounds = np.array([self.x, self.y, self.z])
+        bounds = self.bounds
         return bounds.mean(axis=1), 0.5 * (bounds[:, 1] - bounds[:, 0])
 
     def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
         """Which platform points lie inside."""
-        bounds = np.array([self.x, self.y, self.z])
+        bounds = self.bounds
         return np.all((points >= bounds[:, 0]) & (points <= bounds[:, 1]), axis=1)
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "3 2"]:
+        """Lowest and highest coordinate; the point stays at 0 where it does not move."""
+        return np.array([self.x or (0.0, 0.0), self.y or (0.0, 0.0), self.z or (0.0, 0.0)])
 
 
 Workspace = Annotated[Cylinder | Hemisphere | Box, Field(discriminator="shape")]

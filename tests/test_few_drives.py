@@ -1,0 +1,219 @@
+"""Mechanisms of the user's own with one or two drives, with and without gravity."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command import run
+from deltaid import load_robot, use_mechanism
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
+from deltaid.errors import DescriptionError
+from deltaid.identification.identify import identify
+from deltaid.identification.validation import validate
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.robot.description import RobotDescription
+
+PLANAR = Path(__file__).resolve().parents[1] / "examples" / "planar_delta"
+
+SLED = """
+import casadi as ca
+import deltaid
+
+def mechanism(z):
+    origin = ca.vertcat(z[0], 0, 0)
+    body = deltaid.BodyPose("sled", ca.SX.eye(3), origin)
+    return deltaid.MechanismParts(drives=[z[0]], bodies=[body])
+"""
+SLED_ROBOT = """
+name: sled
+mechanism: {drives: [linear], coordinates: [x], bodies: [sled]}
+gravity: [0, 0, 0]
+bodies:
+  sled: {prior: [{shape: point_mass, centre: [0, 0, 0], mass: 80}], free: [m]}
+friction: {drive1: {viscous: 200, coulomb: 20, offset: 5}}
+workspace: {shape: box, x: [-0.1, 0.3]}
+"""
+PENDULUM = """
+import casadi as ca
+import deltaid
+
+def mechanism(z):
+    c, s = ca.cos(z[0]), ca.sin(z[0])
+    turn = ca.vertcat(ca.horzcat(c, 0, s), ca.horzcat(0, 1, 0), ca.horzcat(-s, 0, c))
+    body = deltaid.BodyPose("rod", turn, ca.SX.zeros(3))
+    return deltaid.MechanismParts(drives=[z[0]], bodies=[body])
+"""
+PENDULUM_ROBOT = """
+name: pendulum
+mechanism: {drives: [rotary], coordinates: [psi], bodies: [rod]}
+bodies:
+  rod: {prior: [{shape: point_mass, centre: [0.3, 0, 0], mass: 2}], free: [mcx, Sxx]}
+workspace: {shape: box}
+"""
+
+
+def made(folder: Path, code: str, description: str) -> RobotDescription:
+    """A robot from two texts."""
+    (folder / "mechanism.py").write_text(code, encoding="utf-8")
+    (folder / "robot.yaml").write_text(description, encoding="utf-8")
+    use_mechanism(folder / "mechanism.py")
+    return load_robot(folder / "robot.yaml")
+
+
+@pytest.fixture
+def planar() -> RobotDescription:
+    use_mechanism(PLANAR / "mechanism.py")
+    return load_robot(PLANAR / "robot.yaml")
+
+
+def held_points(q: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The platform point of the planar example in x, z by two circles that meet, and directions.
+
+    Directions are the unit vectors along arms and rods, by limb; z is counted upwards.
+    """
+    shift, arm, rod = 0.12 - 0.04, 0.28, 0.60
+    out = np.array([1.0, -1.0])
+    along = np.stack([out * np.cos(q), -np.sin(q)], axis=1)
+    elbows = np.stack([out * shift, np.zeros(2)], axis=1) + arm * along
+    middle, across = elbows.mean(axis=0), elbows[0] - elbows[1]
+    half = 0.5 * np.linalg.norm(across)
+    down = np.array([across[1], -across[0]]) / (2 * half)
+    down = down if down[1] < 0 else -down
+    held = middle + np.sqrt(rod**2 - half**2) * down
+    return held, {"arm": along, "rod": (held - elbows) / rod, "elbow": elbows}
+
+
+def test_torques_of_the_planar_delta_are_those_of_its_mass_points(planar: RobotDescription):
+    """d'Alembert: Qᵢ = Σ m (r̈ − g) · ∂r/∂qᵢ over points fixed to the bodies, by differences."""
+    dynamics, rng = Dynamics(planar), np.random.default_rng(3)
+    bodies = {}
+    p = np.zeros(len(dynamics.layout.names))
+    for name in dynamics.layout.bodies:
+        m, x, z = rng.uniform(0.2, 1.0, 4), rng.uniform(-0.3, 0.5, 4), rng.uniform(-0.1, 0.1, 4)
+        bodies[name] = m, x, z
+        p[dynamics.layout.body(name)] = [
+            m.sum(), m @ x, 0, m @ z, m @ z**2, m @ (x**2 + z**2), m @ x**2, 0, 0, -m @ (x * z),
+        ]  # fmt: skip
+
+    def points(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (x, z) of all mass points, and masses; rods count twice."""
+        held, at = held_points(q)
+        places, masses = [], []
+        for i, out in enumerate((1.0, -1.0)):
+            base = np.array([out * (0.12 - 0.04), 0.0])
+            for name, origin, times in (("arm", base, 1), ("rod", at["elbow"][i], 2)):
+                m, x, z = bodies[name]
+                e_x = at[name][i]
+                e_z = out * np.array([-e_x[1], e_x[0]])  # x × z = −y: limb 2 is seen from behind
+                places.append(origin + np.outer(x, e_x) + np.outer(z, e_z))
+                masses.append(times * m)
+        m, x, z = bodies["platform"]
+        places.append(held + np.stack([x, z], axis=1))
+        masses.append(m)
+        return np.concatenate(places), np.concatenate(masses)
+
+    def path(t: float) -> np.ndarray:
+        return q_0 + qd_0 * t + 0.5 * qdd_0 * t**2
+
+    q_0, qd_0, qdd_0 = rng.uniform(0.1, 0.6, 2), rng.normal(size=2), rng.normal(size=2) * 5
+    h = 1e-4
+    before, now, after = (points(path(t))[0] for t in (-h, 0.0, h))
+    masses = points(q_0)[1]
+    effort = masses[:, None] * ((after - 2 * now + before) / h**2 + [0, 9.81])
+    slopes = [(points(q_0 + h * e)[0] - points(q_0 - h * e)[0]) / (2 * h) for e in np.eye(2)]
+    expected = [float(np.sum(effort * slope)) for slope in slopes]
+
+    z = held_points(q_0)[0][None]
+    assert np.allclose(dynamics.kinematics.inverse(z), q_0, atol=1e-12)
+    tau = dynamics.torque(z, qd_0[None], qdd_0[None], p)[0]
+    assert tau == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_planar_delta_is_identified_and_simulated(planar: RobotDescription, tmp_path: Path):
+    dynamics, rng = Dynamics(planar), np.random.default_rng(1)
+    truth = surrogate_parameters(planar, rng)
+    for name in ("log", "verify"):
+        motion = random_motion(dynamics.kinematics, rng)
+        noise = SensorNoise(torque=0.01)
+        recording = simulate_recording(dynamics, truth, motion, rng, duration=10.0, noise=noise)
+        write_recording(recording, tmp_path / f"{name}.csv")
+    model = identify(planar, tmp_path / "log.csv").model
+    home = dynamics.kinematics.home[None]
+    at_home = dynamics.kinematics.inverse(home)
+    M, M_true = (dynamics.mass_matrix(at_home, x)[0] for x in (model.p, truth))
+    assert np.allclose(M, M_true, rtol=0, atol=0.01 * M_true.max())
+    assert max(validate(model, tmp_path / "verify.csv")[0].nrmse) < 0.01
+    zd, zdd = rng.normal(size=(1, 2)), rng.normal(size=(1, 2))
+    _, qd, qdd = dynamics.kinematics.drive_motion(home + 0.01, zd, zdd)
+    tau = dynamics.torque(home + 0.01, qd, qdd, truth)
+    forward = ForwardDynamics(planar)
+    assert np.allclose(forward.acceleration(home + 0.01, zd, tau, truth), zdd, atol=1e-9)
+
+
+def test_one_drive_without_gravity(tmp_path: Path):
+    robot = made(tmp_path, SLED, SLED_ROBOT)
+    dynamics = Dynamics(robot)
+    names = [parameter.name for parameter in dynamics.layout.parameters]
+    p = np.zeros(len(names))
+    for name, value in (("sled.m", 95.0), ("viscous.drive1", 203.0), ("coulomb.drive1", 20.0),
+                        ("offset.drive1", -3.0)):  # fmt: skip
+        p[names.index(name)] = value
+    z, v, a = np.array([[0.2]]), np.array([[-0.3]]), np.array([[2.0]])
+    assert dynamics.torque(z, v, a, p)[0, 0] == pytest.approx(95 * 2 - 203 * 0.3 - 20 - 3)
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    rng = np.random.default_rng(5)
+    noise = SensorNoise(torque=0.02)
+    recording = simulate_recording(dynamics, p, motion, rng, duration=10.0, noise=noise)
+    write_recording(recording, tmp_path / "log.csv")
+    output = run("--mechanism", tmp_path / "mechanism.py", "identify", tmp_path / "robot.yaml",
+                 tmp_path / "log.csv", "--report", tmp_path / "r.html", "-o", tmp_path / "m.yaml")  # fmt: skip
+    assert output.code == 0, output.err
+    found = identify(robot, tmp_path / "log.csv").model
+    by_name = {parameter.name: parameter for parameter in found.parameters}
+    for name, value in zip(names, p, strict=True):
+        if value:
+            assert by_name[name].value == pytest.approx(value, rel=0.02, abs=0.1)
+
+
+def test_a_drive_may_turn_in_place(tmp_path: Path):
+    robot = made(tmp_path, PENDULUM, PENDULUM_ROBOT)
+    dynamics = Dynamics(robot)
+    assert robot.task.names == ("psi",)
+    p = np.zeros(len(dynamics.layout.names))
+    p[dynamics.layout.body("rod")] = [2.0, 0.6, 0, 0, 0, 0.18, 0.18, 0, 0, 0]
+    z, v, a = np.array([[0.7]]), np.array([[3.0]]), np.array([[2.0]])
+    # Positive turns about world y move the rod down, so gravity helps.
+    expected = 0.18 * 2.0 - 0.6 * 9.81 * np.cos(0.7)
+    assert dynamics.torque(z, v, a, p)[0, 0] == pytest.approx(expected)
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    assert np.abs(motion.evaluate(np.linspace(0, 10, 500))[0]).max() <= np.pi
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("coordinates: [x], ", "", "has 1 drive, so say which coordinates"),
+        ("coordinates: [x]", "coordinates: [x, z]", "has 1 drives, but 2 coordinates"),
+        ("[linear], coordinates: [x]", "[linear, linear], coordinates: [z, x]", "in the order"),
+        ("shape: box, x: [-0.1, 0.3]", "shape: box, z: [-0.1, 0.3]", "lacks x, along which"),
+        ("x: [-0.1, 0.3]", "x: [-0.1, 0.3], y: [0, 1]", "has y, along which this robot does not"),
+        ("shape: box, x: [-0.1, 0.3]", "shape: hemisphere, radius: 1, top: 0", "only along x"),
+    ],
+)
+def test_coordinates_and_workspace_go_together(tmp_path: Path, old: str, new: str, told: str):
+    with pytest.raises(DescriptionError, match=told.replace("[", "\\[")):
+        made(tmp_path, SLED, SLED_ROBOT.replace(old, new))
+
+
+def test_what_a_robot_can_reach_is_shown_in_space_only(planar: RobotDescription):
+    output = run("--mechanism", PLANAR / "mechanism.py", "show", PLANAR / "robot.yaml")
+    assert output.code == 2
+    assert "moves along x and z only" in output.err
