@@ -145,8 +145,8 @@ class CvxpyFit:
         """
         rows = np.vstack(list(information.factors / information.torque_max[:, None, None]))
         Y, tau, seen = rows[:, :-1], rows[:, -1], information.columns
-        Q, K = np.linalg.qr(Y @ self._B[seen] / np.sqrt(information.samples))
-        right = (tau - Y @ self.p_reg[seen]) / np.sqrt(information.samples)
+        Q, K = np.linalg.qr(Y @ self._B[seen] / np.sqrt(information.mean_samples))
+        right = (tau - Y @ self.p_reg[seen]) / np.sqrt(information.mean_samples)
         k = Q.T @ right
         return K, k, float(np.sum((right - Q @ k) ** 2))
 

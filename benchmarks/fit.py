@@ -163,7 +163,7 @@ def main() -> int:
     bad: list[str] = []
     for name, noise in (("noisy", SensorNoise()), ("noise-free", None)):
         information = _information(dynamics, p, motion, rng, noise)
-        print(f"\n{name} recording, {information.samples} samples in the factor")
+        print(f"\n{name} recording, {information.mean_samples:.0f} samples in the factor")
         for metric in METRICS:
             problem = Problem(dynamics.robot, information, Settings(regularizer=metric))
             bad += _compare(problem, truth, solvers, arguments.repeats)

@@ -144,7 +144,7 @@ MISTAKES = [
     ("name: clavel-delta3", "name: a\ngravity: [0, 0, 0]", "gravity: is zero; give the vector"),
     ("  strut: 1.055\n", "", "line 5, limbs.strut: is missing"),
     ("0.420\n", "0.042\n", "line 5, limbs: the limbs cannot close", "strut: 1.055", "strut: 0.12"),
-    ("[0, 120, 240]", "[0, 120]", "limbs.azimuth_deg: has 2 limbs, but a platform of kind rigid needs 3"),
+    ("[0, 120, 240]", "[0, 120]", "has 2 limbs, but a platform of kind rigid needs 3"),
     ("[0, 120, 240]", "[0, 72, 144, 216, 288]", "azimuth_deg: must have at most 4 entries, not 5"),
     ("[0, 120, 240]", "[0, 120, 120]", "line 5, limbs: two limbs point the same way"),
     ("[0, 120, 240]", "[0, 2.094, 4.189]", "limbs: all limbs point the same way within 4.19°; azi"),

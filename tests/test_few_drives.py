@@ -173,8 +173,9 @@ def test_one_drive_without_gravity(tmp_path: Path):
     noise = SensorNoise(torque=0.02)
     recording = simulate_recording(dynamics, p, motion, rng, duration=10.0, noise=noise)
     write_recording(recording, tmp_path / "log.csv")
-    output = run("--mechanism", tmp_path / "mechanism.py", "identify", tmp_path / "robot.yaml",
-                 tmp_path / "log.csv", "--report", tmp_path / "r.html", "-o", tmp_path / "m.yaml")  # fmt: skip
+    names_of_files = ("mechanism.py", "robot.yaml", "log.csv", "r.html", "m.yaml")
+    code, description, log, page, model = (tmp_path / name for name in names_of_files)
+    output = run("--mechanism", code, "identify", description, log, "--report", page, "-o", model)
     assert output.code == 0, output.err
     found = identify(robot, tmp_path / "log.csv").model
     by_name = {parameter.name: parameter for parameter in found.parameters}

@@ -145,7 +145,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         "method": model.settings.method,
         "regularizer": model.settings.regularizer,
         **model.fit.model_dump(),
-        "samples": result.problem.information.samples,
+        "samples": round(result.problem.information.mean_samples),
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
         "friction": {
             "joints": list(model.robot.friction_joints),

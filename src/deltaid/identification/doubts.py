@@ -79,6 +79,6 @@ def _excess(problem: FittedProblem) -> float:
 
     γ is what a noise of this level would have got (`objective.default_gamma`).
     """
-    gamma, samples = problem.objective.gamma, problem.information.samples
+    gamma, samples = problem.objective.gamma, problem.information.mean_samples
     assumed = problem.settings.prior_spread * np.sqrt(gamma * samples)
     return max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))

@@ -75,8 +75,10 @@ class FittedProblem:
 
     @property
     def used(self) -> tuple[int, ...]:
-        """How many samples each recording gave after its filter."""
-        return tuple(sum(block.samples for block in part) for part in self.gathered.parts)
+        """How many samples each recording gave after its filter, in the mean over the drives."""
+        return tuple(
+            round(sum(block.mean_samples for block in part)) for part in self.gathered.parts
+        )
 
     @property
     def reduction(self) -> Reduction:

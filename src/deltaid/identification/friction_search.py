@@ -49,7 +49,7 @@ class FrictionSearch:
     whole: Float[np.ndarray, "columns columns"]
     rigid: int
     place: dict[_Key, int]
-    rows: int
+    rows: float
 
     def combination(self, laws: Laws, robot: RobotDescription) -> Float[np.ndarray, "columns k"]:
         """Friction columns as combinations of those here, one for each positive coefficient.
@@ -156,7 +156,7 @@ def prepare(
         whole=joined(range(count)),
         rigid=len(rigid),
         place={key: k for k, key in enumerate(keys)},
-        rows=together.samples * dynamics.dof,
+        rows=together.rows,
     )
 
 

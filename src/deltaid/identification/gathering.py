@@ -161,9 +161,13 @@ def _blocks(
 
     def share(window: Window) -> _Share:
         values, tau, z = _thinned(regressor, window, load)
+        counted = window.counted(window.thinned)
         visits = places.visits(robot.task.point(z), chunks(values, tau)) if places else []
         pieces = (
-            (number, condense(chunks(values[:, part], tau[:, part]), tau[:, part]))
+            (
+                number,
+                condense(chunks(values[:, part], tau[:, part]), tau[:, part], counted[:, part]),
+            )
             for number, part in _cuts(window.start // window.thinned, tau.shape[1], length)
         )
         return _Share(tuple(pieces), visits)
@@ -188,13 +192,14 @@ def _block_length(recording: Recording) -> int:
 def _thinned(
     regressor: Regressor, window: Window, load: Parameters | None
 ) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
-    """Nonzero regressor entries and torques, both filtered and thinned alike, and z there."""
+    """Nonzero regressor entries and torques, weighted, filtered and thinned alike, and z there."""
+    drives, _ = regressor.regressor_pattern
 
     def entries(w: Samples) -> _Values:
         seen = w.tau if load is None else regressor.torque(w.z, w.qd, w.qdd, load)
-        return regressor.sparse_regressor(w.z, w.qd, w.qdd, seen).values
+        return w.weighted(regressor.sparse_regressor(w.z, w.qd, w.qdd, seen).values, drives)
 
-    tau = window.filtered(lambda w: w.tau.T)
+    tau = window.filtered(lambda w: w.weighted(w.tau.T, np.arange(regressor.dof)))
     return window.filtered(entries), tau, window.own.z[:: window.thinned]
 
 

@@ -34,14 +34,25 @@ class Information:
         columns: the parameters (positions in p) that the factors' columns stand for; all others
             have no effect on torques.
         factors: for each drive a matrix F with Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
-        samples: number of samples s behind it.
+        samples: number of samples behind each drive's factor; one whose noise the weights of a
+            recording leave in part counts as that part.
         torque_max: largest |τ| of each drive.
     """
 
     columns: Int[np.ndarray, " columns"]
     factors: Float[np.ndarray, "dof augmented augmented"]
-    samples: int
+    samples: Float[np.ndarray, " dof"]
     torque_max: Float[np.ndarray, " dof"]
+
+    @property
+    def rows(self) -> float:
+        """Number of torque values behind it."""
+        return float(self.samples.sum())
+
+    @property
+    def mean_samples(self) -> float:
+        """s, the number of samples in the mean over the drives."""
+        return float(self.samples.mean())
 
     def weighted(
         self, weights: Float[np.ndarray, " dof"]
@@ -70,14 +81,18 @@ class Condensed:
     """
 
     triangles: tuple[tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ _"]], ...]
-    samples: int
+    samples: Float[np.ndarray, " dof"]
     torque_max: Float[np.ndarray, " dof"]
 
 
-def condense(chunks: Iterable[Chunk], tau: Float[np.ndarray, "dof samples"]) -> Condensed:
-    """Triangles of some samples' chunks."""
+def condense(
+    chunks: Iterable[Chunk],
+    tau: Float[np.ndarray, "dof samples"],
+    counted: Float[np.ndarray, "dof samples"],
+) -> Condensed:
+    """Triangles of some samples' chunks; `counted` is what each is worth, as `samples` says."""
     triangles = tuple((columns, _chunk_triangle(chunk)) for columns, chunk in chunks)
-    return Condensed(triangles, tau.shape[1], np.abs(tau).max(axis=1, initial=0.0))
+    return Condensed(triangles, counted.sum(axis=1), np.abs(tau).max(axis=1, initial=0.0))
 
 
 def collect(regressor: Regressor, parts: Iterable[Condensed], where: str) -> Information:
@@ -88,13 +103,13 @@ def collect(regressor: Regressor, parts: Iterable[Condensed], where: str) -> Inf
     """
     columns = active_columns(regressor)
     n, dof = len(columns) + 1, regressor.dof
-    factors, samples, torque_max = np.zeros((dof, n, n)), 0, np.zeros(dof)
+    factors, samples, torque_max = np.zeros((dof, n, n)), np.zeros(dof), np.zeros(dof)
     for part in parts:
         for i, (at, R) in enumerate(part.triangles):
             widened = np.zeros((len(R), n))
             widened[:, at] = R
             factors[i] = triangle(np.vstack([factors[i], widened]))
-        samples += part.samples
+        samples = samples + part.samples
         torque_max = np.maximum(torque_max, part.torque_max)
     if not np.all(np.isfinite(factors)):
         raise IdentificationError(
@@ -117,7 +132,8 @@ def gather_samples(
     parts = []
     for part in (slice(i, i + _AT_ONCE) for i in range(0, len(z), _AT_ONCE)):
         values = regressor.sparse_regressor(z[part], qd[part], qdd[part], tau[part]).values
-        parts.append(condense(chunks_of_drives(regressor, values, tau[part].T), tau[part].T))
+        chunks = chunks_of_drives(regressor, values, tau[part].T)
+        parts.append(condense(chunks, tau[part].T, np.ones_like(tau[part].T)))
     return collect(regressor, parts, "samples")
 
 
@@ -131,7 +147,7 @@ def merge(parts: Iterable[Information]) -> Information:
     return Information(
         columns=first.columns,
         factors=np.stack(factors),
-        samples=sum(part.samples for part in parts),
+        samples=np.sum([part.samples for part in parts], axis=0),
         torque_max=np.max([part.torque_max for part in parts], axis=0),
     )
 

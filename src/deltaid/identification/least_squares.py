@@ -140,7 +140,7 @@ def _least_squares(
     projected = Q.T @ factor[:, -1]
     values = solve_triangular(R, projected) / norms
     residual = np.linalg.norm(factor[:, -1] - Q @ projected)
-    freedom = max(information.samples * len(information.factors) - base.rank, 1)
+    freedom = max(information.rows - base.rank, 1.0)
     own = np.append(at, len(information.columns))
     noise = observe(
         root=R * norms,

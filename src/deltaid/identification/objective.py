@@ -62,7 +62,7 @@ def data_term(information: Information, reduction: Reduction) -> DataTerm:
     reduced = np.column_stack([Y @ reduction.A[at], tau - Y @ reduction.p_0[at]])
     n = reduction.size
     padded = np.vstack([reduced, np.zeros((max(0, n + 1 - len(reduced)), n + 1))])
-    R = triangle(padded) / np.sqrt(information.samples)
+    R = triangle(padded) / np.sqrt(information.mean_samples)
     return DataTerm(R[:n, :n], R[:n, n], float(R[n, n] ** 2))
 
 
@@ -78,8 +78,7 @@ def noise_level(information: Information) -> float:
     U, singular, _ = np.linalg.svd(scaled)
     rank = int(np.sum(singular > 1e-9 * singular[0]))
     residual = tau - U[:, :rank] @ (U[:, :rank].T @ tau)
-    rows = information.samples * len(information.torque_max)
-    return float(np.linalg.norm(residual) / np.sqrt(max(rows - rank, 1)))
+    return float(np.linalg.norm(residual) / np.sqrt(max(information.rows - rank, 1)))
 
 
 # Torques are never taken to be known better than this share of the largest one.
@@ -94,4 +93,4 @@ def default_gamma(information: Information, prior_spread: float) -> float:
     `prior_spread`.
     """
     sigma = max(noise_level(information), NOISE_FLOOR)
-    return sigma**2 / (information.samples * prior_spread**2)
+    return sigma**2 / (information.mean_samples * prior_spread**2)

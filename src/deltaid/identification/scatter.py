@@ -99,7 +99,7 @@ class Noise:
 
     root: Float[np.ndarray, "n n"]
     sigma: float
-    freedom: int
+    freedom: float
     scatter: Scatter | None = None
     groups: str = "none"
 
@@ -109,7 +109,7 @@ class Noise:
         """Standard deviations of uᵀs for the columns of U, and their degrees of freedom."""
         white = self.sigma * np.linalg.norm(U, axis=0)
         if self.scatter is None:
-            return white, np.full(U.shape[1], float(self.freedom))
+            return white, np.full(U.shape[1], self.freedom)
         v, nu = self.scatter.variances(U)
         told = np.isfinite(v)
         return np.where(told, np.sqrt(v), white), np.where(told, nu, 1.0)
@@ -119,7 +119,7 @@ def observe(
     root: Float[np.ndarray, "n n"],
     values: Float[np.ndarray, " n"],
     sigma: float,
-    freedom: int,
+    freedom: float,
     groupings: Iterable[tuple[str, Sums]],
 ) -> Noise:
     """The noise behind a fit, by the grouping whose scatter is largest on the whole.

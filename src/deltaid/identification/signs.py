@@ -36,7 +36,7 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
     found = []
     for i, drive in enumerate(dynamics.robot.drives):
         probes = _probes(dynamics, i)[:, information.columns]
-        values, stds = _told(information.factors[i], information.samples, probes)
+        values, stds = _told(information.factors[i], information.samples[i], probes)
         certain = values / np.maximum(stds, np.finfo(float).tiny)
         if certain[np.argmax(np.abs(certain))] < -_CERTAIN:
             friction = float(values[1]) if np.any(probes[1]) else np.nan
@@ -77,7 +77,7 @@ def _probes(dynamics: Dynamics, i: int) -> Float[np.ndarray, "2 parameters"]:
 
 def _told(
     factor: Float[np.ndarray, "augmented augmented"],
-    samples: int,
+    samples: float,
     probes: Float[np.ndarray, "2 columns"],
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """c p of the least-squares p of one drive's rows, and standard deviations for white noise."""

@@ -17,7 +17,8 @@ class TorqueError:
     """Torque errors of a model on a recording, one number a drive.
 
     Attributes:
-        rms: root mean square of measured minus predicted, both through the recording's filter.
+        rms: root mean square of measured minus predicted, both with the recording's weights and
+            through its filter; a sample whose noise the weights leave in part counts as that part.
         nrmse: rms as a share of the measured torque's own root mean square.
         rms_unfiltered: the same against the torque as recorded.
         covariance: mean of e eᵀ over the samples, of the filtered errors.
@@ -35,15 +36,24 @@ class TorqueError:
 class Prediction:
     """Measured and predicted torques of consecutive samples, and the drives' speeds there.
 
-    Those through the filter are of every `Recording.stride`-th sample, from the first one on.
+    Those through the filter are of every `Recording.stride`-th sample, from the first one on, and
+    have been multiplied by the weights before.
+
+    Attributes:
+        weights: of the samples; no columns without torques.
+        gain: the weights through the filter: what it leaves of a constant.
+        counted: how many samples each filtered one is worth (`Window.counted`).
     """
 
     time: Float[np.ndarray, " samples"]
     speed: Float[np.ndarray, "samples dof"]
     measured: Float[np.ndarray, "samples torques"]
     predicted: Float[np.ndarray, "samples dof"]
+    weights: Float[np.ndarray, "samples torques"]
     filtered_measured: Float[np.ndarray, "apart torques"]
     filtered_predicted: Float[np.ndarray, "apart dof"]
+    gain: Float[np.ndarray, "apart torques"]
+    counted: Float[np.ndarray, "apart torques"]
 
 
 def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator[Prediction]:
@@ -57,10 +67,22 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
 def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction:
     own, wide = window.own, window.wide
     predicted = dynamics.torque(wide.z, wide.qd, wide.qdd, p)
-    smooth = window.smoothed(np.hstack([wide.tau, predicted]).T).T
     n = wide.tau.shape[1]
+    drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
+    both = np.hstack([wide.tau, predicted]).T
+    smooth = window.smoothed(wide.weighted(both, drives) if n else both).T
+    counted = window.counted(window.stride).T
+    whole = not n or bool(np.all(counted == 1.0))
     return Prediction(
-        own.time, own.qd, own.tau, window.trimmed(predicted), smooth[:, :n], smooth[:, n:]
+        time=own.time,
+        speed=own.qd,
+        measured=own.tau,
+        predicted=window.trimmed(predicted),
+        weights=own.weights,
+        filtered_measured=smooth[:, :n],
+        filtered_predicted=smooth[:, n:],
+        gain=np.ones_like(counted) if whole else window.smoothed(wide.weights.T).T,
+        counted=counted,
     )
 
 
@@ -70,12 +92,12 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
     def sums(window: Window) -> tuple[np.ndarray, ...]:
         part = _prediction(dynamics, p, window)
         error = part.filtered_measured - part.filtered_predicted
-        raw = np.sum((part.measured - part.predicted) ** 2, axis=0)
-        counts = np.array([len(error), len(part.time)])
+        raw = np.sum((part.weights * (part.measured - part.predicted)) ** 2, axis=0)
+        counts = np.stack([part.counted.sum(axis=0), np.sum(part.weights**2, axis=0)])
         return error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, counts
 
     dof = dynamics.dof
-    totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros(2, dtype=int)
+    totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((2, dof))
     for one in recording.evaluate(dynamics.kinematics, sums):
         for total, part in zip(totals, one, strict=True):
             total += part
@@ -85,7 +107,7 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         rms=rms,
         nrmse=rms / np.sqrt(power / samples),
         rms_unfiltered=np.sqrt(raw / all_samples),
-        covariance=covariance / samples,
+        covariance=covariance / np.sqrt(np.outer(samples, samples)),
         cutoff=recording.cutoff,
     )
 

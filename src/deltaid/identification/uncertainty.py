@@ -51,7 +51,7 @@ def uncertainty(problem: FittedProblem) -> Uncertainty:
         IdentificationError: the prior's sizes are too far apart for the arithmetic.
     """
     objective, reduction, noise = problem.objective, problem.reduction, problem.estimate.noise
-    samples, sigma = problem.information.samples, max(problem.noise, NOISE_FLOOR)
+    samples, sigma = problem.information.mean_samples, max(problem.noise, NOISE_FLOOR)
     unit = sigma * np.sqrt(2.0 / (samples * objective.gamma))
     _, _, hessian = objective.regularizer.evaluate(reduction.prior)
     scale = np.sqrt(np.diag(hessian))

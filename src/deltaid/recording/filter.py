@@ -13,6 +13,7 @@ the same low-pass but for what `lead` lets through of its stop band, 120 dB.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -77,9 +78,19 @@ class LowPass:
     @property
     def noise_gain(self) -> float:
         """What is left of the standard deviation of white noise: the norm of both stages."""
+        return float(np.linalg.norm(self.response))
+
+    @cached_property
+    def response(self) -> Float[np.ndarray, " response"]:
+        """h, both stages as one filter of the samples that go in."""
         spread = np.zeros((len(self.smooth) - 1) * self.stride + 1)
         spread[:: self.stride] = self.smooth
-        return float(np.linalg.norm(np.convolve(spread, self.lead)))
+        return np.convolve(spread, self.lead)
+
+    @cached_property
+    def power(self) -> Float[np.ndarray, " response"]:
+        """h² / Σ h²: how much each sample adds to the power of white noise behind the filter."""
+        return self.response**2 / np.sum(self.response**2)
 
     @property
     def lead_half(self) -> int:

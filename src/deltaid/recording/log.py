@@ -60,8 +60,15 @@ class Log:
         return bool(self.columns.velocity and self.columns.acceleration)
 
     def batches(self) -> Iterator[Batch]:
-        """All rows in SI units."""
-        return read_batches(self.table, self.columns)
+        """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
+
+        A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
+        torques has none.
+        """
+        drives = len(self.columns.torque)
+        for batch in read_batches(self.table, self.columns):
+            weights = np.ones((len(batch.values), drives))
+            yield Batch(batch.row, np.hstack([batch.values, weights]))
 
 
 def open_log(

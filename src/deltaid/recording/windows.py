@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
@@ -29,6 +29,7 @@ class Samples:
     Attributes:
         time [s], z, qd, qdd: the motion; filtered if there is a filter.
         tau: drive torques as recorded, never filtered here; no columns if the log has none.
+        weights: how far each drive's torque counts, between 0 and 1; no columns without torques.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -36,10 +37,25 @@ class Samples:
     qd: Float[np.ndarray, "samples dof"]
     qdd: Float[np.ndarray, "samples dof"]
     tau: Float[np.ndarray, "samples torques"]
+    weights: Float[np.ndarray, "samples torques"]
 
     def part(self, which: slice) -> "Samples":
         """Some of them."""
-        return Samples(*(x[which] for x in (self.time, self.z, self.qd, self.qdd, self.tau)))
+        parts = (self.time, self.z, self.qd, self.qdd, self.tau, self.weights)
+        return Samples(*(x[which] for x in parts))
+
+    def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
+        """Channels (channels, samples) times the weights of the drives that they belong to.
+
+        m τ = m Y p holds sample by sample, so what is to be left out is left out here, at the full
+        rate, before a filter spreads it.
+        """
+        part = np.flatnonzero((self.weights != 1.0).any(axis=1))
+        if not part.size:
+            return values
+        result = values.copy()
+        result[:, part] *= self.weights[part].T[drives]
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +90,19 @@ class Window:
     def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
         """The low-pass over something computed from `wide`, at every `stride`-th own sample."""
         return x if self.low_pass is None else apply(self.low_pass.smooth, self._led(x))
+
+    def counted(self, every: int) -> Float[np.ndarray, "torques kept"]:
+        """What is left of the noise's power by the weights m: Σ (h m)² / Σ h², h the low-pass.
+
+        So many samples each filtered sample is worth, for every drive.
+
+        Args:
+            every: how many own samples lie between two: `stride` or `thinned`.
+        """
+        low_pass, weights = self.low_pass, self.wide.weights.T
+        if low_pass is None or np.all(weights == 1.0):
+            return self.own.weights.T[:, ::every] ** 2
+        return apply(low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
     def trimmed(self, x: Float[np.ndarray, "wide ..."]) -> Float[np.ndarray, "own ..."]:
         """Something computed from `wide`, unfiltered, at the own samples."""
@@ -124,7 +153,7 @@ def cut(
 
 @dataclass(frozen=True, eq=False)
 class Uncut:
-    """Rows of one window, columns as in `Columns.all`."""
+    """Rows of one window, columns as in `Columns.all`, then one weight a drive."""
 
     start: int
     rows: Rows
@@ -139,25 +168,31 @@ class Uncut:
         derivative that is, through the filter. Without a filter both must be recorded.
         """
         c, low_pass = self.columns, self.low_pass
-        counts = [len(c.position), len(c.velocity), len(c.acceleration)]
-        q, qd, qdd, tau = np.split(self.rows[:, 1:], np.cumsum(counts), axis=1)
+        counts = [len(x) for x in (c.position, c.velocity, c.acceleration, c.torque)]
+        q, qd, qdd, tau, weights = np.split(self.rows[:, 1:], np.cumsum(counts), axis=1)
         if low_pass is None:
-            samples = self._samples(0, q, qd, qdd, tau)
+            samples = self._samples(0, q, qd, qdd, tau, weights)
             return Window(self.start, samples, samples, None)
         first = low_pass.lead_half + low_pass.stride * (low_pass.margin + low_pass.spread_half)
-        wide = self._samples(first, *_motion(low_pass, q, qd, qdd), tau)
+        wide = self._samples(first, *_motion(low_pass, q, qd, qdd), tau, weights)
         apart = len(wide.time) // low_pass.stride - low_pass.lead_loss - 2 * low_pass.half
         lost = low_pass.lead_half + low_pass.stride * low_pass.half
         own = wide.part(slice(lost, lost + max(0, apart) * low_pass.stride))
         return Window(self.start, own, wide, low_pass)
 
     def _samples(
-        self, first: int, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, tau: np.ndarray
+        self,
+        first: int,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        tau: np.ndarray,
+        weights: np.ndarray,
     ) -> Samples:
         """Samples of some motion, which begins with a row of its own."""
         z, _ = self.kinematics.forward_unchecked(q)
         rows = slice(first, first + len(q))
-        return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows])
+        return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows], weights[rows])
 
 
 def _motion(

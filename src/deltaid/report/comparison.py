@@ -19,6 +19,8 @@ from deltaid.recording.recording import Recording
 # Points over time that a figure draws quickly and a file holds easily.
 _SHOWN = 20_000
 _SEGMENT = 1024  # samples of a spectrum's segment
+# A filtered torque is shown where so much of its noise's power has not been left out.
+_MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,11 @@ class Comparison:
     """Torques over time, residuals to count, and mean spectra of one recording.
 
     Attributes:
-        time [s], measured, predicted [N m]: samples to draw over time, through the filter.
+        time [s], measured, predicted [N m]: samples to draw over time, through the filter; NaN
+            where most of what the filter sees is left out.
         stretch: how many (thinned) samples each of them stands for.
-        speed [rad/s], residual [N m]: evenly thinned samples, to draw over speed and count.
+        speed [rad/s], residual [N m]: evenly thinned samples, to draw over speed and count; NaN
+            likewise.
         frequency [Hz], measured_density, residual_density [N m/√Hz]: amplitude spectra of the
             torque as recorded and of what the model leaves of it.
         cutoff: of the filter [Hz], None without one.
@@ -54,7 +58,7 @@ def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparis
     spectrum = _Spectrum(log.rate)
     shown, counted = [], []
     for rows in _stretches(_thinned(dynamics, p, recording, spectrum), stretch):
-        residual = np.abs(rows[:, :, 1] - rows[:, :, 2]) / scale
+        residual = np.abs(np.nan_to_num(rows[:, :, 1] - rows[:, :, 2])) / scale
         worst = residual.max(axis=2).argmax(axis=1)
         shown.append(rows[np.arange(len(rows)), worst])
         counted.append(rows[:, 0])
@@ -82,7 +86,8 @@ def _thinned(
     for part in predict(dynamics, p, recording):
         spectrum.add(part)
         time = np.repeat(part.time[:, None], dynamics.dof, axis=1)
-        filtered = (part.filtered_measured, part.filtered_predicted)
+        gain = np.where(part.counted > _MOSTLY, part.gain, np.nan)
+        filtered = (part.filtered_measured / gain, part.filtered_predicted / gain)
         shown = [rows[:: step // apart] for rows in filtered]
         yield np.stack([time[::step], *shown, part.speed[::step]], axis=1)
 
@@ -117,7 +122,8 @@ class _Spectrum:
             self._length = min(_SEGMENT, samples)
         if samples < self._length:
             return
-        both = np.stack([part.measured, part.measured - part.predicted])
+        residual = part.weights * (part.measured - part.predicted)
+        both = np.stack([part.weights * part.measured, residual])
         _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
         segments = 2 * samples // self._length - 1  # they overlap by a half
         total = self._segments + segments

@@ -83,7 +83,8 @@ def over_speed(c: Comparison, drives: Drives) -> Figure:
     figure = _grid(drives)
     keep = slice(None, None, max(1, -(-len(c.speed) // _SCATTER)))
     for i, (row, col) in enumerate(_cells(drives)):
-        speed, residual = c.speed[:, i], c.residual[:, i]
+        told = np.isfinite(c.residual[:, i])
+        speed, residual = c.speed[told, i], c.residual[told, i]
         figure.add_scatter(
             x=speed[keep].astype(np.float32),
             y=residual[keep].astype(np.float32),
@@ -122,6 +123,7 @@ def histogram(c: Comparison, drives: Drives) -> Figure:
     figure = _grid(drives)
     for i, (row, col) in enumerate(_cells(drives)):
         residual = c.residual[:, i]
+        residual = residual[np.isfinite(residual)]
         share, edges = np.histogram(residual, bins=_RESIDUAL_BINS, density=True)
         middle = 0.5 * (edges[1:] + edges[:-1])
         figure.add_bar(
@@ -197,7 +199,7 @@ def _compact(time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples
 
 def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
     """Centres of speed intervals with enough samples, mean and standard deviation in each."""
-    if np.ptp(speed) == 0:
+    if not speed.size or np.ptp(speed) == 0:
         return speed[:0], speed[:0], speed[:0]
     mean, edges, _ = stats.binned_statistic(speed, residual, "mean", _SPEED_BINS)
     spread, *_ = stats.binned_statistic(speed, residual, "std", edges)
