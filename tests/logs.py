@@ -65,9 +65,7 @@ def write(path: Path, content: str | bytes | pl.DataFrame) -> Path:
 def read(path: Path, mapping: ColumnMapping | None = None) -> np.ndarray:
     """All rows of a log in SI units, columns as in `Columns.all`."""
     table = open_table(path, mapping)
-    columns = resolve_columns(
-        table.header, (False,) * DOF, mapping, where=str(path), units=table.units
-    )
+    columns = resolve_columns(table, (False,) * DOF, mapping)
     batches = list(read_batches(table, columns))
     rows = np.cumsum([table.first_row] + [len(batch.values) for batch in batches])
     assert [batch.row for batch in batches] == rows[:-1].tolist()

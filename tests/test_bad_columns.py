@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording import parquet
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.formats import parquet
 from deltaid.recording.log import open_log
 from deltaid.recording.units import si_factor
 from logs import recorded, refusal, text, write
@@ -45,11 +45,11 @@ BAD_COLUMNS = {
     "nothing": (pl.lit(None).alias("q2"), "row 1: column q2 is empty"),
     "text": (pl.col("q2").cast(pl.String), "column q2 holds String, not numbers"),
     "truth": (pl.col("q2") > 0, "column q2 holds Boolean, not numbers"),
-    "list": (pl.concat_list("q2", "q1").alias("q2"), "column q2 holds List"),
-    "struct": (pl.struct("q1").alias("q2"), "column q2 holds Struct"),
+    "list": (pl.concat_list("q2", "q1").alias("q2"), "q2 has 2 columns"),
+    "struct": (pl.struct("q1").alias("q2"), "did you mean q2.q1?"),
     "dates": (
-        (1e6 * pl.col("t")).cast(pl.Int64).cast(pl.Datetime("us")).alias("t"),
-        "column t holds Datetime",
+        (1e6 * pl.col("t")).cast(pl.Int64).cast(pl.Datetime("us")).alias("q2"),
+        "column q2 holds dates or times of day",
     ),
 }
 

@@ -11,8 +11,9 @@ import pytest
 import zstandard
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.recording import csv_text, parquet, table
+from deltaid.recording import csv_text, table
 from deltaid.recording.columns import ColumnMapping, load_mapping
+from deltaid.recording.formats import parquet
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.table import open_table, recut
 from logs import Spelling, comma, names, read, recorded, text, write

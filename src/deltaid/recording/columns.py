@@ -5,11 +5,13 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from deltaid.errors import RecordingError
+from deltaid.recording.address import Pick, find
+from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
@@ -28,6 +30,8 @@ Name = Annotated[
 ]
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
+# Default names of the time.
+TIMES = ("t", "time")
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
 _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
@@ -59,6 +63,70 @@ class DriveColumn(Part):
     )
 
 
+class AllDrives(Part):
+    """One entry for all drives, in place of a list with one a drive.
+
+    Columns are those of one array, or are listed; of all else there is one for all, or a list.
+    """
+
+    column: Name | None = Field(
+        default=None, description="array with one column a drive: column[0], column[1], …"
+    )
+    columns: tuple[Name, ...] | None = Field(
+        default=None, description="in place of it: one column a drive"
+    )
+    unit: str | tuple[str, ...]
+    gear: Positive | tuple[Positive, ...] = 1.0
+    lead: Positive | tuple[Positive, ...] | None = None
+    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = 1
+    zero: float | tuple[float, ...] = 0.0
+    torque_constant: Positive | tuple[Positive, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "AllDrives":
+        if (self.column is None) == (self.columns is None):
+            raise ValueError("needs either column, of an array, or columns")
+        return self
+
+    def names(self, dof: int) -> tuple[str, ...]:
+        """The column of each drive."""
+        return self.columns or tuple(f"{self.column}[{i}]" for i in range(dof))
+
+    def entries(self, dof: int, where: str) -> tuple[DriveColumn, ...]:
+        """The same as a list.
+
+        Raises:
+            RecordingError: a list has another length than there are drives.
+        """
+        given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set}
+        given = {"columns": self.names(dof)} | given
+        drives: list[dict[str, Any]] = [{} for _ in range(dof)]
+        for key, value in given.items():
+            if key == "column":
+                continue
+            if isinstance(value, tuple) and len(value) != dof:
+                raise RecordingError(
+                    f"lists {len(value)} {key if key == 'columns' else 'values'}, "
+                    f"but the robot has {dof} drives",
+                    where=where if key == "columns" else f"{where}.{key}",
+                    cure="list one a drive, in order of q, or give one value for all",
+                )
+            for i, drive in enumerate(drives):
+                name = "column" if key == "columns" else key
+                drive[name] = value[i] if isinstance(value, tuple) else value
+        return tuple(DriveColumn(**drive) for drive in drives)
+
+
+def _spelling(value: object) -> str:
+    return "all" if isinstance(value, Mapping | AllDrives) else "each"
+
+
+DriveColumns = Annotated[
+    Annotated[AllDrives, Tag("all")] | Annotated[tuple[DriveColumn, ...], Tag("each")],
+    Discriminator(_spelling),
+]
+
+
 class TimeColumn(Part):
     """The time column."""
 
@@ -67,13 +135,13 @@ class TimeColumn(Part):
 
 
 class ColumnMapping(Part):
-    """The user's mapping file: columns of a log by name, one entry a drive in order of q."""
+    """The user's mapping file: columns of a log by address, drives in order of q."""
 
     time: TimeColumn = TimeColumn()
-    position: tuple[DriveColumn, ...] | None = None
-    velocity: tuple[DriveColumn, ...] | None = None
-    acceleration: tuple[DriveColumn, ...] | None = None
-    torque: tuple[DriveColumn, ...] | None = None
+    position: DriveColumns | None = None
+    velocity: DriveColumns | None = None
+    acceleration: DriveColumns | None = None
+    torque: DriveColumns | None = None
     header_row: Annotated[int, Field(ge=1)] = Field(
         default=1,
         description="line of a CSV file of the column names; searched if neither row is given",
@@ -96,10 +164,14 @@ class ColumnMapping(Part):
         return mapping
 
     @property
-    def needed(self) -> tuple[str, ...]:
-        """Names without which a row is no header: time, and positions of whatever robot."""
-        positions = self.position or ()
-        return (self.time.column, *([c.column for c in positions] or ["q1"]))
+    def needed(self) -> tuple[tuple[str, ...], ...]:
+        """Names of which a header holds one each: time, and positions of whatever robot."""
+        if isinstance(self.position, AllDrives):
+            names = self.position.names(1)
+        else:
+            names = [c.column for c in self.position or ()]
+        times = (self.time.column,) if "column" in self.time.model_fields_set else TIMES
+        return (times, *([(name,) for name in names] or [("q1", "q[0]")]))
 
     @model_validator(mode="after")
     def _check(self) -> "ColumnMapping":
@@ -144,58 +216,61 @@ def load_mapping(path: str | Path) -> ColumnMapping:
 
 
 def resolve_columns(
-    header: tuple[str, ...],
-    linear: tuple[bool, ...],
-    mapping: ColumnMapping | None,
-    *,
-    where: str,
-    units: Mapping[str, str] | None = None,
+    table: Table, linear: tuple[bool, ...], mapping: ColumnMapping | None = None
 ) -> Columns:
-    """Match a log's header with a mapping, or with the default names t, q1…, qd1…, qdd1…, tau1….
+    """Match what a log holds with a mapping, or with the default names.
 
-    The default names are in s, rad, rad/s, rad/s² and N m at the joint, or in m, m/s, m/s² and N.
+    These are t (or time), and q1…, qd1…, qdd1…, tau1… or arrays q, qd, qdd, tau, in s, rad, rad/s,
+    rad/s² and N m at the joint, or in m, m/s, m/s² and N. Where the mapping gives no unit, that of
+    the log holds, if it states one.
 
     Args:
+        table: the log.
         linear: for each drive whether it is a linear one.
-        units: of columns as the log states them, for those of which the mapping says nothing.
 
     Raises:
         RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
             a list has the wrong length.
     """
     mapping = mapping or ColumnMapping()
-    units = units or {}
-    place, unit = f"{mapping.source}, time.unit", mapping.time.unit
-    if "unit" not in mapping.time.model_fields_set and mapping.time.column in units:
-        place, unit = f"{where}, unit of {mapping.time.column}", units[mapping.time.column]
-    time = Channel(mapping.time.column, si_factor(unit, "s", where=place), 0.0)
+    time = _time(table, mapping)
     channels = {
         quantity: _declared(quantity, linear, given, mapping.source)
         if (given := getattr(mapping, quantity)) is not None
-        else _under_default_names(quantity, header, linear, units, where)
+        else _under_default_names(quantity, table, linear)
         for quantity in QUANTITIES
     }
     columns = Columns(time, **channels)
     names = [channel.column for channel in columns.all]
     if not columns.position:
         names += _default_names("position", len(linear))
-    _require_once(names, header, where, mapping.source)
-    _require_present(names, header, where)
+    _require_once(names, table, mapping.source)
+    _require_no_dates(table.picks(names)[1:], str(table.path))
     return columns
 
 
-def extra_drives(header: tuple[str, ...], columns: Columns, dof: int) -> list[str]:
+def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
     """Columns with default names of a drive that the robot does not have."""
     used = {channel.column for channel in columns.all}
     names = [f"{_SHORT[quantity]}{dof + 1}" for quantity in QUANTITIES]
-    return [name for name in names if name in header and name not in used]
+    return [name for name in names if name in table.header and name not in used]
 
 
-def listing(names: tuple[str, ...]) -> str:
-    """Column names for a message, shortened where they are many or long."""
-    shown = [name if len(name) <= 40 else f"{name[:37]}…" for name in names[:20]]
-    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
-    return ", ".join(shown) + more
+def _time(table: Table, mapping: ColumnMapping) -> Channel:
+    name, unit, place = mapping.time.column, mapping.time.unit, f"{mapping.source}, time.unit"
+    declared = mapping.time.model_fields_set
+    if "column" not in declared:
+        name = next((one for one in TIMES if find(table.fields, one)), name)
+    found = find(table.fields, name)
+    if found and found[0].is_clock and "unit" in declared and unit != "s":
+        raise RecordingError(
+            f"column {name} holds dates or times of day, which have no unit",
+            where=place,
+            cure="leave the unit of time out",
+        )
+    if "unit" not in declared and name in table.units:
+        place, unit = f"{table.header_place}, unit of {name}", table.units[name]
+    return Channel(name, si_factor(unit, "s", where=place), 0.0)
 
 
 def _default_names(quantity: Quantity, dof: int) -> list[str]:
@@ -203,17 +278,17 @@ def _default_names(quantity: Quantity, dof: int) -> list[str]:
 
 
 def _under_default_names(
-    quantity: Quantity,
-    header: tuple[str, ...],
-    linear: tuple[bool, ...],
-    units: Mapping[str, str],
-    where: str,
+    quantity: Quantity, table: Table, linear: tuple[bool, ...]
 ) -> tuple[Channel, ...]:
-    names = _default_names(quantity, len(linear))
-    if not any(name in header for name in names):
-        return ()
+    names, short = _default_names(quantity, len(linear)), _SHORT[quantity]
+    if not any(name in table.header for name in names):
+        array = find(table.fields, short)
+        if not (find(table.fields, f"{short}[0]") and (not array or len(array[0].shape) > 1)):
+            return ()
+        names = [f"{short}[{i}]" for i in range(len(linear))]
     # Some but not all: keep them all, so that the missing ones are named.
     targets = [(_SLIDING if slides else _TURNING)[quantity] for slides in linear]
+    where, units = table.header_place, table.units
     return tuple(
         Channel(name, si_factor(units.get(name, si), si, where=f"{where}, unit of {name}"), 0.0)
         for name, si in zip(names, targets, strict=True)
@@ -221,9 +296,14 @@ def _under_default_names(
 
 
 def _declared(
-    quantity: Quantity, linear: tuple[bool, ...], given: tuple[DriveColumn, ...], source: str
+    quantity: Quantity,
+    linear: tuple[bool, ...],
+    given: AllDrives | tuple[DriveColumn, ...],
+    source: str,
 ) -> tuple[Channel, ...]:
     dof = len(linear)
+    if isinstance(given, AllDrives):
+        given = given.entries(dof, f"{source}, {quantity}")
     if len(given) != dof:
         raise RecordingError(
             f"lists {len(given)} columns, but the robot has {dof} drives",
@@ -261,28 +341,23 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
     return Channel(column.column, column.sign * factor, column.zero)
 
 
-def _require_present(names: list[str], header: tuple[str, ...], where: str) -> None:
-    missing = [name for name in names if name not in header]
-    if not missing:
-        return
-    cure = (
-        "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is which "
-        "with --columns MAPPING.yaml, and in which row (header_row) the names are"
-    )
-    if len(header) == 1:
-        cure = "separate the columns by comma, semicolon, tab or blanks"
-    raise RecordingError(
-        f"has no column {', '.join(missing)}; its columns are {listing(header)}",
-        where=where,
-        cure=cure,
-    )
-
-
-def _require_once(names: list[str], header: tuple[str, ...], where: str, source: str) -> None:
-    for name in names:
-        if header.count(name) > 1:
+def _require_no_dates(picks: list[Pick], where: str) -> None:
+    for pick in picks:
+        if pick.field.is_clock:
             raise RecordingError(
-                f"has {header.count(name)} columns called {name}", where=where, cure="rename one"
+                f"column {pick.field.name} holds dates or times of day, which no drive measures",
+                where=where,
+                cure="map another column",
+            )
+
+
+def _require_once(names: list[str], table: Table, source: str) -> None:
+    for name in names:
+        if table.header.count(name) > 1:
+            raise RecordingError(
+                f"has {table.header.count(name)} columns called {name}",
+                where=table.header_place,
+                cure="rename one",
             )
     name, count = Counter(names).most_common(1)[0]
     if count > 1:

@@ -3,13 +3,14 @@
 import csv
 import io
 import re
-from dataclasses import dataclass
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.csv_end import find_end, is_marked_row, is_number
-from deltaid.recording.source import Table
 from deltaid.recording.stream import content
 from deltaid.recording.units import is_unit
 
@@ -17,7 +18,71 @@ LONGEST_LINE = 1 << 20
 _SEARCHED_LINES = 200
 _SEPARATORS = ("\t", ";", ",")
 _COMMENT = re.compile(r"\A\s*(?:#|%|//|;(?=[^;]*$))+")
-_DEFAULT_NAME = re.compile(r"t|(?:q|qd|qdd|tau)\d+")
+_DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
+
+
+@dataclass(frozen=True)
+class CsvLayout:
+    """How a CSV file is written.
+
+    Attributes:
+        path: the file.
+        header: names of the columns.
+        separator: between its fields.
+        header_row, first_row: lines of the names and of the first data, from 1.
+        data_start, data_size: where the data starts, and how much there is [bytes].
+        ends_open: whether the file ends without a line break.
+        units: of columns, as stated under the header.
+        warnings: what was seen of the layout.
+        comments: for each comment line that was met among the data, the row after it, comments not
+            counted.
+        marked: comment lines that hold a number for every column but the first.
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    separator: str
+    header_row: int
+    first_row: int
+    data_start: int
+    data_size: int
+    ends_open: bool
+    units: dict[str, str]
+    warnings: tuple[str, ...]
+    marked: list[int]
+    comments: list[int] = field(default_factory=list[int])
+
+    def line(self, row: int) -> int:
+        """A row as a user counts it: with the comment lines among the data."""
+        return row + bisect_right(self.comments, row)
+
+    def row_place(self, row: int) -> str:
+        """One row, for messages."""
+        return f"{self.path}, row {self.line(row)}"
+
+    @property
+    def doubts(self) -> list[str]:
+        """What was seen while all rows were read."""
+        found: list[str] = []
+        if self.marked:
+            found.append(
+                f"lines that begin with a comment mark are left out, but {len(self.marked)} of "
+                f"them hold a number for every other column, the first in row {self.marked[0]}"
+            )
+        if self.ends_open:
+            found.append(
+                "the last line has no line break; if the file was cut off there, its last number "
+                "may be wrong"
+            )
+        return found
+
+    def cure(self, written: str) -> str:
+        """What to do about a field that is no number; empty if its marks do not say."""
+        if "," in written and self.separator == ",":
+            return "decimal commas need semicolons or tabs between the columns"
+        if "," in written or "." in written:
+            return "write all numbers alike, with decimal point or comma, and no thousands sign"
+        return ""
 
 
 @dataclass(frozen=True)
@@ -48,7 +113,7 @@ class _Lines:
         return sum(map(len, self._lines[:rows]))
 
 
-def open_csv(path: Path, mapping: ColumnMapping) -> Table:
+def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
     """The layout of a CSV file.
 
     Its names stand in `mapping.header_row` if that is given, else in the first of 200 lines that
@@ -82,15 +147,15 @@ def open_csv(path: Path, mapping: ColumnMapping) -> Table:
         end = find_end(file, data_start, header.separator)
     if end.tag:
         warnings.append(f"ends with text after its data ('{end.tag}'), which is left out")
-    return Table(
+    return CsvLayout(
         path,
         header.names,
         header.separator,
         header.row,
         first_row,
         data_start,
-        not (end.last_byte or before).endswith(b"\n"),
-        data_size=end.size,
+        end.size,
+        ends_open=not (end.last_byte or before).endswith(b"\n"),
         units=units,
         warnings=tuple(warnings),
         marked=marked,
@@ -104,16 +169,17 @@ def is_comment(line: bytes) -> bool:
 
 def _header(lines: _Lines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[str]]:
     given = bool({"header_row", "data_row"} & mapping.model_fields_set)
-    numbered = all(name.isdecimal() for name in mapping.needed)
+    needed = mapping.needed
+    numbered = all(name.isdecimal() for names in needed for name in names)
     row = mapping.header_row if given else None
     if row is None and not numbered:
-        row = _row_of_names(lines, mapping.needed)
+        row = _row_of_names(lines, needed)
     if row is None:
         row = _after_comments(lines, 1)
     text = _decoded(lines[row], f"{path}, row {row}")
     bare = _COMMENT.sub("", text, count=1)
     # A mark that has a field of its own is the name of a column.
-    if _holds(bare, mapping.needed) and not bare.lstrip(" ").startswith(_SEPARATORS):
+    if _holds(bare, needed) and not bare.lstrip(" ").startswith(_SEPARATORS):
         text = bare
     separator = _separator(text)
     names = _names(text, separator, f"{path}, row {row}")
@@ -125,7 +191,7 @@ def _header(lines: _Lines, path: Path, mapping: ColumnMapping) -> tuple[_Header,
             cure="put a row of column names first, such as t,q1,q2,q3,tau1,tau2,tau3, or number "
             "the columns in a mapping (column: 1 is the first)",
         )
-    if numbered and (holds_numbers or not set(mapping.needed) <= set(names)):
+    if numbered and (holds_numbers or not _are_among(needed, names)):
         names = tuple(str(i + 1) for i in range(len(names)))
     skipped = [i for i in range(1, row) if lines[i].strip() and not is_comment(lines[i])]
     warnings: list[str] = []
@@ -136,7 +202,7 @@ def _header(lines: _Lines, path: Path, mapping: ColumnMapping) -> tuple[_Header,
     return _Header(row, separator, names, holds_numbers), warnings
 
 
-def _row_of_names(lines: _Lines, needed: tuple[str, ...]) -> int | None:
+def _row_of_names(lines: _Lines, needed: tuple[tuple[str, ...], ...]) -> int | None:
     """The first line that holds the names needed, be it as a comment."""
     for row in range(1, _SEARCHED_LINES + 1):
         if not lines[row]:
@@ -147,11 +213,15 @@ def _row_of_names(lines: _Lines, needed: tuple[str, ...]) -> int | None:
     return None
 
 
-def _holds(text: str, needed: tuple[str, ...]) -> bool:
+def _holds(text: str, needed: tuple[tuple[str, ...], ...]) -> bool:
     try:
-        return set(needed) <= set(_cells(text, _separator(text)))
+        return _are_among(needed, _cells(text, _separator(text)))
     except csv.Error:
         return False
+
+
+def _are_among(needed: tuple[tuple[str, ...], ...], names: Sequence[str]) -> bool:
+    return all(any(name in names for name in one_of) for one_of in needed)
 
 
 def _after_comments(lines: _Lines, row: int) -> int:
@@ -250,6 +320,7 @@ def _units(line: bytes, header: _Header, mapping: ColumnMapping) -> dict[str, st
     units = {
         name: cell.strip("[]() ")
         for name, cell in zip(header.names, cells, strict=True)
-        if name in mapping.needed or (_DEFAULT_NAME.fullmatch(name) and cell)
+        if any(name in one_of for one_of in mapping.needed)
+        or (_DEFAULT_NAME.fullmatch(name) and cell)
     }
     return units if all(is_unit(unit) for unit in units.values()) else {}

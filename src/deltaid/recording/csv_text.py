@@ -6,40 +6,38 @@ its line number. Fields are read as text, because only then the place of a bad n
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import Channel
 from deltaid.recording.csv_end import is_marked_row
-from deltaid.recording.csv_layout import LONGEST_LINE
-from deltaid.recording.numbers import to_si
-from deltaid.recording.source import Table
+from deltaid.recording.csv_layout import LONGEST_LINE, CsvLayout
+from deltaid.recording.source import Rows
 from deltaid.recording.stream import content, skip
 
 _BLOCK_BYTES = 4 << 20
 
 
-def read_csv(
-    table: Table, channels: tuple[Channel, ...]
-) -> Iterator[Float[np.ndarray, "rows channels"]]:
-    """Rows in SI units.
+def read_csv(table: CsvLayout, at: Sequence[int]) -> Iterator[Rows]:
+    """Some columns by their numbers from 0.
 
     Raises:
-        RecordingError: a line has not the header's fields, or a field is not a finite number.
+        RecordingError: a line has not the header's fields, or the first one holds no numbers.
     """
-    at = [table.header.index(channel.column) for channel in channels]
     decimals = _Decimals(table.separator)
     for row, block in _blocks(table):
         fields = _fields(table, block, row)
         texts = [fields.to_series(i).str.strip_chars() for i in at]
-        yield to_si(table, channels, decimals.numbers(texts), texts, row)
+        numbers = decimals.numbers(texts)
+        if row == table.first_row and all(series[0] is None for series in numbers):
+            raise _row_of_units(table)
+        yield Rows(numbers, texts)
 
 
-def _blocks(table: Table) -> Iterator[tuple[int, bytes]]:
+def _blocks(table: CsvLayout) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
     row, empty_row, comments = table.first_row, 0, 0
     for whole in _whole_lines(table):
@@ -92,7 +90,7 @@ def _single_blanks(block: bytes) -> bytes:
     return block.removeprefix(b" ").removesuffix(b" ")
 
 
-def _whole_lines(table: Table) -> Iterator[bytes]:
+def _whole_lines(table: CsvLayout) -> Iterator[bytes]:
     with content(table.path) as file:
         skip(file, table.data_start)
         rest, left = b"", table.data_size
@@ -126,7 +124,7 @@ def _without_empty_end(block: bytes, separator: str) -> bytes:
     return block[:stop]
 
 
-def _fields(table: Table, block: bytes, row: int) -> pl.DataFrame:
+def _fields(table: CsvLayout, block: bytes, row: int) -> pl.DataFrame:
     """The fields of a block as text, one row a line."""
     lines = _require_fields(table, block, row)
     try:
@@ -149,7 +147,7 @@ def _fields(table: Table, block: bytes, row: int) -> pl.DataFrame:
     return frame
 
 
-def _require_fields(table: Table, block: bytes, row: int) -> int:
+def _require_fields(table: CsvLayout, block: bytes, row: int) -> int:
     """The number of lines of a block, each with as many fields as the header has."""
     data = np.frombuffer(block, np.uint8)
     ends = np.flatnonzero(data == ord("\n"))
@@ -184,7 +182,7 @@ def _per_line(
     return np.diff(np.searchsorted(positions, ends), prepend=0)
 
 
-def _ragged(table: Table, row: int, line: bytes, fields: int, at_end: bool) -> RecordingError:
+def _ragged(table: CsvLayout, row: int, line: bytes, fields: int, at_end: bool) -> RecordingError:
     if not line.strip():
         return _empty_line(table, row)
     wanted = len(table.header)
@@ -199,7 +197,7 @@ def _ragged(table: Table, row: int, line: bytes, fields: int, at_end: bool) -> R
     )
 
 
-def _empty_line(table: Table, row: int) -> RecordingError:
+def _empty_line(table: CsvLayout, row: int) -> RecordingError:
     return RecordingError(
         "is an empty line, but more data follows",
         where=table.row_place(row),
@@ -239,3 +237,12 @@ def _first_mark(texts: list[pl.Series]) -> str:
         if rows:
             first[min(rows)] = mark
     return first[min(first)] if first else ""
+
+
+def _row_of_units(table: CsvLayout) -> RecordingError:
+    return RecordingError(
+        "holds no numbers, as if it were a row of units",
+        where=table.row_place(table.first_row),
+        cure=f"delete the row, or give --columns a mapping with data_row: {table.first_row + 1}, "
+        "and declare the units there",
+    )

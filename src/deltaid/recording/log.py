@@ -11,17 +11,17 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
+from deltaid.recording.address import listing
 from deltaid.recording.columns import (
     ColumnMapping,
     Columns,
     extra_drives,
-    listing,
     resolve_columns,
 )
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.source import Table
 from deltaid.recording.survey import Survey
-from deltaid.recording.table import Batch, checksum, open_table, read_batches
+from deltaid.recording.table import Batch, open_table, read_batches
 
 
 @dataclass(frozen=True)
@@ -97,19 +97,19 @@ def open_log(
         columns = replace(columns, torque=())
     elif not columns.torque:
         raise RecordingError(
-            f"has no torque columns; its columns are {listing(table.header)}",
+            f"has no torque columns; its columns are {listing(table.fields)}",
             where=table.header_place,
             cure="name them tau1, tau2, … or declare them with --columns MAPPING.yaml",
         )
     survey = Survey(table, columns, kinematics)
     survey.warnings += table.warnings
-    if extra := extra_drives(table.header, columns, kinematics.dof):
+    if extra := extra_drives(table, columns, kinematics.dof):
         survey.warnings.append(
             f"has columns of another drive ({', '.join(extra)}), but the robot has "
             f"{kinematics.dof}; is the log of another robot?"
         )
     with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(checksum, table, columns)
+        digest = beside.submit(table.checksum, [channel.column for channel in columns.all])
         for seen in ordered(survey.look, read_batches(table, columns)):
             survey.add(seen)
         survey.finish()
@@ -142,7 +142,4 @@ def resolved_table(
         table = open_table(source, mapping)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    columns = resolve_columns(
-        table.header, linear, mapping, where=table.header_place, units=table.units
-    )
-    return table, columns, mapping
+    return table, resolve_columns(table, linear, mapping), mapping

@@ -3,13 +3,12 @@
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
@@ -21,9 +20,9 @@ from deltaid.recording.arrays import (
     require_shapes,
     time_of,
 )
-from deltaid.recording.columns import Channel, ColumnMapping
-from deltaid.recording.numbers import to_si
-from deltaid.recording.source import Table, require_numbers
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.frames import fields_of, rows_of, tops
+from deltaid.recording.source import Rows, Table
 
 _SLICE_ROWS = 1 << 16
 
@@ -81,7 +80,7 @@ class Recording:
                     f"cannot be computed: {reason}", where=name, cure="collect() it to see why"
                 ) from None
         frame = table if isinstance(table, pl.DataFrame) else _from_pandas(table, name)
-        return cls(Table(Path(name), tuple(frame.columns), frame=frame))
+        return cls(_table(frame, name))
 
     @classmethod
     def from_arrays(
@@ -131,7 +130,7 @@ class Recording:
         frame = pl.DataFrame(columns)
         units = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
         mapping = mapping_of(units, unit_t, arrays, name)
-        return cls(Table(Path(name), tuple(columns), frame=frame), mapping, drives)
+        return cls(_table(frame, name), mapping, drives)
 
     def require_drives(self, drives: int) -> None:
         """Refuse arrays of another number of drives than the robot's.
@@ -181,38 +180,32 @@ def as_sources(given: object) -> list[Path | Recording]:
     return [as_source(one, f"table {i + 1}" if several else "table") for i, one in enumerate(given)]
 
 
-def read_frame(
-    table: Table, channels: tuple[Channel, ...]
-) -> Iterator[Float[np.ndarray, "rows channels"]]:
-    """Rows in SI units.
+@dataclass(frozen=True, eq=False)
+class FrameTable(Table):
+    """A table in memory."""
 
-    Raises:
-        RecordingError: a column does not hold numbers, or one of them is not finite.
-    """
-    row = table.first_row
-    for numbers in _slices(table, channels):
-        yield to_si(table, channels, numbers, numbers, row)
-        row += len(numbers[0])
+    frame: pl.DataFrame = field(repr=False)
 
+    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
+        """As in `Table.rows`."""
+        picks, origins = self.picks(columns), dict[str, int]()
+        for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(_SLICE_ROWS):
+            yield rows_of(part, picks, origins)
 
-def frame_checksum(table: Table, channels: tuple[Channel, ...]) -> str:
-    """SHA-256 of these columns: their names and, as binary64, their numbers before any unit.
+    def checksum(self, columns: Sequence[str]) -> str:
+        """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.
 
-    Equal for equal numbers, whether from arrays, polars or pandas; a file's is of its bytes.
-    """
-    digest = hashlib.sha256("\0".join(channel.column for channel in channels).encode())
-    for numbers in _slices(table, channels):
-        for series in numbers:
-            digest.update(series.to_numpy().tobytes())
-    return digest.hexdigest()
+        Equal for equal numbers, whether from arrays, polars or pandas; a file's is of its bytes.
+        """
+        digest = hashlib.sha256("\0".join(columns).encode())
+        for rows in self.rows(columns):
+            for numbers in rows.numbers:
+                digest.update(np.asarray(numbers, dtype=np.float64).tobytes())
+        return digest.hexdigest()
 
 
-def _slices(table: Table, channels: tuple[Channel, ...]) -> Iterator[list[pl.Series]]:
-    assert table.frame is not None
-    frame = table.frame.select([channel.column for channel in channels])
-    require_numbers(table, frame)
-    for part in frame.iter_slices(_SLICE_ROWS):
-        yield [series.cast(pl.Float64, strict=False) for series in part]
+def _table(frame: pl.DataFrame, name: str) -> FrameTable:
+    return FrameTable(Path(name), fields_of(frame.lazy()), frame)
 
 
 def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:

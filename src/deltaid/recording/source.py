@@ -1,63 +1,107 @@
-"""Where a log lies, on the disk or in memory: its name, its layout, and how a file is opened."""
+"""Where a log lies, on the disk or in memory: its name, what it holds, and how a file is opened."""
 
-from bisect import bisect_right
-from collections.abc import Generator
+import hashlib
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 
 from deltaid.errors import RecordingError
+from deltaid.recording.address import Field, Pick, locate
+
+Column = pl.Series | np.ndarray
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Consecutive rows of some columns as a recording holds them.
+
+    Attributes:
+        numbers: one array or series a column; null or NaN where there is no number.
+        written: the same as it stands in the file, for messages.
+    """
+
+    numbers: Sequence[Column]
+    written: Sequence[Column]
 
 
 @dataclass(frozen=True)
 class Table:
-    """A log: where it is, its header, and how it is written.
+    """A log that was opened: where it is, what it holds, and how to read it.
+
+    Each kind of file has a class of its own, which may hold more about the layout.
 
     Attributes:
         path: of the file; of a table in memory its name.
-        separator: between the fields of a CSV file; otherwise empty.
-        header_row, first_row: of the names and of the first data, as a user counts them: lines of a
-            CSV file, otherwise data rows, both from 1.
-        data_start: where in a CSV file the first data row starts [bytes].
-        ends_open: whether a CSV file ends without a line break.
-        frame: the table in memory; None for a file.
-        data_size: of the data in a CSV file [bytes].
-        units: of columns, as a CSV file states them under its header.
+        fields: what it holds, columns and arrays, in order.
+        first_row: of the first data, as a user counts it: a line of a CSV file, otherwise 1.
+        units: of columns, as the file states them.
         warnings: what was seen of the layout.
-        comments: for each comment line that was met among the data, the row after it, comments not
-            counted.
-        marked: comment lines that hold a number for every column but the first.
     """
 
     path: Path
-    header: tuple[str, ...]
-    separator: str = ""
-    header_row: int = 0
-    first_row: int = 1
-    data_start: int = 0
-    ends_open: bool = False
-    frame: pl.DataFrame | None = field(default=None, repr=False, compare=False)
-    data_size: int = 0
-    units: dict[str, str] = field(default_factory=dict[str, str])
-    warnings: tuple[str, ...] = ()
-    comments: list[int] = field(default_factory=list[int])
-    marked: list[int] = field(default_factory=list[int])
+    fields: tuple[Field, ...]
+    first_row: int = field(default=1, kw_only=True)
+    units: dict[str, str] = field(default_factory=dict[str, str], kw_only=True)
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of what it holds."""
+        return tuple(one.name for one in self.fields)
 
     @property
     def header_place(self) -> str:
         """Where the names stand, for messages."""
-        return self.row_place(self.header_row) if self.separator else str(self.path)
+        return str(self.path)
 
-    def line(self, row: int) -> int:
-        """A row as a user counts it: with the comment lines among the data."""
-        return row + bisect_right(self.comments, row)
+    @property
+    def doubts(self) -> list[str]:
+        """What was seen while all rows were read."""
+        return []
+
+    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
+        """Some columns by their addresses, all rows in order, in pieces of any length.
+
+        Dates come as seconds since the first row, computed from whole numbers.
+
+        Raises:
+            RecordingError: the file is damaged, or a column does not hold numbers.
+        """
+        raise NotImplementedError
+
+    def picks(self, columns: Sequence[str]) -> list[Pick]:
+        """Columns by their addresses.
+
+        Raises:
+            RecordingError: one of them is not there, holds no numbers, or is longer than others.
+        """
+        return locate(self.fields, columns, self.header_place, self.cure_of_missing)
+
+    def checksum(self, columns: Sequence[str]) -> str:
+        """SHA-256 of the file, or of these columns of a table in memory."""
+        with opened(self.path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
     def row_place(self, row: int) -> str:
         """One row, for messages."""
-        return f"{self.path}, row {self.line(row)}"
+        return f"{self.path}, row {row}"
+
+    @property
+    def cure_of_missing(self) -> str:
+        """What to do about a column that is not there."""
+        return (
+            "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
+            "q, tau, or say which is which with --columns MAPPING.yaml"
+        )
+
+    def cure(self, written: str) -> str:
+        """What to do about a field that is no number."""
+        return "remove or repair such rows; deltaid does not fill gaps"
 
 
 @contextmanager
@@ -82,7 +126,7 @@ def opened(path: Path) -> Generator[BufferedReader, None, None]:
 
 @contextmanager
 def readable(path: Path) -> Generator[None, None, None]:
-    """Turn what the system or polars say about a file that cannot be read into one message.
+    """Turn what the system says about a file that cannot be read into a message.
 
     Raises:
         RecordingError: with the file's name.
@@ -94,32 +138,12 @@ def readable(path: Path) -> Generator[None, None, None]:
             "no such file", where=str(path), cure="check its name and folder"
         ) from None
     except OSError as error:
-        reason = error.strerror or _first_line(error)
+        reason = error.strerror or first_line(error)
         raise RecordingError(
             f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
         ) from None
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise RecordingError(
-            f"is no Parquet file, or a damaged one: {_first_line(error)}",
-            where=str(path),
-            cure="copy or export it again",
-        ) from None
 
 
-def require_numbers(table: Table, frame: pl.DataFrame | pl.LazyFrame) -> None:
-    """Refuse columns of anything but numbers.
-
-    Raises:
-        RecordingError: with the column and what it holds.
-    """
-    for name, kind in frame.collect_schema().items():
-        if not (kind.is_numeric() or kind == pl.Null):
-            raise RecordingError(
-                f"column {name} holds {kind}, not numbers",
-                where=str(table.path),
-                cure="store it as numbers; times as seconds since the start",
-            )
-
-
-def _first_line(error: BaseException) -> str:
+def first_line(error: BaseException) -> str:
+    """What an error says, shortened."""
     return str(error).strip().split("\n", 1)[0][:200]

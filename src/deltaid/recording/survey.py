@@ -139,16 +139,7 @@ class Survey:
                 f"the first in {self.first_strained}"
             )
         self.warnings += self.clock.warnings
-        if marked := self.table.marked:
-            self.warnings.append(
-                f"lines that begin with a comment mark are left out, but {len(marked)} of them "
-                f"hold a number for every other column, the first in row {marked[0]}"
-            )
-        if self.table.ends_open:
-            self.warnings.append(
-                "the last line has no line break; if the file was cut off there, its last number "
-                "may be wrong"
-            )
+        self.warnings += self.table.doubts
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
         middles = self.kinematics.mechanism.middles

@@ -1,6 +1,6 @@
 """Reading a log in batches of constant memory, whatever kind of file it is."""
 
-import hashlib
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +10,15 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import ColumnMapping, Columns
-from deltaid.recording.csv_layout import open_csv
-from deltaid.recording.csv_text import read_csv
-from deltaid.recording.memory import frame_checksum, read_frame
-from deltaid.recording.parquet import SIGNATURE, open_parquet, read_parquet
-from deltaid.recording.source import Table, opened
+from deltaid.recording.formats import FORMATS
+from deltaid.recording.numbers import to_si
+from deltaid.recording.source import Table
 from deltaid.recording.stream import content
 
 # Rows of a batch, however the file is read, so that nothing depends on how it is.
 _BATCH_ROWS = 1 << 16
+# Where signatures of some kind of file end [bytes].
+_START = 4096
 _FOREIGN = {
     b"PK\x03\x04": "an Excel workbook or a ZIP archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
@@ -36,27 +36,35 @@ class Batch:
 
 
 def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
-    """Find out what kind of file a log is and read its header.
+    """Find out what kind of file a log is, by its signature or else by its name, and open it.
 
     Args:
         path: the log.
         mapping: what to look for in CSV: names of columns, lines of the header and first data.
 
     Raises:
-        RecordingError: the file is missing, empty, cannot be read, or is neither CSV nor Parquet.
+        RecordingError: the file is missing, empty, cannot be read, or is of no kind that is known.
     """
-    with content(path) as file:
-        start = file.read(8)
-    if not start:
-        raise RecordingError("is empty", where=str(path), cure="copy or export it again")
-    if start.startswith(SIGNATURE) or path.suffix.lower() in (".parquet", ".pq"):
-        return open_parquet(path)
+    start = b""
+    if not os.path.isdir(path):  # unlike Path.is_dir it never raises
+        with content(path) as file:
+            start = file.read(_START)
+        if not start:
+            raise RecordingError("is empty", where=str(path), cure="copy or export it again")
+    found = next((one for one in FORMATS if one.claims(start, path)), None)
+    if found is None:
+        _require_known(start, path)
+        suffix = path.suffix.lower()
+        found = next((one for one in FORMATS if suffix in one.suffixes), FORMATS[-1])
+    return found.open(path, mapping or ColumnMapping())
+
+
+def _require_known(start: bytes, path: Path) -> None:
     for signature, kind in _FOREIGN.items():
         if start.startswith(signature):
             raise RecordingError(
                 f"is {kind}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
             )
-    return open_csv(path, mapping or ColumnMapping())
 
 
 def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:
@@ -66,11 +74,16 @@ def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:
         RecordingError: a value is missing, not a number or not finite; names row and column.
     """
     row = table.first_row
-    in_file = read_csv if table.separator else read_parquet
-    read = in_file if table.frame is None else read_frame
-    for values in recut(read(table, columns.all), _BATCH_ROWS):
+    for values in recut(_in_si(table, columns), _BATCH_ROWS):
         yield Batch(row, values)
         row += len(values)
+
+
+def _in_si(table: Table, columns: Columns) -> Iterator[Float[np.ndarray, "rows channels"]]:
+    row = table.first_row
+    for rows in table.rows([channel.column for channel in columns.all]):
+        yield to_si(table, columns.all, rows, row)
+        row += len(rows.numbers[0])
 
 
 def recut(
@@ -94,11 +107,3 @@ def recut(
         parts, held = [rows[start:]], len(rows) - start
     if held > overlap:
         yield np.concatenate(parts)
-
-
-def checksum(table: Table, columns: Columns) -> str:
-    """SHA-256 of a file; of a table in memory that of its columns in use."""
-    if table.frame is not None:
-        return frame_checksum(table, columns.all)
-    with opened(table.path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,246 @@
+"""Addresses of what a recording holds: `name`, `name[0]`, `group/name[0]`, `topic.field[joint]`.
+
+One syntax for all kinds of files. `name[i]` is a column of an array or an element of a list,
+counted from 0, whichever axis holds the samples; `name[:,i]` and `name[i,:]` say which one it is.
+"""
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from deltaid.errors import RecordingError
+
+_INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
+
+
+@dataclass(frozen=True)
+class Field:
+    """Something that a recording holds under a name.
+
+    Attributes:
+        name: its address.
+        shape: of its numbers; a length that only reading shows is None, and is one of samples.
+        labels: names of its columns, such as those of joints, that may stand for their numbers.
+        holds: what it holds if not numbers.
+        is_clock: whether it is read as seconds since the first row, as dates are.
+    """
+
+    name: str
+    shape: tuple[int | None, ...] = (None,)
+    labels: tuple[str, ...] = ()
+    holds: str = ""
+    is_clock: bool = False
+
+    @property
+    def wide(self) -> tuple[int, ...]:
+        """Axes that are longer than one."""
+        return tuple(axis for axis, size in enumerate(self.shape) if size != 1)
+
+    def __str__(self) -> str:
+        """The name, with the shape of what is more than a column, shortened."""
+        name = self.name if len(self.name) <= 40 else f"{self.name[:37]}…"
+        if self.holds:
+            return f"{name} ({self.holds})"
+        if self.shape in ((), (None,)):
+            return name if self.shape else f"{name} (one number)"
+        sizes = " × ".join("n" if size is None else str(size) for size in self.shape)
+        return f"{name} ({sizes})"
+
+
+@dataclass(frozen=True)
+class Pick:
+    """One column: a field, and where in it; None stands for the axis of the samples."""
+
+    field: Field
+    at: tuple[int | None, ...]
+
+    @property
+    def axis(self) -> int:
+        """The axis of the samples."""
+        return self.at.index(None)
+
+    @property
+    def samples(self) -> int | None:
+        """How many, as far as known without reading."""
+        return self.field.shape[self.axis]
+
+
+def find(fields: Sequence[Field], address: str) -> tuple[Field, str] | None:
+    """The field that an address names, and what stands in its last brackets; None if there is none.
+
+    A name that has brackets itself goes before an element; `.` and `/` stand for each other, and
+    `[0]` may follow what is there once.
+    """
+    by_name = {field.name: field for field in reversed(fields)}
+    if address in by_name:
+        return by_name[address], ""
+    match = _INDEXED.fullmatch(address)
+    if match and match["base"] in by_name:
+        return by_name[match["base"]], match["inner"]
+    by_key = {_key(field.name): field for field in reversed(fields)}
+    wholes = [(address, "")] + ([(match["base"], match["inner"])] if match else [])
+    for spell in (_key, lambda name: _key(name).replace("[0]", "")):
+        for name, inner in reversed(wholes):
+            if spell(name) in by_key:
+                return by_key[spell(name)], inner
+    return None
+
+
+def locate(
+    fields: Sequence[Field], addresses: Sequence[str], where: str, cure: str = ""
+) -> list[Pick]:
+    """The columns that addresses name, all of one length.
+
+    Args:
+        fields: what the recording holds.
+        addresses: the first that is a plain column says how many samples there are.
+        where: the recording, for messages.
+        cure: what to do where a column is missing.
+
+    Raises:
+        RecordingError: there is no such column, or one is longer than the others.
+    """
+    found = _found(fields, addresses, where, cure)
+    plain = [field.shape[field.wide[0]] for field, _ in found if len(field.wide) == 1]
+    samples = plain[0] if plain else None
+    picks: list[Pick] = []
+    for address, (field, inner) in zip(addresses, found, strict=True):
+        pick = Pick(field, _index(field, inner, samples, address, where))
+        if samples is not None and pick.samples not in (None, samples):
+            raise RecordingError(
+                f"{address} has {pick.samples} samples, but {addresses[0]} has {samples}",
+                where=where,
+                cure="all columns of a recording have one length; "
+                f"say which axis holds the samples, as in {field.name}[:,0]"
+                if len(field.wide) > 1
+                else "all columns of a recording have one length; name those that belong together",
+            )
+        picks.append(pick)
+    return picks
+
+
+def listing(fields: Sequence[Field]) -> str:
+    """What a recording holds, for a message, shortened where it is a lot."""
+    more = f" and {len(fields) - 20} more" if len(fields) > 20 else ""
+    return ", ".join(str(field) for field in fields[:20]) + more
+
+
+def near(fields: Sequence[Field], address: str) -> str:
+    """A name that an unknown address may be a slip of; empty if there is none."""
+    match = _INDEXED.fullmatch(address)
+    name = (match["base"] if match else address).lower()
+    names = {field.name.lower(): field.name for field in fields if not field.holds}
+    if inside := [whole for whole in names.values() if _key(whole).startswith(f"{_key(name)}.")]:
+        return inside[0]
+    last = {re.split(r"[./]", key)[-1]: whole for key, whole in reversed(names.items())}
+    for known in (names, last):
+        if close := difflib.get_close_matches(name, known, n=1, cutoff=0.7):
+            return known[close[0]]
+    return ""
+
+
+def _key(name: str) -> str:
+    return name.replace("/", ".").lstrip(".")
+
+
+def _found(
+    fields: Sequence[Field], addresses: Sequence[str], where: str, cure: str
+) -> list[tuple[Field, str]]:
+    found = [(address, find(fields, address)) for address in addresses]
+    missing = [address for address, one in found if one is None]
+    if missing:
+        guess = near(fields, missing[0])
+        raise RecordingError(
+            f"has no column {', '.join(missing)}; its columns are {listing(fields)}",
+            where=where,
+            cure=f"did you mean {guess}? Otherwise {cure}" if guess else cure,
+        )
+    known = [one for _, one in found if one is not None]
+    for field, _ in known:
+        if field.holds:
+            raise RecordingError(
+                f"column {field.name} holds {field.holds}, not numbers",
+                where=where,
+                cure="store it as numbers; times as seconds since the start",
+            )
+    return known
+
+
+def _index(
+    field: Field, inner: str, samples: int | None, address: str, where: str
+) -> tuple[int | None, ...]:
+    """Where in a field a column is."""
+    if not field.shape:
+        raise _refused(f"{field.name} is one number, not a column", field, where)
+    if ":" in inner:
+        return _as_written(field, inner, where)
+    axis = _sample_axis(field, samples)
+    across = [a for a in field.wide if a != axis]
+    if len(across) > 1:
+        raise _refused(f"{field} has more than two axes", field, where)
+    count = (field.shape[across[0]] if across else 1) or 0
+    if not inner and count > 1:
+        raise RecordingError(
+            f"{address} has {count} columns",
+            where=where,
+            cure=f"say which one: {field.name}[0] … {field.name}[{count - 1}]",
+        )
+    number = _number(field, inner, count, where)
+    return tuple(
+        None if a == axis else number if a in across else 0 for a in range(len(field.shape))
+    )
+
+
+def _sample_axis(field: Field, samples: int | None) -> int:
+    """The axis that is as long as time; without time the longest one."""
+    fitting = [a for a, size in enumerate(field.shape) if size in (None, samples)]
+    if fitting:
+        return fitting[0]
+    sizes = [size or 0 for size in field.shape]
+    return sizes.index(max(sizes))
+
+
+def _number(field: Field, inner: str, count: int, where: str) -> int:
+    """The number of a column among so many."""
+    text = inner.strip(" '\"")
+    if text in field.labels:
+        return field.labels.index(text)
+    if text and not text.isdecimal():
+        has = f"are called {', '.join(field.labels[:20])}" if field.labels else "have no names"
+        raise RecordingError(
+            f"{field.name} has no column '{text[:40]}'",
+            where=where,
+            cure=f"its columns {has}; they are counted from 0, as in {field.name}[0]",
+        )
+    number = int(text[:9] or 0)
+    if number >= count:
+        only = "it is a single column" if count == 1 else f"it has {count} columns"
+        raise RecordingError(
+            f"there is no {field.name}[{number}]: {only}",
+            where=where,
+            cure="columns are counted from 0",
+        )
+    return number
+
+
+def _as_written(field: Field, inner: str, where: str) -> tuple[int | None, ...]:
+    """An index that names every axis, such as `:,0`."""
+    parts = [part.strip() for part in inner.split(",")]
+    numbers = [part[:9] for part in parts if part.isdecimal()]
+    fits = len(parts) == len(field.shape) and parts.count(":") == 1 == len(parts) - len(numbers)
+    at = tuple(None if part == ":" else int(part[:9]) for part in parts) if fits else ()
+    inside = all(i is None or i < (size or 0) for i, size in zip(at, field.shape, strict=False))
+    if not (fits and inside):
+        raise _refused(f"there is no {field.name}[{inner[:40]}]: it is {field}", field, where)
+    return at
+
+
+def _refused(what: str, field: Field, where: str) -> RecordingError:
+    example = ",".join([":", *"0" * (max(len(field.shape), 2) - 1)])
+    return RecordingError(
+        what,
+        where=where,
+        cure=f"give an array of numbers, samples by drives; all its axes are named as in "
+        f"{field.name}[{example}]",
+    )

@@ -1,0 +1,38 @@
+"""What every kind of file offers: to know its files, and to open them."""
+
+from pathlib import Path
+from typing import Protocol
+
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.source import Table
+
+
+class Format(Protocol):
+    """A kind of file."""
+
+    @property
+    def name(self) -> str:
+        """What a file of this kind is called, such as 'a Parquet file'."""
+        ...
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Ends of names that stand for this kind where no signature is known."""
+        ...
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """Whether a file is of this kind, by its signature.
+
+        Args:
+            start: the first 4096 bytes, without compression; empty for a folder.
+            path: the file or folder.
+        """
+        ...
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """Read what a file holds, but none of its numbers.
+
+        Raises:
+            RecordingError: it is damaged, or a library that reads it is not installed.
+        """
+        ...

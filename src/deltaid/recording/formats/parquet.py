@@ -1,0 +1,82 @@
+"""Parquet, read in slices."""
+
+import os
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import polars as pl
+
+from deltaid.errors import RecordingError
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.frames import fields_of, rows_of, tops
+from deltaid.recording.source import Rows, Table, first_line, readable
+
+# Several slices share a row group, of which each decodes more than its own rows.
+_SLICE_ROWS = 1 << 17
+
+
+@dataclass(frozen=True)
+class Parquet:
+    """The format."""
+
+    name = "a Parquet file"
+    suffixes = (".parquet", ".pq")
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """By its signature."""
+        return start.startswith(b"PAR1")
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """Its schema."""
+        with _decoding(path):
+            return ParquetTable(path, fields_of(_scan(path)))
+
+
+@dataclass(frozen=True)
+class ParquetTable(Table):
+    """An open Parquet file; in memory are a slice at a time and the row group that holds it."""
+
+    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
+        """As in `Table.rows`."""
+        picks, origins, row = self.picks(columns), dict[str, int](), 0
+        with _decoding(self.path):
+            frame = _scan(self.path)
+            frame = frame.select(tops(frame.collect_schema().names(), picks))
+        while True:
+            with _decoding(self.path):
+                part = frame.slice(row, _SLICE_ROWS).collect()
+                found = rows_of(part, picks, origins)
+            if not part.height:
+                return
+            yield found
+            row += part.height
+
+
+def _scan(path: Path) -> pl.LazyFrame:
+    return pl.scan_parquet(path, glob=False, hive_partitioning=False)
+
+
+@contextmanager
+def _decoding(path: Path) -> Generator[None, None, None]:
+    """Turn what polars says about a damaged file into one message.
+
+    Its threads panic, and each reports that on file descriptor 2 before an exception with the
+    reason arrives here.
+    """
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        with readable(path):
+            yield
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise RecordingError(
+            f"is no Parquet file, or a damaged one: {first_line(error)}",
+            where=str(path),
+            cure="copy or export it again",
+        ) from None
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -1,0 +1,119 @@
+"""Columns of polars as numbers: lists, structs, dates, decimals."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import polars as pl
+
+from deltaid.recording.address import Field, Pick
+from deltaid.recording.source import Rows
+
+# One of polars; the run-time check of types cannot read the name of its class.
+_DataType = Any
+_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+
+
+def fields_of(frame: pl.LazyFrame) -> tuple[Field, ...]:
+    """What a table holds; entries of structs under names of their own, such as `pose.x`.
+
+    Reads one row, for the lengths of lists.
+    """
+    schema = frame.collect_schema()
+    lists = [name for name, kind in schema.items() if _has_lists(kind)]
+    first = frame.select(lists).head(1).collect() if lists else pl.DataFrame()
+    return tuple(
+        field
+        for name, kind in schema.items()
+        for field in _fields(name, kind, first[name] if name in lists else None)
+    )
+
+
+def tops(columns: Sequence[str], picks: Sequence[Pick]) -> list[str]:
+    """The columns of a table that hold these fields."""
+    return list(dict.fromkeys(_top(columns, pick.field.name) for pick in picks))
+
+
+def rows_of(part: pl.DataFrame, picks: Sequence[Pick], origins: dict[str, int]) -> Rows:
+    """Columns of consecutive rows, null where there is no number.
+
+    Args:
+        part: the rows.
+        picks: which columns.
+        origins: the first date of each column, which is set by the first rows.
+    """
+    numbers = [_numbers(part, pick, origins) for pick in picks]
+    return Rows(numbers, numbers)
+
+
+def _numbers(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Series:
+    series = _column(part, pick.field.name)
+    if isinstance(series.dtype, pl.List):
+        series = _element(series, pick)
+    elif isinstance(series.dtype, pl.Array):
+        series = series.arr.get(pick.at[1] or 0)
+    if pick.field.is_clock:
+        return _seconds(series, pick.field.name, origins)
+    if isinstance(series.dtype, pl.Duration):
+        return series.to_physical().cast(pl.Float64) / _PER_SECOND[series.dtype.time_unit or "us"]
+    whole = series.dtype.is_integer() and not series.null_count()
+    return series if whole else series.cast(pl.Float64, strict=False)
+
+
+def _has_lists(kind: _DataType) -> bool:
+    if isinstance(kind, pl.Struct):
+        return any(_has_lists(entry.dtype) for entry in kind.fields)
+    return isinstance(kind, pl.List)
+
+
+def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Field]:
+    if isinstance(kind, pl.Struct):
+        for entry in kind.fields:
+            inner = first.struct.field(entry.name) if first is not None else None
+            yield from _fields(f"{name}.{entry.name}", entry.dtype, inner)
+    elif isinstance(kind, pl.List) and _is_number(kind.inner):
+        size = first.list.len().item() if first is not None and len(first) else 0
+        yield Field(name, (None, size or 0))
+    elif isinstance(kind, pl.Array) and _is_number(kind.inner):
+        yield Field(name, (None, *kind.shape))
+    elif isinstance(kind, pl.Datetime | pl.Time):
+        yield Field(name, is_clock=True)
+    elif _is_number(kind):
+        yield Field(name)
+    else:
+        yield Field(name, holds=str(kind))
+
+
+def _is_number(kind: _DataType) -> bool:
+    return kind.is_numeric() or kind == pl.Null or isinstance(kind, pl.Duration)
+
+
+def _column(part: pl.DataFrame, name: str) -> pl.Series:
+    """A column, or an entry of a struct, whose name may hold dots."""
+    top = _top(part.columns, name)
+    series, rest = part[top], name[len(top) + 1 :]
+    while isinstance(series.dtype, pl.Struct):
+        entry = next(e.name for e in series.dtype.fields if f"{rest}.".startswith(f"{e.name}."))
+        series, rest = series.struct.field(entry), rest[len(entry) + 1 :]
+    return series
+
+
+def _top(columns: Sequence[str], name: str) -> str:
+    if name in columns:
+        return name
+    return next(column for column in columns if name.startswith(f"{column}."))
+
+
+def _element(series: pl.Series, pick: Pick) -> pl.Series:
+    """An element of each list, null where the list is not as long as the first one."""
+    _, size = pick.field.shape
+    element = series.list.get(pick.at[1] or 0, null_on_oob=True)
+    return element.set((series.list.len() != size).fill_null(True), None)
+
+
+def _seconds(series: pl.Series, name: str, origins: dict[str, int]) -> pl.Series:
+    """Seconds since the first row."""
+    unit = series.dtype.time_unit if isinstance(series.dtype, pl.Datetime) else "ns"
+    ticks = series.to_physical()
+    if name not in origins and len(ticks) and ticks[0] is not None:
+        origins[name] = ticks[0]
+    return (ticks - origins.get(name, 0)).cast(pl.Float64) / _PER_SECOND[unit or "us"]
