@@ -14,6 +14,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from deltaid.check.run import verdicts
+    from deltaid.check.verdict import Grade, Proposal, Verdict
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.dynamics.forward_dynamics import ForwardDynamics
@@ -45,6 +47,7 @@ _HOME = {
     "ExcitationSettings": "deltaid.excitation.excite",
     "Exciter": "deltaid.excitation.excite",
     "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
+    "Grade": "deltaid.check.verdict",
     "Identification": "deltaid.identification.identify",
     "IdentifiedModel": "deltaid.model.record",
     "Model": "deltaid.model.model",
@@ -52,9 +55,11 @@ _HOME = {
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
     "MechanismParts": "deltaid.mechanism.own",
+    "Proposal": "deltaid.check.verdict",
     "Recording": "deltaid.recording.memory",
     "RobotDescription": "deltaid.robot.description",
     "Settings": "deltaid.model.record",
+    "Verdict": "deltaid.check.verdict",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.identification.identify",
@@ -66,6 +71,7 @@ _HOME = {
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
     "validate": "deltaid.identification.validation",
+    "verdicts": "deltaid.check.run",
     "write_export": "deltaid.export.files",
 }
 
@@ -78,6 +84,7 @@ __all__ = [
     "ExcitationSettings",
     "Exciter",
     "ForwardDynamics",
+    "Grade",
     "Identification",
     "IdentifiedModel",
     "Kinematics",
@@ -85,9 +92,11 @@ __all__ = [
     "Limbs",
     "MechanismParts",
     "Model",
+    "Proposal",
     "Recording",
     "RobotDescription",
     "Settings",
+    "Verdict",
     "build_limb",
     "catalogue",
     "identify",
@@ -99,6 +108,7 @@ __all__ = [
     "step_through",
     "use_mechanism",
     "validate",
+    "verdicts",
     "write_export",
 ]
 

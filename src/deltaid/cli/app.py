@@ -14,6 +14,7 @@ import typer
 
 from deltaid.cli import (
     base,
+    check,
     compare_controllers,
     demo,
     excite,
@@ -46,6 +47,7 @@ for module in (
     schema,
     show,
     excite,
+    check,
     identify,
     validate,
     torque,

@@ -111,6 +111,24 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     return result
 
 
+_COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
+# A line of text that is longer is hard to read.
+_WIDEST = 100
+
+
+def verdicts_shown(finished: Finished) -> Table:
+    """A table of verdicts: cause and next step stand below what was seen, whatever the width."""
+    result = Table(box=None, pad_edge=False, show_header=False)
+    result.add_column(no_wrap=True)
+    result.add_column(no_wrap=True)
+    result.add_column(max_width=_WIDEST, overflow="fold")
+    for grade, key, about, seen, cause, cure in finished.rows:
+        lines = [f"{about}: {seen}" if about else seen]
+        lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)
+        result.add_row(styled(grade, _COLOURS[grade]), visible(key), visible("\n".join(lines)))
+    return result
+
+
 @contextmanager
 def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
     """A line on standard error that says what is being done; nothing when silent or not a tty."""

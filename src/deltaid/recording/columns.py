@@ -249,6 +249,11 @@ def resolve_columns(
     return columns
 
 
+def si_unit(quantity: Quantity, *, linear: bool) -> str:
+    """The unit that a column has if none is declared, of a drive that slides or turns."""
+    return (_SLIDING if linear else _TURNING)[quantity]
+
+
 def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
     """Columns with default names of a drive that the robot does not have."""
     used = {channel.column for channel in columns.all}
@@ -287,7 +292,7 @@ def _under_default_names(
             return ()
         names = [f"{short}[{i}]" for i in range(len(linear))]
     # Some but not all: keep them all, so that the missing ones are named.
-    targets = [(_SLIDING if slides else _TURNING)[quantity] for slides in linear]
+    targets = [si_unit(quantity, linear=slides) for slides in linear]
     where, units = table.header_place, table.units
     return tuple(
         Channel(name, si_factor(units.get(name, si), si, where=f"{where}, unit of {name}"), 0.0)

@@ -39,6 +39,14 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Lines of a file, to be copied as they stand."""
+
+    text: str
+    caption: str = ""
+
+
+@dataclass(frozen=True)
 class Figure:
     """A Plotly figure without template or width, which are the page's; its height is its own."""
 
@@ -46,7 +54,7 @@ class Figure:
     caption: str = ""
 
 
-Block = Text | Table | Figure
+Block = Text | Table | Lines | Figure
 
 
 @dataclass(frozen=True)
@@ -98,7 +106,7 @@ def render(page: Page) -> str:
         lstrip_blocks=True,
     )
     cast("dict[str, Any]", environment.tests).update(
-        {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Figure)}
+        {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Lines, Figure)}
     )
     cast("dict[str, Any]", environment.filters).update(
         {

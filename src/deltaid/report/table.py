@@ -7,8 +7,8 @@ from dataclasses import dataclass
 class Table:
     """A table of finished cells.
 
-    A page sets columns of numbers flush right, `muted` rows in grey and the caption below; the
-    terminal prints the title above.
+    A page sets columns of numbers flush right, `muted` rows in grey, the first cell of `marked`
+    rows in the colour of doubt, and the caption below; the terminal prints the title above.
     """
 
     columns: tuple[str, ...]
@@ -16,3 +16,4 @@ class Table:
     caption: str = ""
     muted: frozenset[int] = frozenset()
     title: str = ""
+    marked: frozenset[int] = frozenset()

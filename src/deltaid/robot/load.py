@@ -1,6 +1,7 @@
 """Reading descriptions: YAML to validated models, with the line of whatever is wrong; catalogue."""
 
 import difflib
+import io
 import json
 import os
 import re
@@ -135,17 +136,27 @@ def load_yaml(path: Path, model: type[_Model]) -> _Model:
     return parse(read_text(path), model, where=str(path))
 
 
-def save_yaml(value: BaseModel, path: Path) -> None:
+def save_yaml(value: BaseModel, path: Path, *, only_set: bool = False) -> None:
     """Write a model as YAML, whole or not at all; numbers keep every bit.
+
+    Args:
+        only_set: leave out what is not given in the value and has its default.
 
     Raises:
         DeltaidError: the file cannot be written.
     """
-    yaml = YAML()
+    data = value.model_dump(mode="json", exclude_none=True, exclude_unset=only_set)
+    with written_whole(path) as file:
+        file.write(yaml_text(data))
+
+
+def yaml_text(data: dict[str, Any]) -> str:
+    """Plain data as YAML, the innermost lists and mappings on one line each."""
+    yaml, text = YAML(), io.StringIO()
     yaml.default_flow_style = None
     yaml.width = 100
-    with written_whole(path) as file:
-        yaml.dump(_quoted(value.model_dump(mode="json", exclude_none=True)), file)
+    yaml.dump(_quoted(data), text)
+    return text.getvalue()
 
 
 def _quoted(value: Any) -> Any:

@@ -1,0 +1,115 @@
+"""All checks in order: of the description, of each recording, and of what they tell together."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.verdict import Grade, Verdict, worst
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.errors import DeltaidError
+from deltaid.model.record import Settings
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.robot.load import RobotLike, described
+
+Progress = Callable[[str], None]
+OfRobot = Callable[[Dynamics], Iterable[Verdict]]
+OfRecording = Callable[[Evidence], Iterable[Verdict]]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Checks of one sort on one recording.
+
+    Attributes:
+        check: gives a verdict for whatever it looked at, a good one too.
+        quick: whether `identify` runs it by itself.
+        of_fit: whether it rests on the fit, and so says nothing of data that is wrong.
+    """
+
+    check: OfRecording
+    quick: bool = False
+    of_fit: bool = False
+
+
+# One entry a family, in the order of the table of verdicts.
+OF_ROBOT: tuple[OfRobot, ...] = ()
+OF_RECORDING: tuple[Family, ...] = ()
+
+
+def verdicts(
+    robot: RobotLike,
+    logs: RecordingLike | Sequence[RecordingLike] = (),
+    *,
+    columns: ColumnMapping | None = None,
+    settings: Settings | None = None,
+    progress: Progress = lambda _: None,
+) -> tuple[Verdict, ...]:
+    """What is wrong with a robot's description and with recordings of it, before they are used.
+
+    Args:
+        robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
+        logs: none, one recording or a sequence of them, each judged on its own; the same as
+            `identify` takes.
+        columns: names and units of their columns, if not the default ones.
+        settings: of the fit that verdicts on the fit rest on.
+        progress: called with a sentence before each stage.
+
+    Returns:
+        Verdicts in the order of what they look at; of several recordings each names its own.
+
+    Raises:
+        DescriptionError: there is no such robot, or its file does not describe one.
+        RecordingError: a recording cannot be read at all.
+    """
+    description = described(robot)
+    progress("checking the description")
+    found = list(of_robot(description))
+    sources = as_sources(logs)
+    for source in sources:
+        progress(f"checking {source}")
+        one = evidence(description, source, columns, settings)
+        found += named(one, of_recording(one), several=len(sources) > 1)
+    return tuple(found)
+
+
+def of_robot(robot: RobotLike) -> tuple[Verdict, ...]:
+    """Verdicts on a description; quick."""
+    dynamics = compiled(described(robot))
+    return tuple(verdict for family in OF_ROBOT for verdict in family(dynamics))
+
+
+def of_recording(one: Evidence) -> tuple[Verdict, ...]:
+    """All verdicts on one recording.
+
+    What is wrong before the fit spoils it, so those that rest on the fit are then not asked. A
+    refusal of the survey or of the fit is said in its own words where no check knows better.
+    """
+    found = judged(one, OF_RECORDING, of_fit=False)
+    if worst(found) is Grade.WRONG:
+        return found
+    if isinstance(one.fitted, DeltaidError):
+        return (*found, refused(one.fitted))
+    return (*found, *judged(one, OF_RECORDING, of_fit=True))
+
+
+def judged(one: Evidence, families: Iterable[Family], *, of_fit: bool) -> tuple[Verdict, ...]:
+    """The verdicts of those families that rest on the fit, or of those that do not."""
+    asked = (family for family in families if family.of_fit == of_fit)
+    return tuple(verdict for family in asked for verdict in family.check(one))
+
+
+def refused(error: DeltaidError) -> Verdict:
+    """An error of the survey or of the fit as a verdict."""
+    return Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure)
+
+
+def named(one: Evidence, found: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:
+    """Verdicts on one of several recordings say which."""
+    if not several:
+        return tuple(found)
+    name = one.table.path.name
+    return tuple(
+        replace(verdict, subject=f"{name}: {verdict.subject}" if verdict.subject else name)
+        for verdict in found
+    )

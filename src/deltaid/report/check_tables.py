@@ -1,0 +1,37 @@
+"""Verdicts as tables: built once, for the terminal and for pages."""
+
+from collections.abc import Sequence
+
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.report.table import Table
+
+COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")
+
+# The most severe first.
+_ORDER = tuple(reversed(Grade))
+
+
+def verdict_table(verdicts: Sequence[Verdict]) -> Table:
+    """Verdicts with what was seen, why and what to do; the most severe first."""
+    rows = sorted(verdicts, key=lambda one: _ORDER.index(one.grade))
+    grades = [one.grade for one in rows]
+    return Table(
+        COLUMNS,
+        tuple((one.grade, one.key, one.subject, one.seen, one.cause, one.cure) for one in rows),
+        muted=frozenset(i for i, grade in enumerate(grades) if grade is Grade.GOOD),
+        marked=frozenset(i for i, grade in enumerate(grades) if grade is not Grade.GOOD),
+    )
+
+
+def tally(verdicts: Sequence[Verdict]) -> str:
+    """How many verdicts of each grade there are: '1 wrong, 12 good'."""
+    grades = [verdict.grade for verdict in verdicts]
+    return ", ".join(f"{grades.count(one)} {one}" for one in _ORDER if one in grades)
+
+
+def sentence(verdict: Verdict) -> str:
+    """A verdict on one line, for warnings: 'drive2: seen; likeliest cause: …; next step'."""
+    about = f"{verdict.subject}: " if verdict.subject else ""
+    cause = f"; likeliest cause: {verdict.cause}" if verdict.cause else ""
+    cure = f"; {verdict.cure}" if verdict.cure else ""
+    return f"{about}{verdict.seen}{cause}{cure}"
