@@ -1,0 +1,211 @@
+"""Which place on an even grid each row of a recording has, from time stamps that are not even.
+
+A row n with stamp t_n stands at r_n = t_n/T − n = φ(n) + c_n + jitter: c_n counts the rows that were
+lost before it, a staircase, and φ drifts slowly with the clock. T and φ follow from the angles of
+exp(2πi r), which whole numbers of lost rows leave alone; the staircase is the closest one that
+does not fall (isotonic regression), rounded. Jitter that is large, or stamps that several rows
+share, are averaged over some rows before their angle is taken.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+Times = Float[np.ndarray, " rows"]
+
+# Jitter [periods, rms] from which single stamps no longer tell a row's place by themselves.
+_SHARP = 0.1
+# Jitter from which angles need averaging, and what it is averaged to.
+_BLURRED, _AVERAGED = 0.17, 0.1
+# Rows that share a stamp, on average, from which stamps count as rounded.
+ROUNDED = 1.05
+# A step of this many periods and of as many shared stamps may be a gap, within which the phase of
+# the grid need not go on; rows at either side that must agree on it.
+_GAP, _AGREE = 20.0, 64
+# Fewest rows from which a phase is taken, and rows of a stretch of constant phase at least.
+_FEWEST, _STRETCH = 16, 256
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Places of consecutive rows.
+
+    Attributes:
+        period: T [s].
+        kept: rows with a place of their own; the others are extra rows or late ones.
+        lost: rows lost before each row that is kept; −1 where time starts again.
+        off: stamps minus the grid [periods] of the rows kept.
+    """
+
+    period: float
+    kept: Int[np.ndarray, " kept"]
+    lost: Int[np.ndarray, " kept"]
+    off: Float[np.ndarray, " kept"]
+
+
+def place(time: Times) -> Grid:
+    """Places of consecutive rows by their stamps; at least two of them differ."""
+    period, sharing = _usual(time)
+    breaks = _breaks(time, period, sharing)
+    pieces = np.split(np.arange(len(time)), breaks)
+    placed = [_placed(time[rows], period, sharing) for rows in pieces]
+    rates = np.array([[len(one.kept), one.period] for one in placed if len(one.kept) >= _FEWEST])
+    if len(rates):
+        period = float(rates[:, 0] @ rates[:, 1] / rates[:, 0].sum())
+    lost = [one.lost for one in placed]
+    for at, before, after in zip(breaks, placed[:-1], placed[1:], strict=True):
+        step = time[at] - time[at - 1]
+        off = period * (after.off[0] - before.off[-1])
+        missing = round((step - off) / period) - 1
+        lost[placed.index(after)][0] = -1 if step < 0 else max(0, missing)
+    kept = [rows[one.kept] for rows, one in zip(pieces, placed, strict=True)]
+    return Grid(
+        period, np.concatenate(kept), np.concatenate(lost), np.concatenate([p.off for p in placed])
+    )
+
+
+def _usual(time: Times) -> tuple[float, float]:
+    """A first period [s], and how many rows share a stamp."""
+    steps = np.diff(time)
+    sharing = max(1.0, len(steps) / max(1, np.count_nonzero(steps)))
+    apart = min(int(np.ceil((16 if sharing > ROUNDED else 4) * sharing)), len(time) - 1)
+    usual = float(np.median(time[apart:] - time[:-apart])) / apart
+    return (usual if usual > 0 else float(np.ptp(time)) / len(steps)), sharing
+
+
+def _breaks(time: Times, period: float, sharing: float) -> Int[np.ndarray, " breaks"]:
+    """Rows before which time leaves off, and goes on elsewhere for good."""
+    steps = np.diff(time) / period
+    far = np.flatnonzero(np.abs(steps) > _GAP * sharing) + 1
+    level = time / period - np.arange(len(time))
+
+    def stays(row: int) -> bool:
+        before, after = level[max(0, row - _AGREE) : row], level[row : row + _AGREE]
+        return abs(np.median(after) - np.median(before)) > 0.5 * abs(steps[row - 1])
+
+    return np.array([row for row in far.tolist() if stays(row)], dtype=int)
+
+
+def _placed(time: Times, period: float, sharing: float) -> Grid:
+    """Places of rows among which there is no gap."""
+    rows = np.arange(len(time))
+    if len(time) < _FEWEST:
+        level = time / period - rows
+        steps = np.maximum(np.round(np.diff(level, prepend=level[0])), 0).astype(int)
+        return Grid(period, rows, steps, level - level[0] - np.cumsum(steps))
+    noise = _noise(time / period, sharing)
+    kept = np.flatnonzero(~_extra(time / period, noise, sharing))
+    time = time[kept]
+    width = _width(noise, sharing, len(time))
+    level = time / period - np.arange(len(time))
+    period *= 1 + _slope(level, width)
+    level = (time - time[0]) / period - np.arange(len(time))
+    level -= _phase(level, width)
+    stairs = _stairs(level, noise, sharing, width)
+    lost = np.diff(stairs, prepend=stairs[:1])
+    index = np.arange(len(time)) + stairs
+    index = index - index.mean()
+    return Grid(float(index @ time / (index @ index)), kept, lost, level - stairs)
+
+
+def _noise(place_: Times, sharing: float) -> float:
+    """Jitter of single stamps [periods, rms]: what a straight line leaves of stretches without
+    lost rows, which are the smoothest ones."""
+    size = min(int(16 * sharing), len(place_))
+    count = len(place_) // size
+    x = np.arange(size) - 0.5 * (size - 1)
+    y = place_[: count * size].reshape(count, size)
+    y = y - y.mean(axis=1, keepdims=True)
+    y -= np.outer(y @ x / (x @ x), x)
+    return float(np.quantile(np.sqrt((y**2).sum(axis=1) / (size - 2)), 0.25))
+
+
+def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " rows"]:
+    """Rows that have no place of their own: written between others, or late."""
+    level = place_ - np.arange(len(place_))
+    usual = _median(level, 9)
+    back = np.diff(place_, prepend=-np.inf)
+    late = (back < 0) & (level < usual - (0.5 if noise < _SHARP else 3 + 6 * noise))
+    if sharing > ROUNDED:
+        return late
+    low = _median(level, 5)
+    # Lowest before and lowest after, so that late stamps which are made up for are no extra rows.
+    before, after = _lowest(low, _AGREE)[:-1], _lowest(low[::-1], _AGREE)[::-1][1:]
+    falls = np.append(False, after - before < -0.5)
+    return late | (falls & (np.abs(back) < (0.4 if noise < _SHARP else 1e-9)))
+
+
+def _lowest(x: Times, count: int) -> Times:
+    """Least of each value and those before it."""
+    from scipy.ndimage import minimum_filter1d
+
+    return minimum_filter1d(x, count, mode="nearest", origin=(count - 1) // 2)
+
+
+def _width(noise: float, sharing: float, rows: int) -> int:
+    """Rows over which angles are averaged."""
+    if noise < _BLURRED:
+        return 1
+    wide = 8 * sharing if sharing > ROUNDED else (noise / _AVERAGED) ** 2
+    return max(1, min(int(np.ceil(wide)), rows // 4))
+
+
+def _slope(level: Times, width: int) -> float:
+    """How much the level rises each row beyond whole steps, from short distances to long ones."""
+    slope, apart, rows = 0.0, 1, np.arange(len(level))
+    while apart < max(2, len(level) // 8):
+        flat = _mean(level - slope * rows, width)
+        turn = np.exp(2j * np.pi * (flat[apart:] - flat[:-apart])).mean()
+        if abs(turn) < 0.05:
+            break
+        slope += float(np.angle(turn)) / (2 * np.pi * apart)
+        apart *= 2
+    return slope
+
+
+def _phase(level: Times, width: int) -> Times:
+    """The slow drift of the grid."""
+    turns = np.exp(2j * np.pi * _mean(level, width))
+    parts = np.array_split(turns, max(1, len(level) // max(_STRETCH, 4 * width)))
+    angles = np.unwrap(np.angle([part.mean() for part in parts])) / (2 * np.pi)
+    sizes = np.array([len(part) for part in parts])
+    middles = np.cumsum(sizes) - 0.5 * sizes
+    return np.interp(np.arange(len(level)), middles, _median(angles, 5))
+
+
+def _stairs(
+    level: Times, noise: float, sharing: float, width: int
+) -> Int[np.ndarray, " rows"]:
+    """The whole numbers that do not fall and are closest to the level."""
+    # One stamp that is far off, or late with those after it catching up, is no lost row.
+    smooth = _median(level, 2 * int(4 * sharing) + 1)
+    low = np.minimum.accumulate(smooth[::-1])[::-1]
+    high = np.minimum(low, np.maximum.accumulate(smooth))
+    room = 0.5 + 3 * noise
+    level = np.clip(level, high - room, low + room)
+    if noise < _SHARP:
+        return np.maximum.accumulate(np.round(level).astype(int))
+    from scipy.optimize import isotonic_regression
+
+    # Both ends go on as they are on average, or a single stamp there would make a step.
+    beside, near = 2 * width, max(9, width)
+    ends = [np.full(beside, np.round(np.mean(x))) for x in (level[:near], level[-near:])]
+    stairs = isotonic_regression(np.concatenate([ends[0], level, ends[1]])).x
+    return np.round(stairs[beside:-beside]).astype(int)
+
+
+def _mean(x: Times, width: int) -> Times:
+    """Means over neighbouring values."""
+    if width == 1:
+        return x
+    from scipy.ndimage import uniform_filter1d
+
+    return uniform_filter1d(x, width, mode="nearest")
+
+
+def _median(x: Times, width: int) -> Times:
+    """Medians over neighbouring values."""
+    from scipy.ndimage import median_filter
+
+    return median_filter(x, width, mode="nearest")
