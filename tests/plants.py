@@ -1,0 +1,233 @@
+"""Catalogue robots with random true bodies, moved along a path at any pace; torques by the oracle.
+
+The package gives the description, the size of a motion that its limits allow, and names of p.
+Everything else, q(z) and all torques, comes from MuJoCo's tree and from Fourier series.
+
+Along a path z(φ) of period 2π, a pace φ(t) makes
+
+    q̇ = q' φ̇,   q̈ = q'' φ̇² + q' φ̈,   τ = a(φ) φ̇² + b(φ) φ̈ + g(φ) + friction
+
+with a, b and g from three calls of the oracle for each point of a grid: a = τ(q', q'') − g,
+b = τ(0, q') − g, g = τ(0, 0). They are smooth and periodic, so a few hundred points give all rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from oracle.composed import ComposedOracle, LimbShape
+from oracle.tree import Array, Body
+
+# Points of the oracle along a path, and points that its Fourier series is made dense with.
+GRID, _DENSE = 768, 1 << 14
+
+
+def true_parameters(
+    robot: RobotDescription, rng: np.random.Generator, factor: float = 2.0
+) -> Array:
+    """p away from the prior by up to a factor: bodies stay consistent, M̄ = G M̄_prior G."""
+    p, layout, spread = prior_parameters(robot), parameter_layout(robot), np.log(factor)
+    for body in layout.bodies:
+        part = layout.body(body)
+        G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
+        p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
+    rest = layout.coefficients
+    p[rest] *= np.exp(spread * rng.uniform(-1, 1, rest.stop - rest.start))
+    return p
+
+
+def oracle_of(robot: RobotDescription, p: Array) -> ComposedOracle:
+    """The oracle of a catalogue robot with parameters p; friction is left to `Plant`."""
+    layout, platform, limbs = parameter_layout(robot), robot.platform, robot.limbs
+    assert limbs is not None
+    bodies = {}
+    for name in layout.bodies:
+        m, mcx, mcy, mcz, xx, yy, zz, xy, yz, xz = p[layout.body(name)]
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        bodies[name] = Body(m, np.array([mcx, mcy, mcz]), tensor)
+    rotors = np.zeros(len(robot.drives))
+    rotors[[robot.drives.index(drive) for drive in robot.rotor_drives]] = p[layout.rotor]
+    angles = np.deg2rad(limbs.azimuth_deg)
+    tilts = np.deg2rad(np.broadcast_to(limbs.tilt_deg, limbs.count))
+    shapes = tuple(
+        LimbShape(
+            azimuth=float(azimuth),
+            tilt=float(tilt),
+            base=limb.base,
+            seat=limb.attachment,
+            arm=limb.upper_arm if limb.drive == "rotary" else None,
+            strut=limb.strut,
+            outwards=limb.outwards,
+            driven=robot.limb_bodies(i)[0],
+            strut_body=robot.limb_bodies(i)[1],
+        )
+        for i, (limb, azimuth, tilt) in enumerate(zip(limbs.geometry(), angles, tilts, strict=True))
+    )
+    more = {}
+    if platform.kind != "rigid":
+        more = {"first": tuple(k - 1 for k in platform.first), "ratio": platform.ratio}
+        more["tool"] = np.array(platform.tool)
+    if platform.kind == "h4":
+        more["half"] = platform.half_length
+    if platform.kind == "par4":
+        more["half"] = 0.5 * platform.length
+    if platform.kind == "i4":
+        more["direction"] = np.deg2rad(platform.direction_deg)
+    if robot.telescope is not None:
+        bar = robot.telescope
+        more["telescope"] = (np.array(bar.base_joint), np.array(bar.platform_joint))
+    return ComposedOracle(
+        limbs=shapes,
+        kind=platform.kind,
+        bodies=bodies,
+        struts_per_limb=limbs.struts_per_limb,
+        gravity=np.array(robot.gravity),
+        rotor_inertia=rotors,
+        **more,
+    )
+
+
+def friction_of(robot: RobotDescription, p: Array) -> Array:
+    """Viscous and Coulomb coefficients (2, joints) in the oracle's order of joints."""
+    layout, joints = parameter_layout(robot), robot.joints
+    found = np.zeros((2, len(joints)))
+    at = [joints.index(joint) for joint in robot.friction_joints]
+    found[:, at] = p[layout.viscous], p[layout.coulomb]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """The phase of a path over time, and its two derivatives (samples,)."""
+
+    time: Array
+    phase: Array
+    rate: Array
+    rise: Array
+
+
+def even_pace(time: Array, period: float, rest: tuple[tuple[float, float], ...] = ()) -> Pace:
+    """φ̇ = 2π / period but in spans of rest, into and out of which it goes smoothly in 0.4 s."""
+    share, rise = np.ones_like(time), np.zeros_like(time)
+    for start, end in rest:
+        for edge, sign in ((start, -1.0), (end, 1.0)):
+            x = np.clip((time - edge) / 0.4, 0.0, 1.0)
+            share += sign * x**3 * (10 - 15 * x + 6 * x**2)
+            rise += sign * 30 * x**2 * (1 - x) ** 2 / 0.4
+    share[np.abs(share) < 1e-12] = 0.0
+    rate = 2 * np.pi / period * share
+    phase = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    return Pace(time, phase, rate, 2 * np.pi / period * rise)
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What happens, sample by sample, before any sensor.
+
+    Attributes:
+        time, q, qd, qdd: of the drives.
+        tau: all torques, friction included.
+        rates: q̇ of the joints with friction (samples, joints): drives first.
+        shares: torque at the drives for one of a joint's (samples, joints - drives, drives).
+    """
+
+    time: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    rates: Array
+    shares: Array
+
+    def of_joints(self, efforts: Array) -> Array:
+        """Torques at the drives of efforts in all joints (samples, joints)."""
+        dof = self.q.shape[1]
+        passive = np.einsum("sj,sjd->sd", efforts[:, dof:], self.shares)
+        return efforts[:, :dof] + passive
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A true robot and a path z(φ), as its points at φ = 2π k / GRID, (GRID, dof).
+
+    Attributes:
+        oracle: without friction.
+        friction: viscous and Coulomb coefficients of all joints, (2, joints).
+        path: task coordinates.
+    """
+
+    oracle: ComposedOracle
+    friction: Array
+    path: Array
+
+    @cached_property
+    def _curves(self) -> CubicSpline:
+        """q, q', q'', a, b, g and the passive joints' rates a drive rate, over φ."""
+        oracle, dof = self.oracle, self.oracle.dof
+        q = oracle.positions(self.path)
+        assert np.all(np.isfinite(q)), "the path leaves the workspace"
+        order = 1j * np.fft.rfftfreq(len(q), 1 / len(q))[:, None]
+        slope, bend = (np.fft.irfft(order**k * np.fft.rfft(q, axis=0), len(q), axis=0)
+                       for k in (1, 2))  # fmt: skip
+        joints = [oracle._index[name] for name in oracle._lossy[dof:]]
+        rows = []
+        for z, first, second in zip(self.path, slope, bend, strict=True):
+            g = oracle.inverse_dynamics(z, 0 * first, 0 * first)
+            b = oracle.inverse_dynamics(z, 0 * first, first) - g
+            a = oracle.inverse_dynamics(z, first, second) - g
+            proj, _ = oracle._set(z, first)
+            rows.append(np.concatenate([a, b, g, proj[joints].ravel()]))
+        values = np.hstack([q, slope, bend, np.array(rows)])
+        spectrum = np.fft.rfft(values, axis=0)
+        tail = np.abs(spectrum[-len(spectrum) // 8 :]).max(axis=0)
+        assert np.all(tail <= 1e-4 * np.abs(spectrum).max(axis=0) + 1e-12), "GRID is too coarse"
+        dense = np.fft.irfft(spectrum, _DENSE, axis=0) * (_DENSE / len(q))
+        phase = np.linspace(0, 2 * np.pi, _DENSE + 1)
+        return CubicSpline(phase, np.vstack([dense, dense[:1]]), bc_type="periodic")
+
+    def move(self, pace: Pace, rng: np.random.Generator) -> Truth:
+        """Go along the path; friction of a joint at rest is random within its Coulomb friction."""
+        dof = self.oracle.dof
+        values = self._curves(np.mod(pace.phase, 2 * np.pi))
+        q, slope, bend, a, b, g = np.split(values[:, : 6 * dof], 6, axis=1)
+        rate, rise = pace.rate[:, None], pace.rise[:, None]
+        qd = slope * rate
+        shares = values[:, 6 * dof :].reshape(len(q), -1, dof)
+        rates = np.hstack([qd, np.einsum("sjd,sd->sj", shares, qd)])
+        truth = Truth(
+            pace.time,
+            q,
+            qd,
+            bend * rate**2 + slope * rise,
+            a * rate**2 + b * rise + g,
+            rates,
+            shares,
+        )
+        viscous, coulomb = self.friction
+        sign = np.where(rates == 0, rng.uniform(-0.8, 0.8, rates.shape[1]), np.sign(rates))
+        return replace(truth, tau=truth.tau + truth.of_joints(viscous * rates + coulomb * sign))
+
+
+def random_plant(
+    robot: RobotDescription, rng: np.random.Generator, period: float, harmonics: int, size: float
+) -> Plant:
+    """A robot with true bodies and a random path of a share of the size that its limits allow."""
+    p = true_parameters(robot, rng)
+    kinematics = Kinematics(robot)
+    for _ in range(20):
+        motion = random_motion(kinematics, rng, period=period, harmonics=harmonics)
+        z, _, _ = motion.evaluate(np.arange(GRID) * (period / GRID))
+        path = motion.centre + size * (z - motion.centre)
+        plant = Plant(oracle_of(robot, p), friction_of(robot, p), path)
+        if np.all(np.isfinite(plant.oracle.positions(path))):
+            return plant
+    raise AssertionError("no path within reach")
