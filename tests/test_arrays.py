@@ -27,9 +27,11 @@ def parts(frame: pl.DataFrame) -> dict[str, np.ndarray]:
     return {"t": frame["t"].to_numpy(), **arrays}
 
 
-def samples(log: object) -> np.ndarray:
-    opened = open_log(log, KINEMATICS)  # pyright: ignore[reportArgumentType]
-    return np.concatenate([batch.values for batch in opened.batches()])
+def samples(log: object, mapping: deltaid.ColumnMapping | None = None) -> np.ndarray:
+    """Time and all columns, without the weights."""
+    opened = open_log(log, KINEMATICS, mapping)  # pyright: ignore[reportArgumentType]
+    values = np.concatenate([batch.values for batch in opened.batches()])
+    return values[:, : len(opened.columns.all)]
 
 
 def test_every_kind_of_source_gives_the_same_model(tmp_path: Path, frame: pl.DataFrame) -> None:
@@ -120,11 +122,9 @@ def test_units_of_arrays(frame: pl.DataFrame) -> None:
         {"position": [{"column": f"q{i}", "unit": "deg", "gear": 2} for i in (1, 2, 3)]}
     )
     motor = Recording.from_arrays(**given | {"q": np.degrees(2 * given["q"])})
-    values = np.concatenate([b.values for b in open_log(motor, KINEMATICS, columns).batches()])
-    np.testing.assert_allclose(values, rows, rtol=1e-14, atol=1e-14)
-    own = open_log(scaled, KINEMATICS, columns)  # its own units go before those of the call
-    values = np.concatenate([batch.values for batch in own.batches()])
-    np.testing.assert_array_equal(values, samples(scaled))
+    np.testing.assert_allclose(samples(motor, columns), rows, rtol=1e-14, atol=1e-14)
+    # Its own units go before those of the call.
+    np.testing.assert_array_equal(samples(scaled, columns), samples(scaled))
 
 
 def test_derivatives_and_a_rate_in_place_of_times() -> None:
