@@ -107,7 +107,7 @@ def test_model_file_keeps_intervals_and_base_parameters(case, tmp_path: Path) ->
 def test_degrees_of_freedom_are_those_of_the_part_that_noise_adds(case) -> None:
     """Welch and Satterthwaite: σ² = σ_n² + σ_p², σ_n² estimated with ν_n degrees of freedom, has
     ν = ν_n σ⁴/σ_n⁴ of them. Twice the noise level in the same problem tells σ_n apart."""
-    problem, freedom = case[0].problem, 3
+    problem, freedom = case[0].problem, 3.0
 
     def with_noise(level: float) -> Uncertainty:
         noise = replace(problem.estimate.noise, sigma=level, freedom=freedom, scatter=None)

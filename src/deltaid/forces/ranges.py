@@ -135,8 +135,10 @@ def evidence(
     model = load(model)
     known = _identification(model)
     dynamics: Dynamics = model.dynamics
-    cutoff = known.settings.cutoff
-    recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff, progress)
+    cutoff, keep_all = known.settings.cutoff, known.settings.keep_all
+    recordings = open_recordings(
+        logs, dynamics.kinematics, columns, cutoff, progress, keep_all=keep_all
+    )
     _require_sources(known, recordings)
     predicted_by = model.p if model.robot.load_drives else None
     gathered = gather_all(dynamics, recordings, predicted_by, progress)

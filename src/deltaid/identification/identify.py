@@ -73,7 +73,9 @@ def identify(
     """
     settings, robot = settings or Settings(), described(robot)
     kinematics = compiled(robot).kinematics
-    recordings = open_recordings(logs, kinematics, columns, settings.cutoff, progress)
+    recordings = open_recordings(
+        logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
+    )
     choice = None
     if settings.friction == "choose":
         robot, choice = choose_friction(robot, recordings, progress)

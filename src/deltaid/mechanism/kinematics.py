@@ -12,6 +12,7 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.passive_joints import PassiveJoints
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.load import RobotLike, described
@@ -234,6 +235,12 @@ class Kinematics:
     def home(self) -> Float[np.ndarray, " dof"]:
         """A pose in the middle of the workspace, z; ψ of a platform in the middle of its range."""
         return self.robot.home
+
+    @cached_property
+    def passive_friction(self) -> PassiveJoints:
+        """Joints without a drive that have friction."""
+        names = [joint for joint in self.robot.friction_joints if joint not in self.robot.drives]
+        return PassiveJoints(self.mechanism, names)
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:

@@ -40,6 +40,7 @@ class Settings(Part):
         prior_spread: relative standard deviation of the prior that this rule assumes.
         cutoff: low-pass cut-off [Hz] for logs; by rule when None.
         friction: laws as described, or chosen by cross-validation.
+        keep_all: whether nothing is left out of the recordings.
     """
 
     method: Method = "conic"
@@ -48,6 +49,7 @@ class Settings(Part):
     prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
     cutoff: Annotated[float, Field(gt=0)] | None = None
     friction: FrictionLaws = "described"
+    keep_all: bool = False
 
 
 class Parameter(Part):

@@ -80,6 +80,13 @@ class LowPass:
         """What is left of the standard deviation of white noise: the norm of both stages."""
         return float(np.linalg.norm(self.response))
 
+    @property
+    def speed_gain(self) -> float:
+        """Standard deviation of the filtered derivative for white noise of deviation 1 [1/s]."""
+        spread = np.zeros((len(self.first) - 1) * self.stride + 1)
+        spread[:: self.stride] = self.first
+        return float(np.linalg.norm(np.convolve(spread, self.lead)))
+
     @cached_property
     def response(self) -> Float[np.ndarray, " response"]:
         """h, both stages as one filter of the samples that go in."""

@@ -18,8 +18,10 @@ from deltaid.recording.columns import (
     extra_drives,
     resolve_columns,
 )
+from deltaid.recording.masks import Mask, Weights, require_rest
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.source import Table
+from deltaid.recording.stale import bridged
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
 
@@ -34,8 +36,12 @@ class Log:
         samples: number of rows.
         rate: sampling rate, the mean over the log [Hz].
         torque_max: largest |τ| of each drive [N m]; empty without torques.
+        position_noise: standard deviation of each drive's position, steps of the encoder included
+            [rad or m]; 0 where it is not seen.
         reach: lowest and highest of the platform's coordinates [m].
         suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz].
+        masks: what is left out of it; without any where all is kept.
+        keep_all: whether nothing is to be left out.
         warnings: what is doubtful, with rows and columns.
     """
 
@@ -45,8 +51,11 @@ class Log:
     samples: int
     rate: float
     torque_max: Float[np.ndarray, " drives"]
+    position_noise: Float[np.ndarray, " drives"]
     reach: Float[np.ndarray, "2 3"]
     suggested_cutoff: float | None
+    masks: tuple[Mask, ...]
+    keep_all: bool
     warnings: tuple[str, ...]
 
     @property
@@ -63,12 +72,14 @@ class Log:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
 
         A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
-        torques has none.
+        torques has none. In the place of stale rows stands a smooth motion.
         """
-        drives = len(self.columns.torque)
-        for batch in read_batches(self.table, self.columns):
-            weights = np.ones((len(batch.values), drives))
-            yield Batch(batch.row, np.hstack([batch.values, weights]))
+        weights = Weights(self.masks, len(self.columns.torque))
+        stale = [mask for mask in self.masks if mask.reason == "stale rows"]
+        row, motion = 0, slice(1, len(self.columns.all) - len(self.columns.torque))
+        for batch in bridged(read_batches(self.table, self.columns), stale, motion):
+            yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
+            row += len(batch.values)
 
 
 def open_log(
@@ -77,6 +88,7 @@ def open_log(
     mapping: ColumnMapping | None = None,
     *,
     need_torque: bool = True,
+    keep_all: bool = False,
 ) -> Log:
     """Survey a recording: read every row once and check it, before anything is computed from it.
 
@@ -86,6 +98,7 @@ def open_log(
         mapping: names and units of the columns, if not the default ones; arrays with units of
             their own keep these.
         need_torque: if false, the log may be a planned motion, and torque columns are not read.
+        keep_all: leave nothing out (`masks`).
 
     Raises:
         RecordingError: a column is missing; a value is missing or not finite; time runs backwards
@@ -113,6 +126,8 @@ def open_log(
         for seen in ordered(survey.look, read_batches(table, columns)):
             survey.add(seen)
         survey.finish()
+    masks = survey.search.masks if survey.search and not keep_all else ()
+    require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
     return Log(
         table=table,
         columns=columns,
@@ -120,8 +135,11 @@ def open_log(
         samples=survey.samples,
         rate=survey.clock.rate,
         torque_max=survey.torque_max,
+        position_noise=survey.spectrum.noise,
         reach=np.array([survey.nearest, survey.farthest]),
         suggested_cutoff=survey.spectrum.cutoff(survey.clock.rate),
+        masks=masks,
+        keep_all=keep_all,
         warnings=tuple(survey.warnings),
     )
 

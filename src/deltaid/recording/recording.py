@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.memory import RecordingLike, as_sources
@@ -62,7 +65,16 @@ class Recording:
             return work(uncut.window())
 
         rows = (batch.values for batch in self.log.batches())
-        return ordered(done, cut(rows, self.log.columns, kinematics, self.low_pass))
+        columns, directions = self.log.columns, None if self.log.keep_all else self._directions
+        return ordered(done, cut(rows, columns, kinematics, self.low_pass, directions))
+
+    @property
+    def _directions(self) -> Directions:
+        """When joints turn round; the noise of recorded velocities is not known."""
+        noise = np.zeros_like(self.log.position_noise)
+        if self.low_pass and not self.log.columns.velocity:
+            noise = self.log.position_noise * self.low_pass.speed_gain
+        return Directions(1 / self.log.rate, noise)
 
     def windows(self, kinematics: Kinematics) -> Iterator[Window]:
         """All samples, window by window."""
@@ -75,6 +87,8 @@ def open_recordings(
     mapping: ColumnMapping | None = None,
     cutoff: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    *,
+    keep_all: bool = False,
 ) -> list[Recording]:
     """Survey one or several recordings and choose a filter for each.
 
@@ -89,7 +103,7 @@ def open_recordings(
     recordings: list[Recording] = []
     for source in sources:
         progress(f"checking {source}")
-        log = open_log(source, kinematics, mapping)
+        log = open_log(source, kinematics, mapping, keep_all=keep_all)
         _require_new(log, recordings)
         recordings.append(with_filter(log, cutoff))
     return recordings

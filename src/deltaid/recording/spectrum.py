@@ -67,6 +67,12 @@ class SpectrumEstimate:
             self._power += power.sum
             self._segments += power.segments or int(power.sum.any())
 
+    @property
+    def noise(self) -> Float[np.ndarray, " dof"]:
+        """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
+        floor = np.median(self._power[:, _SEGMENT // 4 :], axis=1) / max(self._segments, 1)
+        return np.sqrt(floor / np.sum(_blackman_harris(_SEGMENT) ** 2))
+
     def cutoff(self, rate: float) -> float | None:
         """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
 

@@ -13,6 +13,7 @@ from deltaid.recording.branch import BranchCheck
 from deltaid.recording.clock import ClockCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
+from deltaid.recording.mask_search import MaskSearch
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import Power, SpectrumEstimate, power_of
 from deltaid.recording.table import Batch
@@ -61,6 +62,7 @@ class Survey:
     branch: BranchCheck = field(init=False)
     bounds: Bounds = field(init=False)
     clock: ClockCheck = field(init=False)
+    search: MaskSearch | None = field(init=False)
 
     def __post_init__(self) -> None:
         c = self.columns
@@ -71,6 +73,10 @@ class Survey:
         self.branch = BranchCheck(self.kinematics)
         self.bounds = Bounds(self.table, c, self.kinematics.robot)
         self.clock = ClockCheck(self.table, c.time.column)
+        robot = self.kinematics.robot
+        limits = (robot.drive_limits.get(drive) for drive in robot.drives)
+        efforts = [(limit and limit.effort) or np.inf for limit in limits]
+        self.search = MaskSearch(self.kinematics.dof, efforts) if c.torque else None
 
     @property
     def samples(self) -> int:
@@ -102,6 +108,8 @@ class Survey:
         """
         batch, values = seen.batch, seen.batch.values
         self.clock.add(batch)
+        if self.search is not None:
+            self.search.add(values, self.clock.step)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
+from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, apply, convolve
 from deltaid.recording.table import recut
 
@@ -138,7 +139,11 @@ class Window:
 
 
 def cut(
-    rows: Iterable[Rows], columns: Columns, kinematics: Kinematics, low_pass: LowPass | None
+    rows: Iterable[Rows],
+    columns: Columns,
+    kinematics: Kinematics,
+    low_pass: LowPass | None,
+    directions: Directions | None = None,
 ) -> Iterator["Uncut"]:
     """The samples of one segment as blocks from which windows can be made apart from each other."""
     size, overlap = WINDOW, 0
@@ -148,7 +153,7 @@ def cut(
         # Of long filters the overlap is what costs.
         size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
     for k, block in enumerate(recut(rows, size, overlap)):
-        yield Uncut(k * size, block, columns, kinematics, low_pass)
+        yield Uncut(k * size, block, columns, kinematics, low_pass, directions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +165,7 @@ class Uncut:
     columns: Columns
     kinematics: Kinematics
     low_pass: LowPass | None
+    directions: Directions | None = None
 
     def window(self) -> Window:
         """Their motion, differentiated where it is not recorded.
@@ -192,7 +198,10 @@ class Uncut:
         """Samples of some motion, which begins with a row of its own."""
         z, _ = self.kinematics.forward_unchecked(q)
         rows = slice(first, first + len(q))
-        return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows], weights[rows])
+        weights = weights[rows]
+        if self.directions is not None and weights.size:
+            weights = weights * self.directions.known(self.kinematics, z, qd, qdd)
+        return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows], weights)
 
 
 def _motion(

@@ -1,0 +1,132 @@
+"""Finding what of a recording is no motion under power of its drives, while it is surveyed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.masks import Mask, Reason
+from deltaid.recording.rest import RestSearch
+from deltaid.recording.runs import NONE, Runs, joined, without
+from deltaid.recording.saturation import Extreme
+from deltaid.recording.stale import StaleSearch
+
+# A channel at its end is taken to stay there for so long [s] between two samples on it: noise took
+# it off for a moment, and what it leaves there is noise of one sign.
+_BETWEEN = 0.003
+# What is on brakes or not is not told apart in less than this [s].
+_SHORT = 0.04
+# An emergency stop ends so long after the drives are without torque at most [s].
+_STOPS = 1.5
+# A step of time this much longer than the usual one is a gap.
+_GAP = 1.5
+
+
+@dataclass
+class MaskSearch:
+    """Running search; `add` consecutive rows, then read `masks`.
+
+    Attributes:
+        dof: number of drives.
+        limits: torque limits of the drives by the description; infinite where there is none.
+    """
+
+    dof: int
+    limits: Sequence[float]
+    _stale: StaleSearch = field(init=False)
+    _ends: list[tuple[Extreme, Extreme]] = field(init=False)
+    _rest: RestSearch | None = None
+    _before: np.ndarray | None = None
+    _row: int = 0
+    _knots: list[tuple[int, float]] = field(default_factory=list[tuple[int, float]])
+
+    def __post_init__(self) -> None:
+        self._stale = StaleSearch(self.dof)
+        self._ends = [(Extreme(limit), Extreme(limit)) for limit in self.limits]
+
+    def add(self, values: Float[np.ndarray, "rows channels"], period: float) -> None:
+        """Take in rows: time, positions, what else is recorded, torques.
+
+        Args:
+            period: usual time between two rows [s].
+        """
+        if not period:
+            return
+        n = self.dof
+        rest = self._rest = self._rest or RestSearch(n, period)
+        block = values if self._before is None else np.vstack([self._before, values])
+        rest.add(block[:, 1 : 1 + n], block[:, -n:], self._row + len(values) - len(block))
+        self._before = block[-rest.overlap :]
+        steps = np.where(np.isfinite(rest.step), rest.step, 0.0)
+        new = self._stale.add(values[:, 1:], steps)
+        for (top, bottom), torque in zip(self._ends, values[:, -n:].T, strict=True):
+            top.add(torque, new, self._row)
+            bottom.add(-torque, new, self._row)
+        self._note_times(values[:, 0], period)
+        self._row += len(values)
+
+    def _note_times(self, time: Float[np.ndarray, " rows"], period: float) -> None:
+        """Keep the first, the last, and those on either side of a gap."""
+        at = np.flatnonzero(np.abs(np.diff(time)) > _GAP * period)
+        at = np.unique(np.concatenate([[0], at, at + 1, [len(time) - 1]]))
+        self._knots += zip((self._row + at).tolist(), time[at].tolist(), strict=True)
+
+    @property
+    def masks(self) -> tuple[Mask, ...]:
+        """All that is left out, in the order of time."""
+        rows, times = np.array(self._knots or [(0, 0.0)]).T
+        masks = [
+            Mask(reason, drives, first, last, *np.interp([first, last], rows, times).tolist())
+            for reason, drives, runs in self.runs()
+            for first, last in runs.tolist()
+        ]
+        return tuple(sorted(masks, key=lambda mask: (mask.first, mask.drives)))
+
+    def runs(self) -> list[tuple[Reason, tuple[int, ...], Runs]]:
+        """All that is left out: why, for which drives, and which rows counted from 0."""
+        rest, everyone = self._rest, tuple(range(self.dof))
+        if rest is None:
+            return []
+        stale = self._stale.runs(np.where(np.isfinite(rest.step), rest.step, 0.0))
+        short = round(_SHORT / rest.period)
+        off, resting = rest.off, without(rest.at_rest, stale)
+        resting = resting[resting[:, 1] - resting[:, 0] >= rest.overlap]
+        on_brakes, under_control = _told_apart(resting, off, short)
+        stopping = _stops(off, on_brakes, round(_STOPS / rest.period))
+        found: list[tuple[Reason, tuple[int, ...], Runs]] = [
+            ("standing still", everyone, under_control),
+            ("on brakes", everyone, on_brakes),
+            ("emergency stop", everyone, stopping),
+            ("stale rows", everyone, stale),
+        ]
+        between = round(_BETWEEN / rest.period)
+        for i, ends in enumerate(self._ends):
+            largest = max(abs(end.level) for end in ends)
+            saturated = np.concatenate([joined(e.runs(largest), between) for e in ends])
+            ordered = saturated[np.argsort(saturated[:, 0])]
+            found.append(("saturated torque", (i,), without(ordered, on_brakes)))
+        return [one for one in found if len(one[2])]
+
+
+def _told_apart(resting: Runs, off: Runs, short: int) -> tuple[Runs, Runs]:
+    """Rest on brakes and rest under control; the shorter parts belong to what they lie in."""
+    brakes: list[Runs] = []
+    for first, last in resting:
+        here = off[(off[:, 1] >= first) & (off[:, 0] <= last)]
+        here = joined(np.clip(here, first, last), short)
+        brakes.append(here[here[:, 1] - here[:, 0] >= min(short, last - first)])
+    on_brakes = np.concatenate([NONE, *brakes])
+    control = without(resting, on_brakes)
+    # A few rows of control between brakes and motion are the edge of either.
+    return on_brakes, control
+
+
+def _stops(off: Runs, on_brakes: Runs, longest: int) -> Runs:
+    """From torque off in motion to standing on brakes."""
+    stops = []
+    for first, last in off:
+        after = on_brakes[(on_brakes[:, 0] > first) & (on_brakes[:, 0] <= last + 1)]
+        if len(after) and after[0, 0] - first <= longest:
+            stops.append((first, after[0, 0] - 1))
+    return np.array(stops, dtype=np.int64).reshape(-1, 2)

@@ -1,0 +1,99 @@
+"""What of a recording is left out, because it is no motion under power of the drives."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import RecordingError
+from deltaid.recording.runs import Runs, joined
+
+# A recording is refused where less than this share of the rows is left for a drive.
+_LEAST = 0.02
+
+Reason = Literal["standing still", "on brakes", "emergency stop", "saturated torque", "stale rows"]
+# Why such rows say nothing, or something wrong, about the drives' torques.
+WHY: dict[Reason, str] = {
+    "standing still": "at rest friction is whatever balances the torque",
+    "on brakes": "at rest without torque of the drives; the brakes hold the robot",
+    "emergency stop": "brakes slow the robot down, the drives are without torque",
+    "saturated torque": "on the largest or smallest number of its channel; the torque went on",
+    "stale rows": "the logger repeated a row while the robot moved",
+}
+
+
+@dataclass(frozen=True)
+class Mask:
+    """Consecutive rows that are left out for some drives.
+
+    Attributes:
+        reason: why.
+        drives: of these drives, counted from 0.
+        first, last: rows of the log, counted from 0.
+        start, end: when [s].
+    """
+
+    reason: Reason
+    drives: tuple[int, ...]
+    first: int
+    last: int
+    start: float
+    end: float
+
+
+class Weights:
+    """One weight a row and drive: 0 inside of some masks, else 1.
+
+    Attributes:
+        spans: for each drive the rows without weight.
+    """
+
+    def __init__(self, masks: Iterable[Mask], drives: int) -> None:
+        self.spans: list[Runs] = []
+        for i in range(drives):
+            spans = sorted((mask.first, mask.last) for mask in masks if i in mask.drives)
+            self.spans.append(joined(np.array(spans, dtype=np.int64).reshape(-1, 2)))
+
+    def of(self, row: int, count: int) -> Float[np.ndarray, "rows drives"]:
+        """Of consecutive rows."""
+        weights = np.ones((count, len(self.spans)))
+        for i, spans in enumerate(self.spans):
+            near = slice(
+                np.searchsorted(spans[:, 1], row), np.searchsorted(spans[:, 0], row + count)
+            )
+            for first, last in spans[near]:
+                weights[max(first - row, 0) : last - row + 1, i] = 0.0
+        return weights
+
+
+def kept(masks: Iterable[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
+    """Share of the rows that is left of each drive."""
+    spans = Weights(masks, drives).spans
+    lost = [np.sum(ends[:, 1] - ends[:, 0] + 1) for ends in spans]
+    return 1.0 - np.array(lost) / samples
+
+
+def require_rest(masks: Sequence[Mask], samples: int, drives: Sequence[str], where: str) -> None:
+    """Refuse a log of which next to nothing is left.
+
+    Raises:
+        RecordingError: with the drive, and what went for which reason.
+    """
+    left = kept(masks, len(drives), samples)
+    i = int(np.argmin(left))
+    if left[i] >= _LEAST:
+        return
+    own = [mask for mask in masks if i in mask.drives]
+    shares = {
+        reason: 1.0 - kept([m for m in own if m.reason == reason], len(drives), samples)[i]
+        for reason in dict.fromkeys(mask.reason for mask in own)
+    }
+    reasons = ", ".join(f"{100 * share:.3g} % {reason}" for reason, share in shares.items())
+    raise RecordingError(
+        f"next to nothing is left for {drives[i]}: {reasons}",
+        where=where,
+        cure="record the robot while its drives move it and no channel is at its end, or take all "
+        "rows by --keep-all",
+    )

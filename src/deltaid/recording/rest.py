@@ -1,0 +1,143 @@
+"""Where a robot is at rest, and where its drives are without torque.
+
+At rest all drives stay within the steps and the noise of their encoders for longer than a reversal
+takes. Slow motion stays there as well if steps are coarse, so in hindsight rest must also be slow
+against the recording's largest speeds, as far as its length can tell.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.runs import NONE, Runs, joined, rolling, runs_of
+
+# Rest lasts so long at least [s], and so many rows.
+_LASTS, _ROWS = 0.04, 5
+# In that time positions stay within so many encoder steps and so many times the narrowest band that
+# the drive ever stayed in; over a whole rest within so many times that, or that a second.
+_STEPS, _BANDS, _WANDER = 2.5, 2.0, 3.0
+# A robot at rest is slower than this share of its drives' largest speeds.
+_SLOW = 0.0025
+# Torque is off where for so long [s] and so many rows its mean and its range stay below these
+# shares of the largest torque, or where no torque changes at all.
+_OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2
+
+
+@dataclass
+class _Rest:
+    """Rows at rest, and the lowest and highest positions there."""
+
+    first: int
+    last: int
+    low: Float[np.ndarray, " dof"]
+    high: Float[np.ndarray, " dof"]
+
+
+@dataclass
+class RestSearch:
+    """Looks for rest in blocks of rows that overlap by `overlap`.
+
+    `add` them, then read `at_rest` and `off`.
+
+    Attributes:
+        period: time between two rows [s].
+        step: smallest change of each position so far: the step of its encoder, if it has one.
+    """
+
+    dof: int
+    period: float
+    step: Float[np.ndarray, " dof"] = field(init=False)
+    _band: Float[np.ndarray, " dof"] = field(init=False)
+    _speed: Float[np.ndarray, " dof"] = field(init=False)
+    _torque: Float[np.ndarray, " dof"] = field(init=False)
+    _reach: Float[np.ndarray, "2 dof"] = field(init=False)
+    _rests: list[_Rest] = field(default_factory=list[_Rest])
+    _off: list[Runs] = field(default_factory=list[Runs])
+
+    def __post_init__(self) -> None:
+        self.step, self._band = np.full((2, self.dof), np.inf)
+        self._speed, self._torque = np.zeros((2, self.dof))
+        self._reach = np.array([[np.inf], [-np.inf]]) * np.ones(self.dof)
+
+    @property
+    def length(self) -> int:
+        """Rows of a rest at least."""
+        return max(_ROWS, round(_LASTS / self.period))
+
+    @property
+    def overlap(self) -> int:
+        """Rows that two blocks have in common."""
+        return self.length - 1
+
+    def add(
+        self,
+        q: Float[np.ndarray, "rows dof"],
+        torque: Float[np.ndarray, "rows dof"],
+        row: int,
+    ) -> None:
+        """Take in a block, the first row of which is number `row`."""
+        if len(q) < self.length:
+            return
+        self._look_at_torque(torque, row)
+        low, high = rolling(q, self.length)
+        width = high - low
+        change = np.abs(np.diff(q, axis=0))
+        smallest = np.where(change > 0, change, np.inf).min(axis=0)
+        self.step = np.minimum(self.step, smallest)
+        self._band = np.minimum(self._band, width.min(axis=0))
+        ways = np.abs(q[self.length - 1 :] - q[: len(q) - self.length + 1])
+        self._speed = np.maximum(self._speed, ways.max(axis=0) / (self.overlap * self.period))
+        self._reach = np.array([np.minimum(self._reach[0], q.min(axis=0)),
+                                np.maximum(self._reach[1], q.max(axis=0))])  # fmt: skip
+        for first, last in runs_of(np.all(width <= self._widest, axis=1), row):
+            at = slice(first - row, last - row + self.length)
+            rest = _Rest(first, last + self.overlap, q[at].min(axis=0), q[at].max(axis=0))
+            self._take(rest)
+
+    @property
+    def at_rest(self) -> Runs:
+        """Runs at rest."""
+        rests = [(rest.first, rest.last) for rest in self._rests if self._slow(rest)]
+        return np.array(rests, dtype=np.int64).reshape(-1, 2)
+
+    @property
+    def off(self) -> Runs:
+        """Runs without torque of any drive."""
+        return joined(np.concatenate([NONE, *self._off]))
+
+    @property
+    def _widest(self) -> Float[np.ndarray, " dof"]:
+        """The band of positions at rest."""
+        steps = np.where(np.isfinite(self.step), self.step, 0.0)
+        return _STEPS * steps + _BANDS * self._band
+
+    def _take(self, rest: _Rest) -> None:
+        if self._rests and rest.first <= self._rests[-1].last + 1:
+            before = self._rests.pop()
+            rest.first, rest.last = before.first, max(rest.last, before.last)
+            rest.low = np.minimum(rest.low, before.low)
+            rest.high = np.maximum(rest.high, before.high)
+        self._rests.append(rest)
+
+    def _slow(self, rest: _Rest) -> bool:
+        """Whether it was rest in hindsight."""
+        time = (rest.last - rest.first) * self.period
+        steps = np.where(np.isfinite(self.step), self.step, 0.0)
+        moves = self._reach[1] - self._reach[0] > self._widest
+        width = rest.high - rest.low
+        slow = width + steps <= _SLOW * self._speed * time
+        steady = width <= self._widest * max(_WANDER, time)
+        return bool(np.all((slow & steady) | ~moves) and moves.any())
+
+    def _look_at_torque(self, torque: Float[np.ndarray, "rows dof"], row: int) -> None:
+        length = max(_OFF_ROWS, round(_OFF_LASTS / self.period))
+        if len(torque) < length:
+            return
+        self._torque = np.maximum(self._torque, np.abs(torque).max(axis=0))
+        low, high = rolling(torque, length)
+        sums = np.cumsum(np.vstack([np.zeros(self.dof), torque]), axis=0)
+        mean = (sums[length:] - sums[:-length]) / length
+        near = (np.abs(mean) <= _OFF * self._torque) & (high - low <= _OFF_RANGE * self._torque)
+        off = np.all(near, axis=1) | np.all(high == low, axis=1)
+        self._off.append(joined(runs_of(off, row) + np.array([0, length - 1])))

@@ -1,0 +1,54 @@
+"""Runs: consecutive rows that have something in common, as first and last row."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+Runs = Int[np.ndarray, "runs 2"]
+
+NONE: Runs = np.zeros((0, 2), dtype=np.int64)
+
+
+def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
+    """Runs of true flags, the first of which belongs to `row`."""
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return edges.reshape(-1, 2) + np.array([row, row - 1])
+
+
+def joined(runs: Runs, gap: int = 0) -> Runs:
+    """Ascending runs without what is between two with no more than `gap` rows between them."""
+    if not len(runs):
+        return runs
+    runs = np.column_stack([runs[:, 0], np.maximum.accumulate(runs[:, 1])])
+    apart = np.flatnonzero(runs[1:, 0] - runs[:-1, 1] > gap + 1)
+    return np.column_stack([runs[np.append(0, apart + 1), 0], runs[np.append(apart, -1), 1]])
+
+
+def without(runs: Runs, others: Runs) -> Runs:
+    """Ascending runs less the rows of others."""
+    kept = []
+    for first, last in runs:
+        start = first
+        for a, b in others[(others[:, 1] >= first) & (others[:, 0] <= last)]:
+            if a > start:
+                kept.append((start, a - 1))
+            start = b + 1
+        if start <= last:
+            kept.append((start, last))
+    return np.array(kept, dtype=np.int64).reshape(-1, 2)
+
+
+def rolling(
+    x: Float[np.ndarray, "rows channels"], length: int
+) -> tuple[Float[np.ndarray, "windows channels"], Float[np.ndarray, "windows channels"]]:
+    """Least and largest value in every window of `length` rows (van Herk and Gil–Werman)."""
+    blocks = -(-len(x) // length)
+    padded = np.concatenate([x, np.repeat(x[-1:], blocks * length - len(x), axis=0)])
+    shaped = padded.reshape(blocks, length, -1)
+    windows = len(x) - length + 1
+
+    def both(extreme: np.ufunc) -> Float[np.ndarray, "windows channels"]:
+        before = extreme.accumulate(shaped, axis=1).reshape(padded.shape)
+        after = extreme.accumulate(shaped[:, ::-1], axis=1)[:, ::-1].reshape(padded.shape)
+        return extreme(after[:windows], before[length - 1 : length - 1 + windows])
+
+    return both(np.minimum), both(np.maximum)

@@ -1,0 +1,149 @@
+"""Rows that the logger repeated while the robot moved, and what positions were there.
+
+Equal rows alone are no proof: a robot at rest gives them, and so do coarse steps at a high rate.
+Held rows betray themselves by the jump at their end, which is as long as the way of all of them.
+"""
+
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.recording.masks import Mask
+from deltaid.recording.runs import NONE, Runs
+from deltaid.recording.table import Batch
+
+# Positions jump by so many steps of the encoder, and so many times as far as from row to row
+# before and after.
+_STEPS, _FARTHER = 3.0, 1.5
+# Rows on either side of a bridge, and the degree of the polynomial that fits them all.
+_BESIDE, _DEGREE = 6, 5
+
+
+@dataclass
+class StaleSearch:
+    """Looks for held rows in consecutive batches; `add` them, then read `runs`."""
+
+    dof: int
+    _rows: Int[np.ndarray, " kept"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    _q: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    _last: np.ndarray | None = None
+    _found: list[Runs] = field(default_factory=list[Runs])
+    _count: int = 0
+    _judged: bool = False
+
+    def add(
+        self, values: Float[np.ndarray, "rows channels"], step: Float[np.ndarray, " dof"]
+    ) -> np.ndarray:
+        """Take in rows without their time, positions first; which of them are new.
+
+        Args:
+            step: of each position's encoder, as far as it is known by now.
+        """
+        before = np.full((1, values.shape[1]), np.nan) if self._last is None else self._last
+        new = np.any(np.diff(values, axis=0, prepend=before) != 0, axis=1)
+        self._last = values[-1:].copy()
+        self._rows = np.concatenate([self._rows, self._count + np.flatnonzero(new)])
+        q = values[new, : self.dof]
+        self._q = np.concatenate([self._q, q]) if len(self._q) else q
+        self._count += len(values)
+        self._look(step)
+        self._rows, self._q = self._rows[-3:], self._q[-3:]
+        return new
+
+    def runs(self, step: Float[np.ndarray, " dof"]) -> Runs:
+        """All held rows, those at the end of the log included."""
+        if len(self._rows) >= 2 and self._count - 1 > self._rows[-1]:
+            way = np.abs(self._q[-1] - self._q[-2]) / (self._rows[-1] - self._rows[-2])
+            if np.any((way >= _STEPS * step) & (way > 0)):
+                self._found.append(np.array([[self._rows[-1] + 1, self._count - 1]]))
+        return np.concatenate([NONE, *self._found])
+
+    def _look(self, step: Float[np.ndarray, " dof"]) -> None:
+        """Gaps between new rows whose jump is known with the rows about it.
+
+        The last three new rows are seen again with the next batch: of their two gaps the second is
+        judged then, when the way after its jump is there.
+        """
+        gaps = np.diff(self._rows)
+        if len(gaps) < 2:
+            return
+        ways = np.abs(np.diff(self._q, axis=0))
+        pace = ways / gaps[:, None]
+        before = np.concatenate([np.zeros((1, self.dof)), pace[:-2]])
+        beside = np.maximum(before, pace[1:])
+        jumps = (ways[:-1] >= _STEPS * step) & (ways[:-1] > _FARTHER * beside)
+        held = (gaps[:-1] > 1) & jumps.any(axis=1)
+        held[0] &= not self._judged
+        self._judged = True
+        at = np.flatnonzero(held)
+        self._found.append(np.column_stack([self._rows[at] + 1, self._rows[at + 1] - 1]))
+
+
+def bridged(batches: Iterable[Batch], stale: Iterable[Mask], recorded: slice) -> Iterator[Batch]:
+    """Batches with a smooth motion in the place of stale rows.
+
+    Args:
+        stale: which these are.
+        recorded: columns of positions, velocities and accelerations.
+    """
+    runs = np.array([(mask.first, mask.last) for mask in stale], dtype=np.int64).reshape(-1, 2)
+    waiting: list[Batch] = []
+    before, known = np.zeros((0, 0)), 0
+    for batch in batches:
+        waiting.append(batch)
+        known += len(batch.values)
+        # A bridge needs rows that follow.
+        if not np.any((runs[:, 0] < known) & (runs[:, 1] + _BESIDE >= known)):
+            before = yield from _bridged(waiting, before, runs, known, recorded)
+            waiting = []
+    if waiting:
+        yield from _bridged(waiting, before, runs, known, recorded)
+
+
+def _bridged(
+    waiting: list[Batch], before: np.ndarray, runs: Runs, known: int, recorded: slice
+) -> Generator[Batch, None, np.ndarray]:
+    """The same of consecutive batches that end with row `known`; the last rows for the next."""
+    together = [*([before] if len(before) else []), *(batch.values for batch in waiting)]
+    start = known - sum(len(part) for part in together)
+    near = runs[(runs[:, 1] >= start + len(before)) & (runs[:, 0] < known)]
+    if not len(near):
+        yield from waiting
+        return waiting[-1].values[-_BESIDE:]
+    values = np.concatenate(together)
+    motion = values[:, recorded].copy()
+    bridge(motion, near - start)
+    values[:, recorded] = motion
+    done = len(before)
+    for batch in waiting:
+        yield Batch(batch.row, values[done : done + len(batch.values)])
+        done += len(batch.values)
+    return values[-_BESIDE:]
+
+
+def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
+    """Put a smooth motion in the place of some rows, from those on either side.
+
+    Args:
+        values: evenly spaced rows of positions and their derivatives, changed in place.
+        runs: of rows to replace.
+    """
+    held = np.zeros(len(values), dtype=bool)
+    for first, last in runs:
+        held[first : last + 1] = True
+    good = np.flatnonzero(~held)
+    for first, last in runs:
+        at = np.searchsorted(good, first)
+        near = good[max(0, at - _BESIDE) : at + _BESIDE]
+        if not len(near):
+            continue
+        middle, half = 0.5 * (near[0] + near[-1]), max(0.5 * (near[-1] - near[0]), 1.0)
+        one_sided = at == 0 or at == len(good)
+        degree = 0 if one_sided else min(_DEGREE, len(near) - 1)
+        powers = np.vander((near - middle) / half, degree + 1)
+        level = values[near].mean(axis=0)
+        fit, *_ = np.linalg.lstsq(powers, values[near] - level, rcond=None)
+        there = np.arange(first, last + 1)
+        values[first : last + 1] = np.vander((there - middle) / half, degree + 1) @ fit + level
