@@ -12,6 +12,8 @@ from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
+from deltaid.recording.clock import Clock
+from deltaid.recording.clock_words import told_of_holes
 from deltaid.recording.columns import (
     ColumnMapping,
     Columns,
@@ -19,9 +21,14 @@ from deltaid.recording.columns import (
     resolve_columns,
 )
 from deltaid.recording.memory import Recording, RecordingLike, as_source
+from deltaid.recording.segments import longest_hole, segments
 from deltaid.recording.source import Table
+from deltaid.recording.study import study
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
+
+# Holes that are bridged while the cut-off is not known yet [s].
+_BRIDGED = 0.005
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class Log:
         table, columns: the file or table, and which of its columns are what.
         sha256: checksum, of the file or of the numbers in memory.
         samples: number of rows.
-        rate: sampling rate, the mean over the log [Hz].
+        clock: how the rows lie in time: what is missing, doubled, jittered.
         torque_max: largest |τ| of each drive [N m]; empty without torques.
         reach: lowest and highest of the platform's coordinates [m].
         suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz].
@@ -43,7 +50,7 @@ class Log:
     columns: Columns
     sha256: str
     samples: int
-    rate: float
+    clock: Clock
     torque_max: Float[np.ndarray, " drives"]
     reach: Float[np.ndarray, "2 3"]
     suggested_cutoff: float | None
@@ -53,6 +60,11 @@ class Log:
     def path(self) -> Path:
         """Where the log is; the name of one in memory."""
         return self.table.path
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz]."""
+        return self.clock.rate
 
     @property
     def has_derivatives(self) -> bool:
@@ -69,6 +81,33 @@ class Log:
         for batch in read_batches(self.table, self.columns):
             weights = np.ones((len(batch.values), drives))
             yield Batch(batch.row, np.hstack([batch.values, weights]))
+
+    def segments(self, cutoff: float | None) -> Iterator[Iterator[Float[np.ndarray, "_ _"]]]:
+        """The samples of each segment, evenly spaced, in blocks; columns as in `batches`.
+
+        Args:
+            cutoff: what is filtered away later [Hz]; shorter holes are bridged.
+        """
+        rows = (batch.values for batch in self.batches())
+        return segments(rows, self.clock, self.bridged(cutoff), len(self.columns.torque))
+
+    def bridged(self, cutoff: float | None) -> int:
+        """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""
+        return longest_hole(self.rate, cutoff) if cutoff else 1
+
+    def cut_at(self, cutoff: float | None, shortest: int) -> "Log":
+        """The same, with what becomes of its holes at a cut-off told among its warnings.
+
+        Args:
+            shortest: samples that a segment must have to be of use.
+
+        Raises:
+            RecordingError: no segment has so many.
+        """
+        if self.clock.steady:
+            return self
+        told = told_of_holes(self.clock, self.table, self.bridged(cutoff), shortest)
+        return replace(self, warnings=(*self.warnings, *told))
 
 
 def open_log(
@@ -112,16 +151,17 @@ def open_log(
         digest = beside.submit(table.checksum, [channel.column for channel in columns.all])
         for seen in ordered(survey.look, read_batches(table, columns)):
             survey.add(seen)
-        survey.finish()
+        clock = _clock(survey)
+        survey.finish(clock)
     return Log(
         table=table,
         columns=columns,
         sha256=digest.result(),
         samples=survey.samples,
-        rate=survey.clock.rate,
+        clock=clock,
         torque_max=survey.torque_max,
         reach=np.array([survey.nearest, survey.farthest]),
-        suggested_cutoff=survey.spectrum.cutoff(survey.clock.rate),
+        suggested_cutoff=survey.spectrum.cutoff(clock.rate),
         warnings=tuple(survey.warnings),
     )
 
@@ -143,3 +183,21 @@ def resolved_table(
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
     return table, resolve_columns(table, linear, mapping), mapping
+
+
+def _clock(survey: Survey) -> Clock:
+    """The clock of a surveyed log. Where rows are not steady, what compares neighbours in the
+    survey is begun again, now over segments."""
+    survey.require_time()
+    if survey.clock.steady:
+        return survey.clock.clock
+    table, columns, dof = survey.table, survey.columns, survey.kinematics.dof
+
+    def rows() -> Iterator[Float[np.ndarray, "_ _"]]:
+        return (batch.values for batch in read_batches(table, columns))
+
+    clock = study(rows(), dof)
+    survey.begin_again()
+    for segment in segments(rows(), clock, int(_BRIDGED * clock.rate), 0):
+        survey.add_even(segment)
+    return clock
