@@ -1,6 +1,7 @@
 """What was found of a recording's time, in words: one sentence each."""
 
 import numpy as np
+from jaxtyping import Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.clock import Clock
@@ -29,12 +30,12 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[str]:
     if clock.doubled:
         told.append(
             f"{_rows(clock.doubled)} there twice and left out once, the first in "
-            f"{_row(table, clock.extra[0])}"
+            f"{_row(table, clock.extra)}"
         )
     if others := len(clock.extra) - clock.doubled:
         told.append(
             f"{_rows(others)} late or stamped like another one, and left out"
-            + ("" if clock.doubled else f", the first in {_row(table, clock.extra[0])}")
+            + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}")
         )
     return told
 
@@ -53,7 +54,7 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
     cuts = clock.cuts(longest)
     bridged = clock.lost[~cuts]
     if bridged.size:
-        first = clock.holes[~cuts][0]
+        first = clock.holes[~cuts]
         told.append(
             f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
             f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
@@ -61,7 +62,7 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
         )
     restarts = clock.lost < 0
     if restarts.any():
-        where = _row(table, clock.holes[restarts][0])
+        where = _row(table, clock.holes[restarts])
         told.append(
             f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
             "segment begins there"
@@ -95,9 +96,10 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
     return told
 
 
-def _row(table: Table, row: int) -> str:
-    """A row, counted from 0, as a user counts it."""
-    return table.row_place(table.first_row + int(row)).removeprefix(f"{table.path}, ")
+def _row(table: Table, rows: Int[np.ndarray, " rows"]) -> str:
+    """The first of some rows, counted from 0, as a user counts it."""
+    place = table.row_place(table.first_row + int(rows[0]))
+    return place.removeprefix(f"{table.path}, ")
 
 
 def _rows(count: int) -> str:

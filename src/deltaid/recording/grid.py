@@ -82,7 +82,8 @@ def _breaks(time: Times, period: float, sharing: float) -> Int[np.ndarray, " bre
 
     def stays(row: int) -> bool:
         before, after = level[max(0, row - _AGREE) : row], level[row : row + _AGREE]
-        return abs(np.median(after) - np.median(before)) > 0.5 * abs(steps[row - 1])
+        moved = float(np.median(after) - np.median(before))
+        return abs(moved) > 0.5 * abs(float(steps[row - 1]))
 
     return np.array([row for row in far.tolist() if stays(row)], dtype=int)
 

@@ -128,6 +128,8 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
     needed = (
         samples_needed(cutoff, log.rate, str(log.path)) if cutoff else SpectrumEstimate.SHORTEST
     )
+    if not cutoff:
+        log.cut_at(None, SpectrumEstimate.SHORTEST)
     if not cutoff or log.samples < needed:
         at = f" at {cutoff:.4g} Hz" if cutoff else ""
         raise RecordingError(
