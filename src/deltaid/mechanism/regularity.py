@@ -31,6 +31,11 @@ class Regularity:
         """The larger of both conditions; NaN where either is."""
         return np.maximum(self.condition, self.hold)
 
+    def part(self, which: slice) -> "Regularity":
+        """Of some of the poses."""
+        fields = (self.condition, self.determinant, self.gain, self.hold)
+        return Regularity(*(x[which] for x in fields))
+
 
 def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
     """Samples i between which and i + 1 consecutive poses pass through a singularity.

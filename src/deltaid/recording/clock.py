@@ -1,32 +1,97 @@
-"""The time column of a recording: increasing, no gaps, evenly spaced, at a rate that can be."""
+"""The time of a recording: what its first pass looks at, and what is known of it in the end."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import lowest_rate
 from deltaid.recording.source import Table
 from deltaid.recording.table import Batch
 
-# A time step this much longer than the usual one is a gap; one this far off it is jitter.
-_GAP, _JITTER = 1.5, 0.05
+# A step that is off the usual one by more than this share is uneven.
+_JITTER = 0.05
+# Rows so many usual steps apart are not compared with one another.
+_APART = 5.0
+# A time column that goes back in a larger share of its rows is none.
+_MOST_BACKWARD = 0.2
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 _HIGHEST_RATE = 1e6
-# Time that hardly moves between two rows [s].
-_SHORTEST_STEP = 1e-12
+
+
+def _no_rows() -> Int[np.ndarray, " rows"]:
+    return np.zeros(0, dtype=int)
+
+
+def _no_times() -> Float[np.ndarray, " rows"]:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """How the rows of a recording lie in time.
+
+    Rows are counted from 0 here.
+
+    Attributes:
+        period: from one sample to the next [s].
+        rows: of the recording.
+        steady: whether all rows are there and stamped evenly, so that they are taken as they are.
+        even: whether samples were taken evenly, however they are stamped; None where the motion is
+            too slow to show it (they are then taken as even).
+        jitter: of the stamps against the even grid [s, rms]; 0 if steady.
+        extra: rows that are left out, since they are there twice or have no place of their own.
+        doubled: how many of these only repeat the row before them.
+        holes: rows before which some are missing, or before which time starts again.
+        lost: how many are missing there; −1 where time starts again.
+        since, until: stamps of the rows before and after each hole [s].
+    """
+
+    period: float
+    rows: int
+    steady: bool = True
+    even: bool | None = True
+    jitter: float = 0.0
+    extra: Int[np.ndarray, " extra"] = field(default_factory=_no_rows)
+    doubled: int = 0
+    holes: Int[np.ndarray, " holes"] = field(default_factory=_no_rows)
+    lost: Int[np.ndarray, " holes"] = field(default_factory=_no_rows)
+    since: Float[np.ndarray, " holes"] = field(default_factory=_no_times)
+    until: Float[np.ndarray, " holes"] = field(default_factory=_no_times)
+
+    @property
+    def rate(self) -> float:
+        """Samples a second [Hz]."""
+        return 1 / self.period
+
+    def cuts(self, longest: int) -> Bool[np.ndarray, " holes"]:
+        """Which holes end a segment: more rows missing than may be bridged, or time that restarts.
+
+        Args:
+            longest: rows that may be bridged.
+        """
+        return (self.lost > longest) | (self.lost < 0)
+
+    def segments(self, longest: int) -> Int[np.ndarray, " segments"]:
+        """Samples of each segment, bridged ones with them."""
+        cuts = self.cuts(longest)
+        before = np.concatenate([[0], self.holes[cuts], [self.rows]])
+        rows = np.diff(before - np.searchsorted(self.extra, before))
+        bridged = np.bincount(np.cumsum(cuts), np.where(cuts, 0, self.lost), len(rows))
+        return rows + bridged.astype(int)
 
 
 @dataclass
 class ClockCheck:
-    """Running check of consecutive rows.
+    """First look at consecutive rows: whether they are steady, and whether there is a time at all.
 
     Attributes:
         table, column: the log, and which of its columns is the time.
         samples: rows so far.
         step: the usual time between two rows, a median [s].
         first_time, last_time: of the rows so far [s].
-        jitter, first_jitter: steps that are uneven, and where the first one is.
+        uneven, backward, forward: steps that are uneven, negative, positive.
     """
 
     table: Table
@@ -35,75 +100,80 @@ class ClockCheck:
     step: float = 0.0
     first_time: float = np.nan
     last_time: float = np.nan
-    jitter: int = 0
-    first_jitter: str = ""
+    uneven: int = 0
+    backward: int = 0
+    forward: int = 0
+    _apart: float = np.inf
 
     @property
-    def rate(self) -> float:
-        """Sampling rate over the whole log [Hz]."""
-        return (self.samples - 1) / (self.last_time - self.first_time)
+    def steady(self) -> bool:
+        """Whether all steps are alike, so that nothing is missing."""
+        return not self.uneven
 
-    def add(self, batch: Batch) -> None:
-        """Take in consecutive rows.
+    @property
+    def clock(self) -> Clock:
+        """Of a steady recording: its rate is the mean."""
+        return Clock((self.last_time - self.first_time) / (self.samples - 1), self.samples)
 
-        Raises:
-            RecordingError: time does not increase, or there is a gap.
-        """
-        time, name = batch.values[:, 0], self.column
+    def add(self, batch: Batch) -> Int[np.ndarray, " runs"]:
+        """Take in consecutive rows; gives those before which time leaves off, from 0."""
+        time = batch.values[:, 0]
         steps = np.diff(time, prepend=self.last_time)
         known = steps[~np.isnan(steps)]
         if not self.step and known.size:
             self.step = float(np.median(known))
+            self._apart = _APART * max(self.step, float(np.quantile(known, 0.95)))
         if not self.samples:
             self.first_time = float(time[0])
         self.last_time = float(time[-1])
-        back = np.flatnonzero(steps < _SHORTEST_STEP)
-        if back.size:
-            i = int(back[0])
-            before = time[i] - steps[i]
-            raise RecordingError(
-                f"time does not increase: {name} is {time[i]:.10g} s after {before:.10g} s",
-                where=self.table.row_place(batch.row + i),
-                cure="sort the rows, drop repeated ones, record time with more digits, or split "
-                "the log where it restarts",
-            )
-        gaps = np.flatnonzero(steps > _GAP * self.step)
-        if gaps.size:
-            i = int(gaps[0])
-            raise RecordingError(
-                f"there is a gap of {steps[i]:.6g} s in {name} where {self.step:.6g} s is usual",
-                where=self.table.row_place(batch.row + i),
-                cure="split the log at the gap and give both parts as separate logs",
-            )
-        uneven = np.flatnonzero(np.abs(steps - self.step) > _JITTER * self.step)
-        if uneven.size and not self.jitter:
-            self.first_jitter = f"row {batch.row + int(uneven[0])}"
-        self.jitter += uneven.size
+        self.backward += int(np.count_nonzero(known < 0))
+        self.forward += int(np.count_nonzero(known > 0))
+        self.uneven += int(np.count_nonzero(np.abs(known - self.step) > _JITTER * self.step))
+        self.uneven += int(self.step <= 0 < known.size)
         self.samples += len(time)
+        return np.flatnonzero(np.abs(steps) > self._apart)
 
-    def require_rate(self, *, differentiated: bool) -> None:
-        """Refuse a rate at which nothing is sampled, or positions cannot be differentiated.
+    def require_time(self) -> None:
+        """Refuse what is no time.
 
         Raises:
-            RecordingError: with what can be.
+            RecordingError: it stands still, goes backwards, or jumps about.
         """
-        slow = differentiated and self.rate < lowest_rate()
-        if slow or self.rate > _HIGHEST_RATE:
-            limit = f"at least {lowest_rate():g}" if slow else f"at most {_HIGHEST_RATE:g}"
+        where, cure = (
+            str(self.table.path),
+            (
+                "map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), or "
+                "give the sampling rate in its place (time: {rate: 1000})"
+            ),
+        )
+        if not self.forward:
+            what = (
+                "runs backwards"
+                if self.backward
+                else f"is {self.first_time:.10g} s in all rows: it does not run"
+            )
+            raise RecordingError(f"column {self.column} {what}", where=where, cure=cure)
+        if self.backward > _MOST_BACKWARD * self.samples:
             raise RecordingError(
-                f"column {self.column} makes a sampling rate of {self.rate:.4g} Hz; "
-                f"{limit} Hz can be",
-                where=str(self.table.path),
-                cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
-                f"{self.column}, unit: ms}}), or record faster",
+                f"column {self.column} goes back in {self.backward} of {self.samples} rows; "
+                "it is no time",
+                where=where,
+                cure=cure,
             )
 
-    @property
-    def warnings(self) -> list[str]:
-        """What is doubtful."""
-        if not self.jitter:
-            return []
-        return [
-            f"{self.jitter} time steps differ by more than {100 * _JITTER:.0f} % from the usual "
-            f"{self.step:g} s, the first in {self.first_jitter}; taken as evenly spaced"
-        ]
+
+def require_rate(table: Table, column: str, rate: float, *, differentiated: bool) -> None:
+    """Refuse a rate at which nothing is sampled, or positions cannot be differentiated.
+
+    Raises:
+        RecordingError: with what can be.
+    """
+    slow = differentiated and rate < lowest_rate()
+    if slow or rate > _HIGHEST_RATE:
+        limit = f"at least {lowest_rate():g}" if slow else f"at most {_HIGHEST_RATE:g}"
+        raise RecordingError(
+            f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
+            where=str(table.path),
+            cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
+            f"{column}, unit: ms}}), or record faster",
+        )

@@ -114,6 +114,11 @@ class LowPass:
         """Samples, `stride` apart, that a run of n · `stride` samples loses in the first stage."""
         return -(-len(self.lead) // self.stride) - 1
 
+    @property
+    def lost(self) -> int:
+        """Samples, `stride` apart, lost by all there is: derivatives, then the low-pass."""
+        return 2 * (self.margin + self.half + self.spread_half) + self.lead_loss
+
     def spread(self, x: Float[np.ndarray, "channels apart"]) -> Float[np.ndarray, "channels all"]:
         """Values for every sample from those `stride` apart, `spread_half` lost at either end."""
         if self.stride == 1:

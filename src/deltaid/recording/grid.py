@@ -1,7 +1,7 @@
 """Which place on an even grid each row of a recording has, from time stamps that are not even.
 
-A row n with stamp t_n stands at r_n = t_n/T − n = φ(n) + c_n + jitter: c_n counts the rows that were
-lost before it, a staircase, and φ drifts slowly with the clock. T and φ follow from the angles of
+A row n with stamp t_n stands at r_n = t_n/T − n = φ(n) + c_n + jitter: c_n counts the rows lost
+before it, a staircase, and φ drifts slowly with the clock. T and φ follow from the angles of
 exp(2πi r), which whole numbers of lost rows leave alone; the staircase is the closest one that
 does not fall (isotonic regression), rounded. Jitter that is large, or stamps that several rows
 share, are averaged over some rows before their angle is taken.
@@ -46,7 +46,7 @@ class Grid:
 
 def place(time: Times) -> Grid:
     """Places of consecutive rows by their stamps; at least two of them differ."""
-    period, sharing = _usual(time)
+    period, sharing = usual_step(time)
     breaks = _breaks(time, period, sharing)
     pieces = np.split(np.arange(len(time)), breaks)
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
@@ -65,7 +65,7 @@ def place(time: Times) -> Grid:
     )
 
 
-def _usual(time: Times) -> tuple[float, float]:
+def usual_step(time: Times) -> tuple[float, float]:
     """A first period [s], and how many rows share a stamp."""
     steps = np.diff(time)
     sharing = max(1.0, len(steps) / max(1, np.count_nonzero(steps)))
@@ -82,7 +82,8 @@ def _breaks(time: Times, period: float, sharing: float) -> Int[np.ndarray, " bre
 
     def stays(row: int) -> bool:
         before, after = level[max(0, row - _AGREE) : row], level[row : row + _AGREE]
-        return abs(np.median(after) - np.median(before)) > 0.5 * abs(steps[row - 1])
+        moved = float(np.median(after) - np.median(before))
+        return abs(moved) > 0.5 * abs(float(steps[row - 1]))
 
     return np.array([row for row in far.tolist() if stays(row)], dtype=int)
 
@@ -174,9 +175,7 @@ def _phase(level: Times, width: int) -> Times:
     return np.interp(np.arange(len(level)), middles, _median(angles, 5))
 
 
-def _stairs(
-    level: Times, noise: float, sharing: float, width: int
-) -> Int[np.ndarray, " rows"]:
+def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.ndarray, " rows"]:
     """The whole numbers that do not fall and are closest to the level."""
     # One stamp that is far off, or late with those after it catching up, is no lost row.
     smooth = _median(level, 2 * int(4 * sharing) + 1)

@@ -12,6 +12,8 @@ from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
+from deltaid.recording.clock import Clock
+from deltaid.recording.clock_words import told_of_holes
 from deltaid.recording.columns import (
     ColumnMapping,
     Columns,
@@ -20,10 +22,15 @@ from deltaid.recording.columns import (
 )
 from deltaid.recording.masks import Mask, Weights, require_rest
 from deltaid.recording.memory import Recording, RecordingLike, as_source
+from deltaid.recording.segments import longest_hole, segments
 from deltaid.recording.source import Table
 from deltaid.recording.stale import bridged
+from deltaid.recording.study import study
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
+
+# Holes that are bridged while the cut-off is not known yet [s].
+_BRIDGED = 0.005
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class Log:
         table, columns: the file or table, and which of its columns are what.
         sha256: checksum, of the file or of the numbers in memory.
         samples: number of rows.
-        rate: sampling rate, the mean over the log [Hz].
+        clock: how the rows lie in time: what is missing, doubled, jittered.
         torque_max: largest |τ| of each drive [N m]; empty without torques.
         position_noise: standard deviation of each drive's position, steps of the encoder included
             [rad or m]; 0 where it is not seen.
@@ -49,7 +56,7 @@ class Log:
     columns: Columns
     sha256: str
     samples: int
-    rate: float
+    clock: Clock
     torque_max: Float[np.ndarray, " drives"]
     position_noise: Float[np.ndarray, " drives"]
     reach: Float[np.ndarray, "2 3"]
@@ -62,6 +69,11 @@ class Log:
     def path(self) -> Path:
         """Where the log is; the name of one in memory."""
         return self.table.path
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz]."""
+        return self.clock.rate
 
     @property
     def has_derivatives(self) -> bool:
@@ -80,6 +92,33 @@ class Log:
         for batch in bridged(read_batches(self.table, self.columns), stale, motion):
             yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
             row += len(batch.values)
+
+    def segments(self, cutoff: float | None) -> Iterator[Iterator[Float[np.ndarray, "_ _"]]]:
+        """The samples of each segment, evenly spaced, in blocks; columns as in `batches`.
+
+        Args:
+            cutoff: what is filtered away later [Hz]; shorter holes are bridged.
+        """
+        rows = (batch.values for batch in self.batches())
+        return segments(rows, self.clock, self.bridged(cutoff), len(self.columns.torque))
+
+    def bridged(self, cutoff: float | None) -> int:
+        """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""
+        return longest_hole(self.rate, cutoff) if cutoff else 1
+
+    def cut_at(self, cutoff: float | None, shortest: int) -> "Log":
+        """The same, with what becomes of its holes at a cut-off told among its warnings.
+
+        Args:
+            shortest: samples that a segment must have to be of use.
+
+        Raises:
+            RecordingError: no segment has so many.
+        """
+        if self.clock.steady:
+            return self
+        told = told_of_holes(self.clock, self.table, self.bridged(cutoff), shortest)
+        return replace(self, warnings=(*self.warnings, *told))
 
 
 def open_log(
@@ -125,7 +164,8 @@ def open_log(
         digest = beside.submit(table.checksum, [channel.column for channel in columns.all])
         for seen in ordered(survey.look, read_batches(table, columns)):
             survey.add(seen)
-        survey.finish()
+        clock = _clock(survey)
+        survey.finish(clock)
     masks = survey.search.masks if survey.search and not keep_all else ()
     require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
     return Log(
@@ -133,11 +173,11 @@ def open_log(
         columns=columns,
         sha256=digest.result(),
         samples=survey.samples,
-        rate=survey.clock.rate,
+        clock=clock,
         torque_max=survey.torque_max,
         position_noise=survey.spectrum.noise,
         reach=np.array([survey.nearest, survey.farthest]),
-        suggested_cutoff=survey.spectrum.cutoff(survey.clock.rate),
+        suggested_cutoff=survey.spectrum.cutoff(clock.rate),
         masks=masks,
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
@@ -161,3 +201,21 @@ def resolved_table(
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
     return table, resolve_columns(table, linear, mapping), mapping
+
+
+def _clock(survey: Survey) -> Clock:
+    """The clock of a surveyed log. Where rows are not steady, what compares neighbours in the
+    survey is begun again, now over segments."""
+    survey.require_time()
+    if survey.clock.steady:
+        return survey.clock.clock
+    table, columns, dof = survey.table, survey.columns, survey.kinematics.dof
+
+    def rows() -> Iterator[Float[np.ndarray, "_ _"]]:
+        return (batch.values for batch in read_batches(table, columns))
+
+    clock = study(rows(), dof)
+    survey.begin_again()
+    for segment in segments(rows(), clock, int(_BRIDGED * clock.rate), 0):
+        survey.add_even(segment)
+    return clock

@@ -1,7 +1,7 @@
 """A recording as a value: a surveyed log and its filter, whose windows come ready to use."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +16,7 @@ from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.spectrum import SpectrumEstimate
-from deltaid.recording.windows import Uncut, Window, cut
+from deltaid.recording.windows import Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")
 
@@ -58,15 +58,23 @@ class Recording:
     ) -> Iterator[_Result]:
         """`work` done on every window, in order, in constant memory; windows share all cores.
 
-        A filter's length is lost at both ends of the log.
+        A filter's length is lost at both ends of each segment.
         """
 
         def done(uncut: Uncut) -> _Result:
             return work(uncut.window())
 
-        rows = (batch.values for batch in self.log.batches())
-        columns, directions = self.log.columns, None if self.log.keep_all else self._directions
-        return ordered(done, cut(rows, columns, kinematics, self.low_pass, directions))
+        return ordered(done, self._uncut(kinematics))
+
+    def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
+        """Windows to be made, segment by segment; none reaches beyond its segment."""
+        log, start = self.log, 0
+        directions = None if log.keep_all else self._directions
+        for rows in log.segments(self.cutoff):
+            for uncut in cut(rows, log.columns, kinematics, self.low_pass, directions):
+                if uncut.samples:
+                    yield replace(uncut, start=start)
+                start += -(-uncut.samples // self.thinned) * self.thinned
 
     @property
     def _directions(self) -> Directions:
@@ -128,12 +136,14 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
         RecordingError: the log is too short, or the cut-off does not go with its rate.
     """
     if cutoff is None and log.has_derivatives:
-        return Recording(log, None)
+        return Recording(log.cut_at(log.suggested_cutoff, 1), None)
     cutoff = cutoff or log.suggested_cutoff
     # Before the design, because a tiny cut-off asks for an endless filter.
     needed = (
         samples_needed(cutoff, log.rate, str(log.path)) if cutoff else SpectrumEstimate.SHORTEST
     )
+    if not cutoff:
+        log.cut_at(None, SpectrumEstimate.SHORTEST)
     if not cutoff or log.samples < needed:
         at = f" at {cutoff:.4g} Hz" if cutoff else ""
         raise RecordingError(
@@ -142,4 +152,5 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
             where=str(log.path),
             cure="record longer, or record velocities and accelerations as well",
         )
-    return Recording(log, design_low_pass(cutoff, log.rate))
+    low_pass = design_low_pass(cutoff, log.rate)
+    return Recording(log.cut_at(cutoff, reach(low_pass) + 1), low_pass)

@@ -32,25 +32,28 @@ def interpolate(
         values: one row a sample.
         at: instants, in any order; outside of `time` the polynomial at the end goes on.
     """
+    points = min(_POINTS, len(time))
     out = np.empty((len(at), values.shape[1]))
     for start in range(0, len(at), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        under, weights = _lagrange(time, at[part])
-        out[part] = np.einsum("np,npc->nc", weights, values[under])
+        part = at[start : start + _CHUNK]
+        first = np.clip(np.searchsorted(time, part) - points // 2, 0, len(time) - points)
+        under = first[:, None] + np.arange(points)
+        weights = weights_at(time[under], part)
+        out[start : start + _CHUNK] = np.einsum("np,npc->nc", weights, values[under])
     return out
 
 
-def _lagrange(time: Times, at: Instants) -> tuple[np.ndarray, Float[np.ndarray, "instants points"]]:
-    """Which samples lie under each instant, and their weights: ℓ_j = Π (t − t_i) / (t_j − t_i)."""
-    points = min(_POINTS, len(time))
-    first = np.searchsorted(time, at) - points // 2
-    under = np.clip(first, 0, len(time) - points)[:, None] + np.arange(points)
-    nodes = time[under]
+def weights_at(
+    nodes: Float[np.ndarray, "instants points"], at: Instants
+) -> Float[np.ndarray, "instants points"]:
+    """Lagrange's weights of the nodes about each instant: ℓ_j = Π (t − t_i) / (t_j − t_i)."""
     away = at[:, None] - nodes
     apart = nodes[:, :, None] - nodes[:, None, :]
-    ratio = away[:, None, :] / np.where(np.eye(points, dtype=bool), 1.0, apart)
-    ratio[:, np.arange(points), np.arange(points)] = 1.0
-    return under, ratio.prod(axis=2)
+    itself = np.arange(nodes.shape[1])
+    apart[:, itself, itself] = 1.0
+    ratio = away[:, None, :] / apart
+    ratio[:, itself, itself] = 1.0
+    return ratio.prod(axis=2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,28 +1,33 @@
 """The first pass over a log: every row is checked before anything is computed from it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity
 from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
-from deltaid.recording.clock import ClockCheck
+from deltaid.recording.clock import Clock, ClockCheck, require_rate
+from deltaid.recording.clock_words import told_of_stamps
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
 from deltaid.recording.mask_search import MaskSearch
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import Power, SpectrumEstimate, power_of
-from deltaid.recording.table import Batch
+from deltaid.recording.table import Batch, recut
 
 # No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
 # are degrees.
 _LARGEST_ARM_ANGLE = np.pi
 # A step of this much of a turn between two samples is a jump of the reading, not a motion.
 _JUMP = 0.75 * 2 * np.pi
+# Rows of an even segment that are looked at together.
+_EVEN_ROWS = 1 << 16
 _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
@@ -65,18 +70,23 @@ class Survey:
     search: MaskSearch | None = field(init=False)
 
     def __post_init__(self) -> None:
+        self.begin_again()
+        self.branch = BranchCheck(self.kinematics)
+        self.bounds = Bounds(self.table, self.columns, self.kinematics.robot)
+        self.clock = ClockCheck(self.table, self.columns.time.column)
+        robot = self.kinematics.robot
+        limits = (robot.drive_limits.get(drive) for drive in robot.drives)
+        efforts = [(limit and limit.effort) or np.inf for limit in limits]
+        dof = self.kinematics.dof
+        self.search = MaskSearch(dof, efforts) if self.columns.torque else None
+
+    def begin_again(self) -> None:
+        """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
         c = self.columns
         self.spectrum = SpectrumEstimate(self.kinematics.dof)
         pairs = [(a.column, b.column) for a, b in zip(c.position, c.velocity, strict=False)]
         pairs += [(a.column, b.column) for a, b in zip(c.velocity, c.acceleration, strict=False)]
         self.derivatives = DerivativeCheck(pairs)
-        self.branch = BranchCheck(self.kinematics)
-        self.bounds = Bounds(self.table, c, self.kinematics.robot)
-        self.clock = ClockCheck(self.table, c.time.column)
-        robot = self.kinematics.robot
-        limits = (robot.drive_limits.get(drive) for drive in robot.drives)
-        efforts = [(limit and limit.effort) or np.inf for limit in limits]
-        self.search = MaskSearch(self.kinematics.dof, efforts) if c.torque else None
 
     @property
     def samples(self) -> int:
@@ -107,31 +117,50 @@ class Survey:
             RecordingError: with the first row that cannot be.
         """
         batch, values = seen.batch, seen.batch.values
-        self.clock.add(batch)
+        apart = self.clock.add(batch)
         if self.search is not None:
             self.search.add(values, self.clock.step)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
         self._check_angles(q, batch.row)
-        self._check_jumps(q, batch.row)
-        self._check_reach(values[:, 0], q, seen)
+        self._check_jumps(q, batch.row, apart)
+        self._check_reach(values[:, 0], q, seen, apart)
         self.spectrum.add(seen.power)
         self._compare_derivatives(values)
 
-    def finish(self) -> None:
+    def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
+        """Take in the samples of a segment for what holds for evenly spaced ones only."""
+        for values in recut(segment, _EVEN_ROWS):
+            self.spectrum.add(power_of(values[:, 1 : 1 + self.kinematics.dof]))
+            self._compare_derivatives(values)
+
+    def require_time(self) -> None:
+        """Check that there are rows, and that time runs.
+
+        Raises:
+            RecordingError: there are too few, or it does not.
+        """
+        if self.samples < 2:
+            raise RecordingError(
+                "has fewer than two rows of data",
+                where=str(self.table.path),
+                cure="give a whole recording",
+            )
+        self.clock.require_time()
+
+    def finish(self, clock: Clock) -> None:
         """Check what only the whole log shows.
 
         Raises:
-            RecordingError: too few rows; an impossible rate; a torque or velocity is missing.
+            RecordingError: an impossible rate; a torque or velocity is missing.
         """
         where = str(self.table.path)
-        if self.samples < 2:
-            raise RecordingError(
-                "has fewer than two rows of data", where=where, cure="give a whole recording"
-            )
-        self.clock.require_rate(
-            differentiated=not (self.columns.velocity and self.columns.acceleration)
+        require_rate(
+            self.table,
+            self.columns.time.column,
+            clock.rate,
+            differentiated=not (self.columns.velocity and self.columns.acceleration),
         )
         self._check_constant()
         self.warnings += self.derivatives.warnings(where)
@@ -146,7 +175,7 @@ class Survey:
                 f"description's largest_condition of {self.kinematics.robot.largest_condition:g}, "
                 f"the first in {self.first_strained}"
             )
-        self.warnings += self.clock.warnings
+        self.warnings += told_of_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
@@ -164,8 +193,11 @@ class Survey:
                 f"(position: - {{column: {name}, unit: deg, gear: 1}})",
             )
 
-    def _check_jumps(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
+    def _check_jumps(
+        self, q: Float[np.ndarray, "rows dof"], row: int, apart: Int[np.ndarray, " runs"]
+    ) -> None:
         steps = np.diff(q, axis=0, prepend=q[:1] if self.last_q is None else self.last_q)
+        steps[apart] = 0.0
         self.last_q = q[-1:].copy()
         turning = [not self.kinematics.robot.is_linear(d) for d in self.kinematics.robot.drives]
         jumps = np.argwhere((np.abs(steps) > _JUMP) & turning)
@@ -180,12 +212,16 @@ class Survey:
             )
 
     def _check_reach(
-        self, time: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"], seen: Seen
+        self,
+        time: Float[np.ndarray, " rows"],
+        q: Float[np.ndarray, "rows dof"],
+        seen: Seen,
+        apart: Int[np.ndarray, " runs"],
     ) -> None:
         z, regular, row = seen.z, seen.regular, seen.batch.row
         bad = np.flatnonzero(~seen.good)
         if bad.size:
-            self._require_way(time, q, z, int(bad[0]), row)
+            self._require_way(time, q, z, int(bad[0]), row, apart)
         points = self.kinematics.robot.task.point(z)
         self.nearest = np.minimum(self.nearest, points.min(axis=0))
         self.farthest = np.maximum(self.farthest, points.max(axis=0))
@@ -201,7 +237,7 @@ class Survey:
         if strained.size and not self.strained:
             self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
         self.strained += strained.size
-        self._check_branch(time, q, z, regular, row)
+        self._check_branch(time, q, z, regular, row, apart)
         outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(points))
         if outside.size and not self.outside:
             i = int(outside[0])
@@ -216,12 +252,18 @@ class Survey:
         z: Float[np.ndarray, "rows dof"],
         regular: Regularity,
         row: int,
+        apart: Int[np.ndarray, " runs"],
     ) -> None:
-        left = self.branch.add(time, q, z, regular)
-        if left is not None:
-            at, what = left
-            place = f", at {self._angles(q[at])}" if at >= 0 else ""
-            raise RecordingError(f"{what}{place}", where=self._row(row + at), cure=_KEEP_AWAY)
+        for start, stop in pairwise([0, *apart[apart > 0].tolist(), len(time)]):
+            if start in apart:
+                self.branch = BranchCheck(self.kinematics)
+            run = slice(start, stop)
+            left = self.branch.add(time[run], q[run], z[run], regular.part(run))
+            if left is not None:
+                at, what = left
+                place = f", at {self._angles(q[start + at])}" if at >= 0 else ""
+                where = self._row(row + start + at)
+                raise RecordingError(f"{what}{place}", where=where, cure=_KEEP_AWAY)
 
     def _require_way(
         self,
@@ -230,11 +272,13 @@ class Survey:
         z: Float[np.ndarray, "rows dof"],
         bad: int,
         row: int,
+        apart: Int[np.ndarray, " runs"],
     ) -> None:
         """Refuse the first sample without a pose, or a passage before it that explains it."""
         if bad:
             way = time[:bad], q[:bad], z[:bad]
-            self._check_branch(*way, self.kinematics.regularity(way[2]), row)
+            regular = self.kinematics.regularity(way[2])
+            self._check_branch(*way, regular, row, apart[apart < bad])
         before = self.branch.last_condition
         reason = f"{self.kinematics.why_not(q[bad : bad + 1])} at {self._angles(q[bad])}"
         if before > self.kinematics.robot.largest_condition:

@@ -148,12 +148,16 @@ def cut(
     """The samples of one segment as blocks from which windows can be made apart from each other."""
     size, overlap = WINDOW, 0
     if low_pass is not None:
-        lost = 2 * (low_pass.margin + low_pass.half + low_pass.spread_half) + low_pass.lead_loss
-        overlap = (lost - 1) * low_pass.stride + len(low_pass.lead)
+        overlap = reach(low_pass)
         # Of long filters the overlap is what costs.
         size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
     for k, block in enumerate(recut(rows, size, overlap)):
         yield Uncut(k * size, block, columns, kinematics, low_pass, directions)
+
+
+def reach(low_pass: LowPass) -> int:
+    """How many samples fewer than there are rows a segment gives."""
+    return (low_pass.lost - 1) * low_pass.stride + len(low_pass.lead)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +170,15 @@ class Uncut:
     kinematics: Kinematics
     low_pass: LowPass | None
     directions: Directions | None = None
+
+    @property
+    def samples(self) -> int:
+        """How many samples its window has of its own."""
+        low_pass = self.low_pass
+        if low_pass is None:
+            return len(self.rows)
+        apart = (len(self.rows) - len(low_pass.lead)) // low_pass.stride + 1
+        return max(0, apart - low_pass.lost) * low_pass.stride
 
     def window(self) -> Window:
         """Their motion, differentiated where it is not recorded.

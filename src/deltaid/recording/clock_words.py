@@ -1,0 +1,110 @@
+"""What was found of a recording's time, in words: one sentence each."""
+
+import numpy as np
+from jaxtyping import Int
+
+from deltaid.errors import RecordingError
+from deltaid.recording.clock import Clock
+from deltaid.recording.source import Table
+
+# Jitter that is worth a word, as a share of a period.
+_WORTH = 0.01
+
+
+def told_of_stamps(clock: Clock, table: Table, column: str) -> list[str]:
+    """Jitter, uneven sampling, rows that are left out."""
+    told: list[str] = []
+    share = clock.jitter * clock.rate
+    off = f"{1e3 * clock.jitter:.3g} ms rms ({100 * share:.2g} % of a step)"
+    if clock.even is False:
+        told.append(
+            f"samples were taken at uneven times, off by {off}: positions follow the stamps of "
+            f"{column}, so all is interpolated at {clock.rate:.6g} Hz"
+        )
+    elif share > _WORTH:
+        why = "positions are even" if clock.even else "positions do not show which is right"
+        told.append(
+            f"stamps of {column} jitter by {off}; {why}, so rows are taken as evenly spaced at "
+            f"{clock.rate:.6g} Hz"
+        )
+    if clock.doubled:
+        told.append(
+            f"{_rows(clock.doubled)} there twice and left out once, the first in "
+            f"{_row(table, clock.extra)}"
+        )
+    if others := len(clock.extra) - clock.doubled:
+        told.append(
+            f"{_rows(others)} late or stamped like another one, and left out"
+            + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}")
+        )
+    return told
+
+
+def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> list[str]:
+    """Holes that are bridged, gaps that cut, and what is too short between them.
+
+    Args:
+        longest: rows missing that are bridged.
+        shortest: samples that a segment must have.
+
+    Raises:
+        RecordingError: no segment has so many.
+    """
+    told: list[str] = []
+    cuts = clock.cuts(longest)
+    bridged = clock.lost[~cuts]
+    if bridged.size:
+        first = clock.holes[~cuts]
+        told.append(
+            f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
+            f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
+            f"{_row(table, first)}: bridged by the motion about them, torques there do not count"
+        )
+    restarts = clock.lost < 0
+    if restarts.any():
+        where = _row(table, clock.holes[restarts])
+        told.append(
+            f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
+            "segment begins there"
+        )
+    gaps = cuts & ~restarts
+    if gaps.any():
+        length = (clock.until - clock.since)[gaps]
+        spans = [f"{a:.6g} to {b:.6g} s" for a, b in zip(clock.since, clock.until, strict=True)]
+        shown = ", ".join(np.array(spans)[gaps][:5]) + (" …" if gaps.sum() > 5 else "")
+        told.append(
+            f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to {1e3 * length.max():.4g} ms "
+            f"({shown}): no filter reaches across"
+        )
+    sizes = clock.segments(longest)
+    short = sizes[sizes < shortest]
+    if len(short) == len(sizes):
+        raise RecordingError(
+            f"has no stretch of {shortest} samples without a gap; the longest has "
+            f"{sizes.max()}, between {_places(len(sizes) - 1)} where rows are missing or time "
+            "starts again",
+            where=str(table.path),
+            cure="record without gaps, or lower the rate at which the logger falls behind; a "
+            "higher --cutoff needs shorter stretches",
+        )
+    if short.size:
+        told.append(
+            f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
+            f"{shortest} samples that the filter needs, and left out: "
+            f"{100 * short.sum() / sizes.sum():.2g} % of the recording"
+        )
+    return told
+
+
+def _row(table: Table, rows: Int[np.ndarray, " rows"]) -> str:
+    """The first of some rows, counted from 0, as a user counts it."""
+    place = table.row_place(table.first_row + int(rows[0]))
+    return place.removeprefix(f"{table.path}, ")
+
+
+def _rows(count: int) -> str:
+    return "1 row is" if count == 1 else f"{count} rows are"
+
+
+def _places(count: int) -> str:
+    return "1 place" if count == 1 else f"{count} places"

@@ -1,0 +1,205 @@
+"""What is wrong with the time of a recording whose rows are not steady: a pass of its own."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from deltaid.recording.clock import Clock
+from deltaid.recording.grid import ROUNDED, place, usual_step
+from deltaid.recording.table import recut
+
+# Rows that are placed at once, and as many at either end of them whose places are not trusted.
+_SIZE, _EDGE = 1 << 16, 1024
+# A step so many times the usual one is a gap where samples are uneven.
+_GAP = 3.0
+# Of two times the one over which positions are rougher by less than this share explains them.
+_CLEAR = 0.7
+
+Rows = Float[np.ndarray, "rows channels"]
+Places = Int[np.ndarray, " kept"]
+
+
+def study(batches: Iterable[Rows], dof: int) -> Clock:
+    """The clock of a recording, from its rows: time, positions of the drives, other channels."""
+    notes = _Notes(dof)
+    for block, start, last in _blocks(batches):
+        notes.add(block, start, last=last)
+    return notes.clock()
+
+
+def _blocks(batches: Iterable[Rows]) -> Iterator[tuple[Rows, int, bool]]:
+    """Rows in blocks that share 2 · _EDGE, the number of the first one, and whether it is the
+    last block."""
+    before, start = np.zeros((0, 0)), 0
+    for rows in recut(batches, _SIZE):
+        if before.size:
+            yield before, start, False
+            start += len(before) - 2 * _EDGE
+            rows = np.concatenate([before[-2 * _EDGE :], rows])
+        before = rows
+    if before.size:
+        yield before, start, True
+
+
+@dataclass
+class _Reading:
+    """What rows say if their places are found in one way.
+
+    Attributes:
+        holes, lost, since, until: as of `Clock`, block by block.
+        extra: rows left out.
+        steps, total, squares: number and sum of periods [s], and of squares that give the jitter.
+    """
+
+    holes: list[np.ndarray] = field(default_factory=list[np.ndarray])
+    extra: list[np.ndarray] = field(default_factory=list[np.ndarray])
+    steps: int = 0
+    total: float = 0.0
+    squares: float = 0.0
+
+    def add(self, time: np.ndarray, kept: Places, lost: Places, own: range, start: int) -> None:
+        """Take in a block that begins with row `start`, as far as it speaks for its rows."""
+        at = np.flatnonzero((kept >= own.start) & (kept < own.stop) & (lost != 0))
+        stamps = time[kept[at - 1]], time[kept[at]]
+        self.holes.append(np.array([kept[at] + start, lost[at], *stamps]))
+        left_out = np.ones(len(time), dtype=bool)
+        left_out[kept] = False
+        self.extra.append(np.flatnonzero(left_out[own.start : own.stop]) + own.start + start)
+
+
+@dataclass
+class _Notes:
+    """Running state over blocks that overlap: both readings, and which one positions follow."""
+
+    dof: int
+    rows: int = 0
+    doubled: int = 0
+    even: _Reading = field(default_factory=_Reading)
+    uneven: _Reading = field(default_factory=_Reading)
+    rounded: bool = False
+    by_grid: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    by_stamps: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, block: Rows, start: int, *, last: bool) -> None:
+        """Take in a block; at its ends the blocks beside it speak for the rows."""
+        own = range(_EDGE if start else 0, len(block) if last else len(block) - _EDGE)
+        doubled = _doubled(block)
+        self.doubled += int(np.count_nonzero(doubled[own.start : own.stop]))
+        self.rows += len(own)
+        single = np.flatnonzero(~doubled)
+        self._read_even(block, single, own, start)
+        self._read_uneven(block[:, 0], single, own, start)
+
+    def _read_even(self, block: Rows, single: Places, own: range, start: int) -> None:
+        time = block[:, 0]
+        if not np.ptp(time[single]) > 0:  # nothing to tell places by
+            self.even.add(time, single, np.zeros_like(single), own, start)
+            return
+        grid = place(time[single])
+        kept, reading = single[grid.kept], self.even
+        reading.add(time, kept, grid.lost, own, start)
+        inside = (kept >= own.start) & (kept < own.stop)
+        off = grid.period * grid.off[inside]
+        reading.steps += off.size
+        reading.total += off.size * grid.period
+        reading.squares += float(off.size * np.var(off)) if off.size else 0.0
+        index = np.cumsum(1 + np.maximum(grid.lost, 0)).astype(float)
+        self._compare(index, time[kept] / grid.period, block[kept, 1 : 1 + self.dof], inside)
+
+    def _read_uneven(self, time: np.ndarray, single: Places, own: range, start: int) -> None:
+        stamps, reading = time[single], self.uneven
+        kept = single[np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])]
+        steps = np.diff(time[kept], prepend=time[kept[0]])
+        usual = float(np.median(steps[1:])) if len(steps) > 1 else 1.0
+        far = steps > _GAP * usual
+        lost = np.where(far, np.round(steps / usual) - 1, 0).astype(int)
+        reading.add(time, kept, lost, own, start)
+        near = steps[(kept >= max(own.start, 1)) & (kept < own.stop) & ~far]
+        reading.steps += near.size
+        reading.total += float(near.sum())
+        reading.squares += float(near.size * np.var(near)) / 2 if near.size else 0.0
+
+    def _compare(
+        self,
+        index: Float[np.ndarray, " kept"],
+        time: Float[np.ndarray, " kept"],
+        q: Float[np.ndarray, "kept dof"],
+        own: Bool[np.ndarray, " kept"],
+    ) -> None:
+        """Add up how rough positions are over the grid, and over the stamps [periods]."""
+        steps = np.diff(time)
+        self.rounded |= bool(len(steps) > ROUNDED * np.count_nonzero(steps))
+        if len(index) < 5:
+            return
+        close = [np.abs(index[4:] - index[:-4]) < 7, np.abs(time[4:] - time[:-4]) < 10]
+        nearest = np.minimum.reduce([steps[k : len(steps) - 3 + k] for k in range(4)])
+        inside = own[2:-2] & close[0] & close[1] & (nearest > 0.05)
+        grid, stamps = (np.abs(_rough(x, q)[inside]).sum(axis=0) for x in (index, time))
+        self.by_grid = self.by_grid + grid if self.by_grid.size else grid
+        self.by_stamps = self.by_stamps + stamps if self.by_stamps.size else stamps
+
+    @property
+    def is_even(self) -> bool | None:
+        """Whether positions follow the grid; None if they do not tell."""
+        if self.rounded:
+            return True
+        moving = (self.by_grid > 0) & (self.by_stamps > 0)
+        if not moving.any():
+            return None
+        ratio = self.by_stamps[moving] / self.by_grid[moving]
+        if ratio.max() > 1 / _CLEAR:
+            return True
+        return False if ratio.min() < _CLEAR else None
+
+    def clock(self) -> Clock:
+        """All of it together."""
+        even = self.is_even
+        reading = self.uneven if even is False else self.even
+        holes, lost, since, until = np.concatenate(reading.holes, axis=1)
+        return Clock(
+            period=reading.total / max(1, reading.steps),
+            rows=self.rows,
+            steady=False,
+            even=even,
+            jitter=float(np.sqrt(reading.squares / max(1, reading.steps))),
+            extra=np.concatenate(reading.extra),
+            doubled=self.doubled,
+            holes=holes.astype(int),
+            lost=lost.astype(int),
+            since=since,
+            until=until,
+        )
+
+
+def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
+    """Rows that only repeat the one before them, hardly later.
+
+    Where several rows share a stamp, equal rows of a robot that stands are no repetition.
+    """
+    equal = np.append(False, (block[1:, 1:] == block[:-1, 1:]).all(axis=1))
+    if not equal.any():
+        return equal
+    usual, sharing = usual_step(block[:, 0])
+    doubled = equal & (np.diff(block[:, 0], prepend=-np.inf) < 0.5 * usual)
+    if sharing > ROUNDED:
+        beside = np.append(equal[1:], False) | np.append(False, equal[:-1])
+        doubled &= ~beside
+    return doubled
+
+
+def _rough(
+    x: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"]
+) -> Float[np.ndarray, "inner dof"]:
+    """What the cubic through two rows before and two after each row misses it by."""
+    count = len(x) - 4
+    nodes = np.stack([x[k : k + count] for k in (0, 1, 3, 4)])
+    middle = x[2:-2]
+    missed = q[2:-2].copy()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for j, k in enumerate((0, 1, 3, 4)):
+            others = np.delete(nodes, j, axis=0)
+            weight = ((middle - others) / (nodes[j] - others)).prod(axis=0)
+            missed -= weight[:, None] * q[k : k + count]
+    return missed
