@@ -1,6 +1,8 @@
 """Arrays that numpy has saved: `.npy` is read where it lies, `.npz` member by member."""
 
 import math
+import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Generator, Mapping, Sequence
@@ -24,6 +26,7 @@ _END = ".npy"
 _DAMAGE = (
     ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError,
     RuntimeError, KeyError, TypeError, OverflowError, MemoryError, SyntaxError, IndexError,
+    tokenize.TokenError,
 )  # fmt: skip
 
 
@@ -200,7 +203,8 @@ def _header(file: Any) -> _Header:
     read = np.lib.format.read_array_header_1_0
     if version != (1, 0):
         read = np.lib.format.read_array_header_2_0
-    shape, by_columns, dtype = read(file)
+    with warnings.catch_warnings(action="ignore"):  # about headers that Python 2 wrote
+        shape, by_columns, dtype = read(file)
     if min(shape, default=0) < 0:
         raise ValueError(f"it claims the shape {shape}")
     return _Header(shape, by_columns, dtype)
