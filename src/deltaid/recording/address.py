@@ -23,6 +23,8 @@ class Field:
         shape: of its numbers; a length that only reading shows is None, and is one of samples.
         labels: names of its columns, such as those of joints, that may stand for their numbers.
         holds: what it holds if not numbers.
+        cure: what to do about that.
+        is_opaque: whether it may hold the numbers of a recording, but cannot be read.
         is_clock: whether it is read as seconds since the first row, as dates are.
     """
 
@@ -30,7 +32,9 @@ class Field:
     shape: tuple[int | None, ...] = (None,)
     labels: tuple[str, ...] = ()
     holds: str = ""
+    cure: str = "store it as numbers; times as seconds since the start"
     is_clock: bool = False
+    is_opaque: bool = False
 
     @property
     def wide(self) -> tuple[int, ...]:
@@ -39,7 +43,8 @@ class Field:
 
     def __str__(self) -> str:
         """The name, with the shape of what is more than a column, shortened."""
-        name = self.name if len(self.name) <= 40 else f"{self.name[:37]}…"
+        shown = "".join(c if c.isprintable() else "?" for c in self.name[:41])
+        name = shown if len(shown) <= 40 else f"{shown[:37]}…"
         if self.holds:
             return f"{name} ({self.holds})"
         if self.shape in ((), (None,)):
@@ -151,6 +156,8 @@ def _found(
     missing = [address for address, one in found if one is None]
     if missing:
         guess = near(fields, missing[0])
+        opaque = [field.cure for field in fields if field.is_opaque]
+        cure = opaque[0] if opaque else cure
         raise RecordingError(
             f"has no column {', '.join(missing)}; its columns are {listing(fields)}",
             where=where,
@@ -162,7 +169,7 @@ def _found(
             raise RecordingError(
                 f"column {field.name} holds {field.holds}, not numbers",
                 where=where,
-                cure="store it as numbers; times as seconds since the start",
+                cure=field.cure,
             )
     return known
 

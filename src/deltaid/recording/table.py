@@ -22,8 +22,6 @@ _START = 4096
 _FOREIGN = {
     b"PK\x03\x04": "an Excel workbook or a ZIP archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
-    b"MATLAB": "a MATLAB file",
-    b"\x89HDF": "an HDF5 file (or a MATLAB file of version 7.3)",
 }
 
 

@@ -1,0 +1,134 @@
+"""Recordings whose columns are numpy arrays, or what can be cut like them."""
+
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from deltaid.recording.address import Field, Pick
+from deltaid.recording.source import Rows, Table
+
+BATCH_ROWS = 1 << 16
+_SECONDS = {"D": 86400.0, "h": 3600.0, "m": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+@runtime_checkable
+class Cut(Protocol):
+    """An array of which parts are read, in the order of its samples."""
+
+    def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class ArrayTable(Table):
+    """A file of arrays, read in steps along the samples."""
+
+    @abstractmethod
+    def arrays(self, picks: Sequence[Pick]) -> AbstractContextManager[Mapping[str, Cut]]:
+        """The arrays of these columns by their names, readable while the context lasts.
+
+        Raises:
+            RecordingError: the file is damaged.
+        """
+
+    def step(self, arrays: Mapping[str, Cut], picks: Sequence[Pick]) -> int:
+        """How many samples are read at a time."""
+        return BATCH_ROWS
+
+    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
+        """As in `Table.rows`."""
+        picks = self.picks(columns)
+        samples = picks[0].samples or 0
+        clocks = {pick.field.name: _Clock() for pick in picks if pick.field.is_clock}
+        with self.arrays(picks) as arrays:
+            step = self.step(arrays, picks)
+            for start in range(0, samples, step):
+                parts = _cut(arrays, picks, start, min(start + step, samples))
+                numbers = [
+                    clocks[pick.field.name].seconds(part) if pick.field.is_clock else part
+                    for pick, part in zip(picks, parts, strict=True)
+                ]
+                yield Rows(numbers, numbers)
+
+
+def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[Field]:
+    """What an array holds; the entries of a structured one under names of their own."""
+    if dtype.names:
+        for entry, inner in entries_of_type(dtype).items():
+            yield from fields_of(f"{name}.{entry}", shape, inner)
+    elif dtype.subdtype:
+        base, inner = dtype.subdtype
+        yield from fields_of(name, (*shape, *inner), base)
+    elif dtype.kind == "M" and np.datetime_data(dtype)[0] in _SECONDS:
+        yield Field(name, shape, is_clock=True)
+    elif dtype.kind in "iuf":
+        yield Field(name, shape)
+    else:
+        yield Field(name, shape, holds=_KINDS.get(dtype.kind, str(dtype)[:40]))
+
+
+_KINDS = {
+    "S": "text",
+    "U": "text",
+    "O": "objects, which are never loaded",
+    "b": "truth values",
+    "c": "complex numbers",
+    "M": "dates",
+    "m": "durations",
+}
+
+
+def entries_of_type(dtype: np.dtype[Any]) -> dict[str, np.dtype[Any]]:
+    """The entries of a structured type, in order."""
+    fields: Any = dtype.fields
+    return {name: fields[name][0] for name in dtype.names or ()}
+
+
+def entries_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays behind the names of `fields_of`, without a copy."""
+    if not array.dtype.names:
+        return {name: array}
+    parts: dict[str, np.ndarray] = {}
+    for entry in array.dtype.names:
+        parts |= entries_of(f"{name}.{entry}", array[entry])
+    return parts
+
+
+def _cut(
+    arrays: Mapping[str, Cut], picks: Sequence[Pick], start: int, stop: int
+) -> Iterable[np.ndarray]:
+    """Columns from one sample to another; each array is read once."""
+    together: dict[tuple[str, int], list[Pick]] = {}
+    for pick in picks:
+        together.setdefault((pick.field.name, pick.axis), []).append(pick)
+    blocks: dict[tuple[str, int], tuple[np.ndarray, list[int]]] = {}
+    for key, same in together.items():
+        first = [min(pick.at[a] or 0 for pick in same) for a in range(len(same[0].at))]
+        last = [max(pick.at[a] or 0 for pick in same) for a in range(len(same[0].at))]
+        index = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]
+        index[key[1]] = slice(start, stop)
+        blocks[key] = arrays[key[0]][tuple(index)], first
+    for pick in picks:
+        block, first = blocks[pick.field.name, pick.axis]
+        at = [slice(None) if i is None else i - low for i, low in zip(pick.at, first, strict=True)]
+        yield block[tuple(at)]
+
+
+class _Clock:
+    """Dates as seconds since the first one, from whole numbers."""
+
+    def __init__(self) -> None:
+        self._origin: np.datetime64 | None = None
+
+    def seconds(self, dates: np.ndarray) -> np.ndarray:
+        """Of consecutive rows; NaN where there is no date."""
+        if self._origin is None:
+            self._origin = dates[0]
+        unit, count = np.datetime_data(dates.dtype)
+        since = dates - self._origin
+        seconds = since.astype(np.int64) * (count * _SECONDS[unit])
+        seconds[np.isnat(since)] = np.nan
+        return seconds

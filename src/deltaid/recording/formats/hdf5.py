@@ -1,0 +1,239 @@
+"""HDF5 by h5py, in slices; MATLAB files of version 7.3 are such files too."""
+
+import math
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltaid.errors import RecordingError
+from deltaid.recording.address import Field, Pick
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.formats.arrays import BATCH_ROWS, ArrayTable, Cut, entries_of_type, fields_of
+from deltaid.recording.formats.library import library
+from deltaid.recording.formats.mat5 import matlab_object
+from deltaid.recording.source import Table, first_line, readable
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# A user block, such as that of MATLAB, may come first.
+_STARTS = (0, 512, 1024, 2048)
+# Fields that are looked at, and levels of groups.
+_MOST, _DEEPEST = 2000, 16
+# Of one chunk, which is unpacked as a whole [bytes].
+_LARGEST_CHUNK = 1 << 30
+# Times that deflate, the usual filter, makes numbers smaller at best.
+_BEST_RATIO = 1100
+# Less than this may be claimed of nothing stored: zeros [bytes].
+_ALWAYS_SANE = 1 << 28
+# For chunks between two cuts, each dataset's, and for the cuts themselves [bytes].
+_CACHE, _HELD = 1 << 24, 1 << 27
+# What h5py raises over damaged files.
+_DAMAGE = (
+    OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError,
+    MemoryError, IndexError,
+)  # fmt: skip
+_PLAIN = (
+    "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64",
+    "logical", "char", "struct", "cell",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hdf5:
+    """The format."""
+
+    name = "an HDF5 file"
+    suffixes = (".h5", ".hdf5", ".hdf", ".he5", ".nc")
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """By its signature."""
+        return any(start[at:].startswith(_SIGNATURE) for at in _STARTS)
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """Its groups and datasets."""
+        with _opened(path) as file:
+            found = _Contents(file)
+            return Hdf5Table(path, tuple(found.fields), found.places, found.by_matlab)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where the numbers of a field are.
+
+    Attributes:
+        dataset: its path in the file, or a reference to it.
+        entry: of a compound type: names from outside to inside.
+    """
+
+    dataset: Any
+    entry: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Hdf5Table(ArrayTable):
+    """An open HDF5 file, of which a few chunks are in memory at a time."""
+
+    places: dict[str, _Place]
+    by_matlab: bool
+
+    @contextmanager
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
+        """As in `ArrayTable.arrays`."""
+        with _opened(self.path) as file:
+            yield {
+                name: _Dataset(file, self.places[name], self.by_matlab, f"{self.path}, {name}")
+                for name in {pick.field.name for pick in picks}
+            }
+
+    def step(self, arrays: Mapping[str, Cut], picks: Sequence[Pick]) -> int:
+        """Whole chunks, so that each is unpacked once, as long as they fit into memory."""
+        step = row = 0
+        for name, axis in {(pick.field.name, pick.axis) for pick in picks}:
+            dataset = arrays[name]
+            assert isinstance(dataset, _Dataset)
+            step = max(step, dataset.chunk(axis))
+            row += dataset.row_bytes(axis)
+        if not step or step * row > _HELD:
+            return BATCH_ROWS
+        return -(-BATCH_ROWS // step) * step
+
+
+class _Dataset:
+    """A dataset whose parts are read when they are asked for."""
+
+    def __init__(self, file: Any, place: _Place, reverse: bool, where: str) -> None:
+        self._dataset = file[place.dataset]
+        self._entry, self._reverse = place.entry, reverse
+        self._require_sane(where)
+
+    def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray:
+        outer = index[: self._dataset.ndim]
+        if self._entry:
+            part = self._dataset.fields(self._entry[0])[outer]
+            for name in self._entry[1:]:
+                part = part[name]
+            return part[(slice(None),) * len(outer) + index[len(outer) :]]
+        return self._dataset[outer[::-1]].T if self._reverse else self._dataset[outer]
+
+    def chunk(self, axis: int) -> int:
+        """Samples in a chunk; 0 if the dataset lies in one piece."""
+        chunks = self._dataset.chunks
+        if not chunks or axis >= len(chunks):
+            return 0
+        return (chunks[::-1] if self._reverse else chunks)[axis]
+
+    def row_bytes(self, axis: int) -> int:
+        """Of one sample, all columns."""
+        samples = (self._dataset.shape[::-1] if self._reverse else self._dataset.shape)[axis]
+        return self._dataset.nbytes // max(samples, 1)
+
+    def _require_sane(self, where: str) -> None:
+        """Refuse sizes that only a damaged header claims, before memory is asked for."""
+        dataset = self._dataset
+        chunk = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
+        stored = dataset.id.get_storage_size()
+        if chunk > _LARGEST_CHUNK or dataset.nbytes > max(stored * _BEST_RATIO, _ALWAYS_SANE):
+            raise RecordingError(
+                f"claims {dataset.nbytes:.3g} bytes in chunks of {chunk:.3g}, but "
+                f"{stored:.3g} are stored",
+                where=where,
+                cure="it is damaged or was never written; copy or export it again, in chunks of at "
+                f"most {_LARGEST_CHUNK >> 20} MB",
+            )
+
+
+@contextmanager
+def _opened(path: Path) -> Generator[Any, None, None]:
+    """A file of h5py; what it says about a damaged one becomes a message."""
+    h5py = library("h5py", "an HDF5 file", path)
+    with readable(path), path.open("rb"):
+        pass
+    try:
+        with h5py.File(path, "r", rdcc_nbytes=_CACHE) as file:
+            yield file
+    except RecordingError:
+        raise
+    except _DAMAGE as error:
+        reason = first_line(error)
+        cure = "copy or export it again"
+        if "filter" in reason:
+            cure = "h5repack -f GZIP=4 OLD NEW writes it with a compression that is always there"
+        raise RecordingError(
+            f"is a damaged HDF5 file, or cannot be read: {reason}", where=str(path), cure=cure
+        ) from None
+
+
+class _Contents:
+    """What a file holds: fields, and the places of their numbers."""
+
+    def __init__(self, file: Any) -> None:
+        self.fields: list[Field] = []
+        self.places: dict[str, _Place] = {}
+        self.by_matlab = file.userblock_size >= 512 and _is_by_matlab(file.filename)
+        self._file = file
+        self._walk("", file, 0)
+
+    def _walk(self, name: str, group: Any, depth: int) -> None:
+        """All that is in a group, by hard links only: others may lead to other files."""
+        for key in group:
+            hidden = self.by_matlab and not depth and key.startswith("#")
+            if hidden or len(self.fields) > _MOST or depth > _DEEPEST:
+                continue
+            if type(group.get(key, getlink=True)).__name__ != "HardLink":
+                continue
+            mark = ("." if self.by_matlab else "/") if name else ""
+            self._add(f"{name}{mark}{key}", group[key], depth)
+
+    def _add(self, name: str, item: Any, depth: int) -> None:
+        kind = _matlab_class(item) if self.by_matlab else ""
+        if kind and (kind not in _PLAIN or "MATLAB_object_decode" in item.attrs):
+            self.fields.append(matlab_object(name, kind))
+        elif not hasattr(item, "shape"):
+            if hasattr(item, "keys"):
+                self._walk(name, item, depth + 1)
+        elif item.dtype.kind == "O" and self.by_matlab:
+            self._follow(name, item, depth)
+        elif item.is_virtual or item.external:
+            self.fields.append(Field(name, item.shape, holds="numbers kept in other files"))
+        elif item.shape is not None:
+            self._add_dataset(name, item)
+
+    def _add_dataset(self, name: str, item: Any) -> None:
+        shape = item.shape[::-1] if self.by_matlab else item.shape
+        for field in fields_of(name, shape, item.dtype):
+            entry = field.name[len(name) + 1 :]
+            self.fields.append(field)
+            self.places[field.name] = _Place(item.name or item.ref, _entry(item.dtype, entry))
+
+    def _follow(self, name: str, item: Any, depth: int) -> None:
+        """The members of a MATLAB cell or of a field of a struct array, by their numbers.
+
+        The number stands before the field: `signals[0].values`.
+        """
+        base, mark, last = name.rpartition(".")
+        in_struct = mark and _matlab_class(item) != "cell"
+        for i, reference in enumerate(item[()].T.ravel()[:_MOST]):
+            if depth <= _DEEPEST:
+                numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
+                self._add(numbered, self._file[reference], depth + 1)
+
+
+def _entry(dtype: np.dtype[Any], name: str) -> tuple[str, ...]:
+    """The names along the way to an entry of a compound type."""
+    for first, inner in entries_of_type(dtype).items():
+        if f"{name}.".startswith(f"{first}."):
+            return first, *_entry(inner, name[len(first) + 1 :])
+    return ()
+
+
+def _is_by_matlab(path: str) -> bool:
+    with open(path, "rb") as file:
+        return file.read(6) == b"MATLAB"
+
+
+def _matlab_class(item: Any) -> str:
+    kind = item.attrs.get("MATLAB_class", b"")
+    return kind.decode("ascii", "replace") if isinstance(kind, bytes) else ""

@@ -1,0 +1,84 @@
+"""MATLAB files of versions 5 to 7; those of 7.3 are HDF5.
+
+What a variable holds is found from its headers. Numbers are read where they lie in the file, or
+from the whole variable in memory if it is compressed, as MATLAB does unless told otherwise.
+"""
+
+import mmap
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from deltaid.errors import RecordingError
+from deltaid.recording.address import Field, Pick
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.formats.arrays import ArrayTable, Cut
+from deltaid.recording.formats.mat5 import Damaged, Numbers, Variable, contents, variables
+from deltaid.recording.source import Table, opened
+
+
+@dataclass(frozen=True)
+class Matlab:
+    """The format."""
+
+    name = "a MATLAB file"
+    suffixes = (".mat",)
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """By its signature."""
+        return start.startswith(b"MATLAB") or start[126:128] in (b"IM", b"MI")
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """Its variables, and what structs and cells hold."""
+        fields: list[Field] = []
+        places: dict[str, tuple[Variable, Numbers]] = {}
+        with _mapped(path) as data:
+            for variable in variables(data):
+                for name, held in contents(data, variable):
+                    if isinstance(held, Numbers):
+                        fields.append(Field(name, held.shape))
+                        places.setdefault(name, (variable, held))
+                    else:
+                        fields.append(held)
+        return MatlabTable(path, tuple(fields), places)
+
+
+@dataclass(frozen=True)
+class MatlabTable(ArrayTable):
+    """An open MATLAB file: compressed variables are in memory, others in the file."""
+
+    places: dict[str, tuple[Variable, Numbers]]
+
+    @contextmanager
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
+        """As in `ArrayTable.arrays`."""
+        names = {pick.field.name for pick in picks}
+        used = {self.places[name][0] for name in names}
+        with _mapped(self.path) as data:
+            unpacked = {variable: variable.unpacked(data) for variable in used}
+            yield {
+                name: numbers.array(unpacked[variable])
+                for name in names
+                for variable, numbers in (self.places[name],)
+            }
+
+
+@contextmanager
+def _mapped(path: Path) -> Generator[memoryview, None, None]:
+    """The bytes of a file, which are read when they are used.
+
+    Raises:
+        RecordingError: it is damaged, with the place.
+    """
+    with opened(path) as file:
+        # Arrays cut out of the map keep it, so it is closed when they are gone.
+        data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+        try:
+            yield data
+        except Damaged as error:
+            raise RecordingError(
+                f"is a damaged MATLAB file: {error}",
+                where=str(path),
+                cure="copy it again, or save it again with save('log.mat', '-v7')",
+            ) from None

@@ -1,0 +1,210 @@
+"""Arrays that numpy has saved: `.npy` is read where it lies, `.npz` member by member."""
+
+import math
+import tokenize
+import warnings
+import zipfile
+import zlib
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltaid.errors import RecordingError
+from deltaid.recording.address import Field, Pick
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.formats.arrays import ArrayTable, Cut, entries_of, fields_of
+from deltaid.recording.source import Table, first_line, opened
+
+# The one array of a .npy file is called so.
+_ONLY = "array"
+_END = ".npy"
+# What numpy and zipfile raise over damaged files.
+_DAMAGE = (
+    ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError,
+    RuntimeError, KeyError, TypeError, OverflowError, MemoryError, SyntaxError, IndexError,
+    tokenize.TokenError,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Npy:
+    """The format of one array."""
+
+    name = "a NumPy file"
+    suffixes = (".npy",)
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """By its signature."""
+        return start.startswith(b"\x93NUMPY")
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """Its header: one array called `array`, or the columns of a structured one."""
+        with _damage(path), opened(path) as file:
+            header = _header(file)
+            size = path.stat().st_size - file.tell()
+            if header.bytes > size:
+                raise ValueError(f"claims {header.bytes} bytes, but has {size}")
+        return NpyTable(path, tuple(header.fields("" if header.dtype.names else _ONLY)))
+
+
+@dataclass(frozen=True)
+class NpyTable(ArrayTable):
+    """An open .npy file, which stays on the disk."""
+
+    @contextmanager
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
+        """As in `ArrayTable.arrays`."""
+        with _damage(self.path):
+            array = np.load(self.path, mmap_mode="r", allow_pickle=False)
+        parts = entries_of("" if array.dtype.names else _ONLY, array)
+        yield {name.removeprefix("."): part for name, part in parts.items()}
+
+
+@dataclass(frozen=True)
+class Npz:
+    """The format of several arrays."""
+
+    name = "a NumPy archive"
+    suffixes = (".npz",)
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """By the name of the first member."""
+        length = int.from_bytes(start[26:28], "little")
+        return start.startswith(b"PK\3\4") and start[30 : 30 + length].endswith(_END.encode())
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """The headers of its arrays."""
+        fields: list[Field] = []
+        with _archive(path) as archive:
+            for member in _arrays_of(archive):
+                with archive.open(member) as file:
+                    header = _header(file)
+                _require_sane(header, member)
+                fields += header.fields(member.filename.removesuffix(_END))
+        return NpzTable(path, tuple(fields))
+
+
+@dataclass(frozen=True)
+class NpzTable(ArrayTable):
+    """An open archive: arrays with a sample a row are streamed, others are in memory."""
+
+    @contextmanager
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
+        """As in `ArrayTable.arrays`."""
+        axes: dict[str, set[int]] = {}
+        for pick in picks:
+            axes.setdefault(pick.field.name, set()).add(pick.axis)
+        with _archive(self.path) as archive, ExitStack() as members:
+            found: dict[str, Cut] = {}
+            for member in _arrays_of(archive):
+                base = member.filename.removesuffix(_END)
+                used = [name for name in axes if f"{name}.".startswith(f"{base}.")]
+                if not used:
+                    continue
+                file = members.enter_context(archive.open(member))
+                stream = _Stream(file)
+                if axes.get(base) == {0} and stream.is_by_rows:
+                    found.setdefault(base, stream)
+                else:
+                    found = entries_of(base, stream.whole()) | found
+            yield found
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What stands before the numbers of an array."""
+
+    shape: tuple[int, ...]
+    by_columns: bool
+    dtype: np.dtype[Any]
+
+    @property
+    def bytes(self) -> int:
+        """Of the numbers."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def fields(self, name: str) -> list[Field]:
+        """What the array holds."""
+        found = fields_of(name, self.shape, self.dtype)
+        return [replace(field, name=field.name.removeprefix(".")) for field in found]
+
+
+class _Stream:
+    """An array that is read from its beginning to its end."""
+
+    def __init__(self, file: Any) -> None:
+        self._file, self._header, self._row = file, _header(file), 0
+        self.is_by_rows = not self._header.by_columns or len(self._header.shape) == 1
+
+    def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray:
+        rows = index[0]
+        assert rows.start == self._row, "rows come in order"
+        self._row = rows.stop
+        part = self._read((rows.stop - rows.start, *self._header.shape[1:]))
+        return part[(slice(None), *index[1:])]
+
+    def whole(self) -> np.ndarray:
+        """All of it."""
+        shape = self._header.shape
+        if not self._header.by_columns:
+            return self._read(shape)
+        return self._read(shape[::-1]).T
+
+    def _read(self, shape: tuple[int, ...]) -> np.ndarray:
+        size = math.prod(shape) * self._header.dtype.itemsize
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EOFError("an array is cut off")
+        return np.frombuffer(data, self._header.dtype).reshape(shape)
+
+
+def _arrays_of(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+    return [member for member in archive.infolist() if member.filename.endswith(_END)]
+
+
+@contextmanager
+def _archive(path: Path) -> Generator[zipfile.ZipFile, None, None]:
+    with _damage(path), opened(path) as file, zipfile.ZipFile(file) as archive:
+        yield archive
+
+
+@contextmanager
+def _damage(path: Path) -> Generator[None, None, None]:
+    """Turn what is raised over a damaged file into one message."""
+    try:
+        yield
+    except _DAMAGE as error:
+        raise RecordingError(
+            f"is a damaged NumPy file: {first_line(error) or type(error).__name__}",
+            where=str(path),
+            cure="copy it again, or save it again with numpy.save or numpy.savez",
+        ) from None
+
+
+def _require_sane(header: _Header, member: zipfile.ZipInfo) -> None:
+    """Refuse an array that cannot be in what is stored, before memory is asked for."""
+    if header.bytes > member.file_size or member.file_size > (member.compress_size + 100) * 1100:
+        raise ValueError(
+            f"{member.filename} claims {header.bytes} bytes, but has {member.compress_size}"
+        )
+
+
+def _header(file: Any) -> _Header:
+    """The header of an array.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0
+    if version != (1, 0):
+        read = np.lib.format.read_array_header_2_0
+    with warnings.catch_warnings(action="ignore"):  # about headers that Python 2 wrote
+        shape, by_columns, dtype = read(file)
+    if min(shape, default=0) < 0:
+        raise ValueError(f"it claims the shape {shape}")
+    return _Header(shape, by_columns, dtype)

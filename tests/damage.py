@@ -1,0 +1,113 @@
+"""Damaged files: what may happen to bytes on their way, and what opening them may come to."""
+
+import random
+import resource
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deltaid.errors import DeltaidError
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.log import open_log
+
+_EDGE = 4096
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """The bytes of a file cut off, with bits flipped, ranges zeroed, filled, or exchanged.
+
+    Half of the damage is near the ends, where headers and tables of contents are.
+    """
+    held = bytearray(data)
+    for _ in range(rng.choice((1, 1, 1, 2, 5))):
+        at, size = _place(held, rng), rng.choice((1, 4, 8, 64, 512))
+        match rng.randrange(6):
+            case 0:
+                del held[at:]
+            case 1 | 2:
+                for _ in range(rng.choice((1, 1, 3, 30))):
+                    held[_place(held, rng)] ^= 1 << rng.randrange(8)
+            case 3:
+                held[at : at + size] = bytes(len(held[at : at + size]))
+            case 4:
+                held[at : at + size] = b"\xff" * len(held[at : at + size])
+            case _:
+                other = _place(held, rng)
+                size = min(size, len(held) - max(at, other))
+                first, second = held[at : at + size], held[other : other + size]
+                held[at : at + size], held[other : other + size] = second, first
+        if not held:
+            break
+    return bytes(held)
+
+
+def _place(held: bytearray, rng: random.Random) -> int:
+    edge = min(_EDGE, len(held))
+    first = rng.choice((0, 0, len(held) - edge, None, None))
+    return rng.randrange(len(held)) if first is None else first + rng.randrange(edge)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What opening a file came to.
+
+    Attributes:
+        end: 'refused', 'read' if every number is as it was, or 'altered': no kind of file has a
+            checksum over everything.
+        message: of a refusal.
+        seconds: that it took.
+        megabytes: by which the largest memory of the process grew.
+    """
+
+    end: str
+    message: str
+    seconds: float
+    megabytes: float
+
+
+def outcome(
+    path: Path, columns: ColumnMapping | None, rows: np.ndarray, kinematics: Kinematics
+) -> Outcome:
+    """Open a file and read all of it.
+
+    Raises:
+        Exception: whatever is not the package's own error.
+    """
+    start, memory = time.monotonic(), _peak()
+    end, message = "altered", ""
+    try:
+        log = open_log(path, kinematics, columns)
+        values = np.concatenate([batch.values for batch in log.batches()])
+        if np.array_equal(values[:, : rows.shape[1]], rows):
+            end = "read"
+    except DeltaidError as error:
+        end, message = "refused", str(error)
+    return Outcome(end, message, time.monotonic() - start, _peak() - memory)
+
+
+def complaint(found: Outcome, path: Path) -> str:
+    """What is wrong with an outcome; empty if nothing is."""
+    if found.end == "refused":
+        if not found.message.startswith(str(path)):
+            return f"names no place: {found.message}"
+        if "→" not in found.message:
+            return f"names no cure: {found.message}"
+        if not found.message.isprintable() and any(
+            not c.isprintable() and c != "\n" for c in found.message
+        ):
+            return f"cannot be printed: {found.message!r}"
+    if found.seconds > 10:
+        return f"took {found.seconds:.1f} s"
+    if found.megabytes > 1000:
+        return f"took {found.megabytes:.0f} MB"
+    return ""
+
+
+def _peak() -> float:
+    """Largest memory of this process so far [MB]."""
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (1 << 20 if sys.platform == "darwin" else 1 << 10)
