@@ -151,7 +151,7 @@ def open_log(
         raise RecordingError(
             f"has no torque columns; its columns are {listing(table.fields)}",
             where=table.header_place,
-            cure="name them tau1, tau2, … or declare them with --columns MAPPING.yaml",
+            cure=table.cure_without_torque,
         )
     survey = Survey(table, columns, kinematics)
     survey.warnings += table.warnings

@@ -99,6 +99,11 @@ class Table:
             "q, tau, or say which is which with --columns MAPPING.yaml"
         )
 
+    @property
+    def cure_without_torque(self) -> str:
+        """What to do if no torques are among the default columns."""
+        return "name them tau1, tau2, … or declare them with --columns MAPPING.yaml"
+
     def cure(self, written: str) -> str:
         """What to do about a field that is no number."""
         return "remove or repair such rows; deltaid does not fill gaps"

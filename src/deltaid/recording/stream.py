@@ -65,6 +65,19 @@ def skip(stream: io.BufferedReader, size: int) -> None:
         size -= read
 
 
+def unzstd(data: bytes, path: Path) -> bytes:
+    """One piece of a file that is compressed by zstd for itself.
+
+    Raises:
+        RecordingError: it is damaged, or the library for it is missing.
+    """
+    new, damaged = _zstd(path)
+    try:
+        return new().decompress(data)
+    except damaged as error:
+        raise _damaged(path, f"has damaged zstd data: {error}") from None
+
+
 class _Chunks(io.RawIOBase):
     """Chunks of bytes as a file."""
 

@@ -6,6 +6,15 @@ from deltaid.recording.formats.hdf5 import Hdf5
 from deltaid.recording.formats.matlab import Matlab
 from deltaid.recording.formats.npy import Npy, Npz
 from deltaid.recording.formats.parquet import Parquet
+from deltaid.recording.formats.rosbag import RosBag
 
 # In the order in which they are asked; CSV, which has no signature, takes what is left.
-FORMATS: tuple[Format, ...] = (Parquet(), Hdf5(), Matlab(), Npy(), Npz(), Csv())
+FORMATS: tuple[Format, ...] = (
+    Parquet(),
+    Hdf5(),
+    Matlab(),
+    Npy(),
+    Npz(),
+    RosBag(),
+    Csv(),
+)

@@ -1,0 +1,157 @@
+"""Messages of a bag as bytes, whichever of the kinds of bags it is.
+
+What lies compressed on the disk, or under a name by which rosbags does not know it, is unpacked
+into a temporary folder each time it is read.
+"""
+
+import shutil
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from deltaid.errors import RecordingError
+from deltaid.recording.source import first_line, opened
+from deltaid.recording.stream import content, unzstd
+
+_ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+_SUFFIXES = {_ROS_1: ".bag", _MCAP: ".mcap", _SQLITE: ".db3"}
+_MENDS = {
+    ".bag": "copy it again; if its recording was cut off, `rosbag reindex FILE` mends it",
+    ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` mends it",
+}
+_MENDS_FOLDER = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` mends it"
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_CHUNK = 4096
+
+# When it was received [ns], and its bytes.
+Message = tuple[int, bytes]
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag that is open.
+
+    Attributes:
+        topics: names and types.
+        cdr: whether messages are in the encoding of ROS 2; else in that of ROS 1.
+    """
+
+    path: Path
+    topics: dict[str, str]
+    cdr: bool
+    _reader: Any
+
+    def messages(self, topics: list[str]) -> Iterator[list[tuple[str, int, bytes]]]:
+        """All messages of some topics, in pieces: topic, when it was received [ns], its bytes.
+
+        Raises:
+            RecordingError: the bag is damaged.
+        """
+        with _told(self.path):
+            wanted = [
+                one
+                for one in self._reader.connections
+                if one.topic in topics and one.msgtype == self.topics[one.topic]
+            ]
+            # Without any, rosbags would give the messages of all topics.
+            found: Iterator[Any] = self._reader.messages(connections=wanted) if wanted else iter(())
+        while True:
+            with _told(self.path):
+                chunk = [(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
+                if chunk and chunk[0][2].startswith(_ZSTD):
+                    chunk = [(topic, time, unzstd(raw, self.path)) for topic, time, raw in chunk]
+            if not chunk:
+                return
+            yield chunk
+
+
+def is_bag(start: bytes, path: Path) -> bool:
+    """Whether a file is a bag by its first bytes, or a folder holds one."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() or bool(storage(path))
+    return any(start.startswith(signature) for signature in _SUFFIXES)
+
+
+@contextmanager
+def opened_bag(path: Path) -> Generator[Bag, None, None]:
+    """A bag open for reading.
+
+    Raises:
+        RecordingError: it is damaged, or the library rosbags is not installed.
+    """
+    try:
+        from rosbags import rosbag1, rosbag2
+    except ModuleNotFoundError:
+        raise RecordingError(
+            "is a ROS bag, and the library rosbags is not installed",
+            where=str(path),
+            cure="pip install 'deltaid[formats]'",
+        ) from None
+    with ExitStack() as stack:
+        place = stack.enter_context(_as_rosbags_knows_it(path))
+        with _told(path):
+            cdr = place.suffix != ".bag"
+            reader: Any = stack.enter_context(
+                rosbag2.Reader(place) if cdr else rosbag1.Reader(place)
+            )
+            topics = {one.topic: one.msgtype for one in reader.connections}
+        yield Bag(path, topics, cdr, reader)
+
+
+@contextmanager
+def _as_rosbags_knows_it(path: Path) -> Generator[Path, None, None]:
+    """A folder with metadata, or a file that is not compressed and has the suffix of its kind."""
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        found = storage(path)
+        if len(found) != 1:
+            raise RecordingError(
+                f"holds {len(found)} files of a bag, but no metadata.yaml that joins them",
+                where=str(path),
+                cure="copy the whole folder, or run `ros2 bag reindex FOLDER`",
+            )
+        path = found[0]
+    if path.is_dir():
+        yield path
+        return
+    with content(path) as unpacked, opened(path) as packed:
+        start = unpacked.peek(16)
+        suffix = next((end for sign, end in _SUFFIXES.items() if start.startswith(sign)), "")
+        as_it_is = suffix == path.suffix and packed.read(len(start)) == start
+    if as_it_is or not suffix:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        place = Path(folder, f"bag{suffix}")
+        with content(path) as unpacked, place.open("wb") as file:
+            shutil.copyfileobj(unpacked, file, 1 << 20)
+        yield place
+
+
+def storage(folder: Path) -> list[Path]:
+    """The files of messages in a folder."""
+    ends = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+    return sorted(one for one in folder.iterdir() if one.name.endswith(ends))
+
+
+@contextmanager
+def _told(path: Path) -> Generator[None, None, None]:
+    """Turn whatever comes out of the libraries that unpack a bag into one message.
+
+    Over damaged bytes they fail with assertions, lookups, struct and codec errors of their own, so
+    nothing less than all exceptions is caught; only calls of these libraries stand under this.
+    """
+    try:
+        yield
+    except RecordingError:
+        raise
+    except Exception as error:
+        said = first_line(error) or type(error).__name__
+        raise RecordingError(
+            f"cannot be read as a ROS bag: {said}",
+            where=str(path),
+            cure=_MENDS.get(path.suffix, _MENDS_FOLDER),
+        ) from None

@@ -1,0 +1,242 @@
+"""ROS 1 bags, ROS 2 bags in SQLite or MCAP, and MCAP files: states of joints, by name."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import RecordingError
+from deltaid.recording.address import Field, Pick, find, listing
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.formats.bag_reader import is_bag, opened_bag, storage
+from deltaid.recording.formats.joint_topics import (
+    Topic,
+    damaged,
+    default_columns,
+    mapping_lines,
+    topics_of,
+)
+from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
+from deltaid.recording.resampling import Signal, fastest, merge
+from deltaid.recording.source import Rows, Table, opened
+
+# Names of the times: of the headers, and of the receipt.
+_STAMPED, _RECEIVED = "t", "received"
+
+
+@dataclass(frozen=True)
+class RosBag:
+    """The format."""
+
+    name = "a ROS bag"
+    suffixes = (".bag", ".db3", ".mcap")
+
+    def claims(self, start: bytes, path: Path) -> bool:
+        """Whether it is a file or a folder of a bag."""
+        return is_bag(start, path)
+
+    def open(self, path: Path, mapping: ColumnMapping) -> Table:
+        """The topics of joint states, as their first messages show them.
+
+        Raises:
+            RecordingError: it is damaged, or holds no joint states.
+        """
+        with opened_bag(path) as bag:
+            topics = topics_of(bag)
+        names = default_columns(topics)
+        taken = [joint for _, (quantity, joint) in names.values() if quantity == "position"]
+        said = [f"joints {', '.join(taken)} are taken for drives 1 to {len(taken)}"] * bool(taken)
+        arrays = [one for topic in topics for one in topic.fields]
+        return BagTable(
+            path,
+            (Field(_STAMPED), *map(Field, names), *arrays, Field(_RECEIVED)),
+            {topic.name: topic for topic in topics},
+            names,
+            warnings=tuple(said),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Some messages of a topic: when they were sent or received [s], and the numbers wanted."""
+
+    topic: str
+    time: Float[np.ndarray, " messages"]
+    values: Float[np.ndarray, "messages wanted"]
+
+
+@dataclass(frozen=True)
+class BagTable(Table):
+    """An open bag.
+
+    Of one topic some thousand messages are in memory at a time. Topics that are used together have
+    clocks of their own, so the columns in use are in memory as a whole then.
+
+    Attributes:
+        topics: of joint states, by name.
+        names: default names of columns, where names of joints leave no doubt.
+        noticed: what the last pass over all rows noticed.
+    """
+
+    topics: dict[str, Topic]
+    names: dict[str, tuple[str, Number]]
+    noticed: list[str] = field(default_factory=list[str], compare=False)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Clocks, and messages that are left out."""
+        return self.noticed
+
+    @property
+    def cure_of_missing(self) -> str:
+        """What to do about a column that is not there: a mapping to begin with."""
+        told = [topic for topic in self.topics.values() if "position" in topic.joints]
+        several = f" ({'; '.join(map(str, told))})" if len(told) > 1 else ""
+        return (
+            f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q:"
+            f"\n    {mapping_lines(list(self.topics.values()))}"
+        )
+
+    @property
+    def cure_without_torque(self) -> str:
+        """What to do if no torques are among the default columns."""
+        if why := self._why_hollow("effort"):
+            return (
+                f"{why}: no torques are recorded; let the driver publish them, or map what holds "
+                "them with --columns MAPPING.yaml"
+            )
+        return self.cure_of_missing
+
+    def picks(self, columns: Sequence[str]) -> list[Pick]:
+        """As in `Table.picks`."""
+        for column in columns:
+            found = find(self.fields, column)
+            if found and found[0].holds:
+                raise RecordingError(
+                    f"{found[0].name} holds {found[0].holds}, so nothing is recorded there",
+                    where=str(self.path),
+                    cure="let the driver publish it and record again, or map what holds it: "
+                    + listing([one for one in self.fields if one.labels]),
+                )
+        return super().picks(columns)
+
+    def checksum(self, columns: Sequence[str]) -> str:
+        """SHA-256 of the file, or of the files of messages in a folder."""
+        if not self.path.is_dir():
+            return super().checksum(columns)
+        digest = hashlib.sha256()
+        for part in storage(self.path):
+            with opened(part) as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        return digest.hexdigest()
+
+    def row_place(self, row: int) -> str:
+        """One row, for messages."""
+        return f"{self.path}, sample {row}"
+
+    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
+        """As in `Table.rows`; messages that do not have all columns are left out, and counted."""
+        places = [self._place(pick) for pick in self.picks(columns)]
+        wanted: dict[str, list[Number]] = {}
+        for place in places:
+            if isinstance(place, tuple):
+                wanted.setdefault(place[0], []).append(place[1])
+        self.noticed.clear()
+        received = _RECEIVED in places or not all(self.topics[name].stamped for name in wanted)
+        if received and _RECEIVED not in places:
+            self.noticed.append(
+                "header stamps are all zero; the time of receipt is used in their place, which "
+                "has the jitter of the way to the recorder"
+            )
+        pieces = self._pieces(wanted, received)
+        if len(wanted) > 1:
+            pieces = [self._merged(list(pieces), wanted)]
+        order = [(name, number) for name, numbers in wanted.items() for number in numbers]
+        at = [order.index(place) if isinstance(place, tuple) else None for place in places]
+        for piece in pieces:
+            numbers = [piece.time if k is None else piece.values[:, k] for k in at]
+            yield Rows(numbers, numbers)
+
+    def _why_hollow(self, quantity: str) -> str:
+        found = [
+            f"{topic.name}.{quantity} holds {topic.hollow[quantity]}"
+            for topic in self.topics.values()
+            if quantity in topic.hollow
+        ]
+        return "; ".join(found)
+
+    def _place(self, pick: Pick) -> tuple[str, Number] | str:
+        """Topic, quantity and joint of a column, or the name of a time."""
+        name = pick.field.name
+        if name in self.names:
+            return self.names[name]
+        if not pick.field.labels:
+            return name
+        topic, _, quantity = name.rpartition(".")
+        return topic, (quantity, pick.field.labels[pick.at[1] or 0])
+
+    def _pieces(self, wanted: dict[str, list[Number]], received: bool) -> Iterator[_Piece]:
+        used = [self.topics[name] for name in wanted]
+        start = min(topic.received if received else topic.first for topic in used)
+        kept, lost = dict.fromkeys(wanted, 0), dict.fromkeys(wanted, 0)
+        with opened_bag(self.path) as bag:
+            decoders = {name: Decoder(self.topics[name].type, bag.cdr) for name in wanted}
+            for chunk in bag.messages(list(wanted)):
+                for name, decoder in decoders.items():
+                    messages = [(time, raw) for topic, time, raw in chunk if topic == name]
+                    before = kept[name] + lost[name]
+                    try:
+                        stamps, values = decoder.decode([raw for _, raw in messages], wanted[name])
+                    except MessageError as error:
+                        raise damaged(bag, name, error, before) from None
+                    if received:
+                        stamps = np.array([time for time, _ in messages], dtype=np.int64)
+                    whole = ~np.isnan(values).any(axis=1)
+                    kept[name] += int(whole.sum())
+                    lost[name] += int((~whole).sum())
+                    if whole.any():
+                        yield _Piece(name, (stamps[whole] - start) / 1e9, values[whole])
+        self._tell_lost(kept, lost)
+
+    def _tell_lost(self, kept: dict[str, int], lost: dict[str, int]) -> None:
+        for name in kept:
+            if not kept[name]:
+                raise RecordingError(
+                    f"no message of {name} has a number in each of the columns in use",
+                    where=str(self.path),
+                    cure="map joints and quantities that come in the same message",
+                )
+            if lost[name]:
+                self.noticed.append(
+                    f"{lost[name]} of {kept[name] + lost[name]} messages of {name} do not have a "
+                    "number in each of the columns in use; they are left out"
+                )
+
+    def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> _Piece:
+        """All topics at the instants of the fastest; as they are where they share their stamps."""
+        signals: list[Signal] = []
+        for name in wanted:
+            mine = [piece for piece in pieces if piece.topic == name]
+            time = np.concatenate([piece.time for piece in mine])
+            if len(time) < 2:
+                raise RecordingError(
+                    f"topic {name} has fewer than two messages",
+                    where=str(self.path),
+                    cure="give a whole recording",
+                )
+            signals.append(Signal(time, np.concatenate([piece.values for piece in mine])))
+        onto = fastest(signals)
+        if not all(np.array_equal(signal.time, signals[onto].time) for signal in signals):
+            names = list(wanted)
+            others = [name for k, name in enumerate(names) if k != onto]
+            self.noticed.append(
+                f"{', '.join(others)} is interpolated to the instants of {names[onto]}, because "
+                "their stamps differ"
+            )
+            time, values = merge(signals, onto)
+        else:
+            time, values = signals[0].time, [signal.values for signal in signals]
+        return _Piece("", time, np.hstack(values))
