@@ -9,8 +9,8 @@ from typing import Any
 
 from deltaid.check.verdict import Grade, Proposal, Verdict
 
-# m. The largest Deltas have limbs of some 5 m, the smallest of 20 mm.
-_GIANT, _DWARF = 20.0, 0.005
+# m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
+_GIANT, _DWARF = 10.0, 0.005
 # No part of a robot is so many times as long as a limb, none that counts so many times shorter.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
 _MILLI = 1e-3

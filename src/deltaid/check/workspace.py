@@ -44,11 +44,9 @@ def _points(dynamics: Dynamics) -> Float[np.ndarray, "points dof"]:
     while len(found) < _POINTS:
         points = rng.uniform(low, high, (_POINTS, 3))
         found = np.concatenate([found, points[space.contains(points)]])
-    z = found[:_POINTS]
-    if dynamics.dof > 3:
-        turn = dynamics.robot.turn
-        z = np.column_stack([z, rng.uniform(turn.low, turn.high, _POINTS)])
-    return z
+    task, turn = dynamics.robot.task, dynamics.robot.turn
+    angles = rng.uniform(turn.low, turn.high, (_POINTS, 1 if task.turn is not None else 0))
+    return np.hstack([task.of_point(found[:_POINTS]), angles])
 
 
 def _cut(robot: AtRest, poses: Poses) -> Verdict:

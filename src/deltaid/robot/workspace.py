@@ -92,7 +92,7 @@ class Box(Part):
     @property
     def bounding_box(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of a box around [m]."""
-        return np.array([self.x, self.y, self.z]).T
+        return self.bounds.T
 
     def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
         """Which platform points lie inside."""
