@@ -17,6 +17,7 @@ import pytest
 from playwright import sync_api
 
 from command import refused, run
+from deltaid.dynamics.at_rest import AtRest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
@@ -24,7 +25,6 @@ from deltaid.model.model import load
 from deltaid.robot.load import load_robot
 from deltaid.show.page import percent_of, robot_page
 from deltaid.show.reach import good, reach, survey
-from deltaid.show.rest import AtRest
 from deltaid.show.shapes import along, cylinder
 from deltaid.show.view import home_view, moved
 

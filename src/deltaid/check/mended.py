@@ -1,16 +1,31 @@
 """Proposals put into effect: on a description, on a mapping, and as lines to paste."""
 
+import copy
+import os
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, Literal
 
-from deltaid.check.verdict import Verdict
+from deltaid.check.lengths import checked_lengths
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.errors import DescriptionError
 from deltaid.recording.columns import QUANTITIES, ColumnMapping, Columns, si_unit
 from deltaid.recording.source import Table
-from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import (
+    RobotLike,
+    catalogue,
+    described,
+    described_in,
+    holds_a_model,
+    plain_data,
+    read_text,
+    yaml_text,
+)
 
 File = Literal["robot", "mapping"]
 Changes = dict[str, object]
+Data = dict[str, Any]
 
 _STEP = re.compile(r"[^.\[\]]+")
 
@@ -24,30 +39,50 @@ def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
     return found
 
 
-def mended_robot(robot: RobotDescription, wanted: Changes) -> RobotDescription:
-    """The description with the changes.
+def as_written(robot: RobotLike) -> Data:
+    """A description as the plain data of its file, even of one whose numbers cannot be.
 
     Raises:
-        DescriptionError: there is no such key, or it cannot have that value.
+        DescriptionError: there is no such robot, or its file is no mapping of keys.
     """
-    data = _applied(robot.model_dump(mode="json", exclude_none=True), wanted)
-    return robot.changed(**{key: data.get(key) for key in {_steps(path)[0] for path in wanted}})
+    if isinstance(robot, str | Path) and str(robot) not in catalogue() and os.path.exists(robot):
+        text = read_text(Path(robot))
+        if not holds_a_model(text):
+            return plain_data(text, str(robot))
+    return described(robot).model_dump(mode="json", exclude_none=True)
 
 
-def mended_mapping(mapping: ColumnMapping, wanted: Changes) -> ColumnMapping:
-    """The mapping with the changes.
+def mended(data: Data, wanted: Changes) -> Data:
+    """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
+    data = copy.deepcopy(data)
+    for path, value in wanted.items():
+        *way, last = _steps(path)
+        place: Any = data
+        for step in way:
+            place = place[step] if isinstance(step, int) else place.setdefault(step, {})
+        if value is None and isinstance(place, dict):
+            place.pop(last, None)
+        else:
+            place[last] = value
+    return data
 
-    Raises:
-        DescriptionError: there is no such key, or it cannot have that value.
-    """
-    data = _applied(mapping.model_dump(mode="json", exclude_unset=True), wanted)
-    return mapping.changed(**{key: data[key] for key in {_steps(path)[0] for path in wanted}})
+
+def in_metres(robot: RobotLike) -> Verdict | None:
+    """The verdict on a file that no robot can be read from, if its lengths are in millimetres."""
+    try:
+        data = as_written(robot)
+        verdict = checked_lengths(data)
+        text = yaml_text(mended(data, changes([verdict], "robot")))
+        described_in(text, str(robot))
+    except DescriptionError:
+        return None
+    return verdict if verdict.grade is Grade.WRONG else None
 
 
 def written_out(
     mapping: ColumnMapping | None, table: Table, columns: Columns, linear: tuple[bool, ...]
-) -> ColumnMapping:
-    """The mapping with every column that is read under its default name written out."""
+) -> Data:
+    """A mapping's plain data, with the columns that are read under their default names."""
     mapping = mapping or ColumnMapping()
     lists = {
         quantity: [
@@ -60,38 +95,25 @@ def written_out(
         for quantity in QUANTITIES
         if getattr(mapping, quantity) is None and getattr(columns, quantity)
     }
-    return mapping.changed(**lists)
+    return mapping.model_dump(mode="json", exclude_unset=True) | lists
 
 
-def to_paste(mended: RobotDescription | ColumnMapping, wanted: Changes) -> dict[str, Any]:
-    """The changed keys and nothing else; a list is given whole, as only that can be pasted."""
-    data = mended.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    lines: dict[str, Any] = {}
+def to_paste(data: Data, wanted: Changes) -> Data:
+    """The changed keys of mended data and nothing else; of a list all, as it is pasted whole."""
+    lines: Data = {}
     for path in wanted:
-        here, there = data, lines
+        here: Any = data
+        there = lines
         for step in _steps(path):
-            if not isinstance(here, dict) or step not in here:
+            if step not in here:
                 break
             here = here[step]
             if isinstance(here, dict):
                 there = there.setdefault(step, {})
             else:
                 there[step] = here
+                break
     return lines
-
-
-def _applied(data: dict[str, Any], wanted: Changes) -> dict[str, Any]:
-    """Nested data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
-    for path, value in wanted.items():
-        *way, last = _steps(path)
-        place: Any = data
-        for step in way:
-            place = place[step] if isinstance(step, int) else place.setdefault(step, {})
-        if value is None and isinstance(place, dict):
-            place.pop(last, None)
-        else:
-            place[last] = value
-    return data
 
 
 def _steps(path: str) -> list[Any]:

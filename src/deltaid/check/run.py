@@ -3,17 +3,22 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.lengths import checked_lengths
+from deltaid.check.mended import in_metres
+from deltaid.check.priors import checked_priors
 from deltaid.check.verdict import Grade, Verdict, worst
-from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.errors import DeltaidError
+from deltaid.check.workspace import checked_workspace
+from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.record import Settings
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
 Progress = Callable[[str], None]
-OfRobot = Callable[[Dynamics], Iterable[Verdict]]
+OfRobot = Callable[[RobotDescription], Iterable[Verdict]]
 OfRecording = Callable[[Evidence], Iterable[Verdict]]
 
 
@@ -33,7 +38,13 @@ class Family:
 
 
 # One entry a family, in the order of the table of verdicts.
-OF_ROBOT: tuple[OfRobot, ...] = ()
+QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
+    lambda robot: (checked_lengths(robot.model_dump(mode="json", exclude_none=True)),),
+    checked_friction,
+    checked_limits,
+    checked_priors,
+)
+OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = ()
 
 
@@ -62,8 +73,13 @@ def verdicts(
         DescriptionError: there is no such robot, or its file does not describe one.
         RecordingError: a recording cannot be read at all.
     """
-    description = described(robot)
     progress("checking the description")
+    try:
+        description = described(robot)
+    except DescriptionError:
+        if (verdict := in_metres(robot)) is None:
+            raise
+        return (verdict,)
     found = list(of_robot(description))
     sources = as_sources(logs)
     for source in sources:
@@ -73,10 +89,15 @@ def verdicts(
     return tuple(found)
 
 
-def of_robot(robot: RobotLike) -> tuple[Verdict, ...]:
-    """Verdicts on a description; quick."""
-    dynamics = compiled(described(robot))
-    return tuple(verdict for family in OF_ROBOT for verdict in family(dynamics))
+def of_robot(
+    robot: RobotDescription, families: Iterable[OfRobot] = OF_ROBOT
+) -> tuple[Verdict, ...]:
+    """Verdicts on a description; where something is wrong, not those that it would only repeat."""
+    found: list[Verdict] = []
+    for family in families:
+        if family in QUICK_OF_ROBOT or worst(found) is not Grade.WRONG:
+            found += family(robot)
+    return tuple(found)
 
 
 def of_recording(one: Evidence) -> tuple[Verdict, ...]:

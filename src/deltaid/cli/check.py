@@ -10,10 +10,9 @@ import typer
 from deltaid.cli.options import output_file
 
 if TYPE_CHECKING:
-    from deltaid.check.mended import Changes, File
+    from deltaid.check.mended import Changes, Data, File
     from deltaid.check.verdict import Verdict
     from deltaid.recording.columns import ColumnMapping
-    from deltaid.robot.description import RobotDescription
 
 # Exit codes by the most severe verdict; 1 and 2 mean what they mean everywhere.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
@@ -55,7 +54,6 @@ def check(
     from deltaid.files import together
     from deltaid.model.record import Settings
     from deltaid.recording.columns import load_mapping
-    from deltaid.robot.load import load_robot
 
     logs = logs or []
     positive("--cutoff", cutoff)
@@ -64,19 +62,17 @@ def check(
     require_outputs(inputs, {"--write": write}, report)
     if write is not None:
         require_outputs(inputs, {f"--write {write}": path for path in targets.values()}, report)
-    description = load_robot(robot)
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
-        found = verdicts(
-            description, logs, columns=mapping, settings=Settings(cutoff=cutoff), progress=say
-        )
-        cures = _cures(description, mapping, logs, found)
+        settings = Settings(cutoff=cutoff)
+        found = verdicts(robot, logs, columns=mapping, settings=settings, progress=say)
+        cures = _cures(robot, mapping, logs, found)
     with together():
         written = _write(cures, write, targets)
         if report is not None:
-            _write_report(description, found, logs, cures, report)
+            _write_report(robot, found, logs, cures, report)
     if as_json:
-        print_json(as_dictionary(description, found))
+        print_json(as_dictionary(robot, found))
     else:
         print_verdicts(found)
         _print_cures(cures, written, wanted=write is not None)
@@ -87,10 +83,10 @@ def check(
 
 @dataclass(frozen=True)
 class Cure:
-    """One file with all that is proposed for it."""
+    """One file with all that is proposed for it, as plain data."""
 
     file: "File"
-    mended: "RobotDescription | ColumnMapping"
+    data: "Data"
     changes: "Changes"
 
     @property
@@ -99,29 +95,28 @@ class Cure:
         from deltaid.check.mended import to_paste
         from deltaid.robot.load import yaml_text
 
-        return yaml_text(to_paste(self.mended, self.changes))
+        return yaml_text(to_paste(self.data, self.changes))
 
 
 def _cures(
-    robot: "RobotDescription",
-    mapping: "ColumnMapping | None",
-    logs: Sequence[Path],
-    found: "Sequence[Verdict]",
+    robot: str, mapping: "ColumnMapping | None", logs: Sequence[Path], found: "Sequence[Verdict]"
 ) -> tuple[Cure, ...]:
-    from deltaid.check.mended import changes, files_of, mended_mapping, mended_robot, written_out
+    from deltaid.check.mended import as_written, changes, files_of, mended, written_out
     from deltaid.dynamics.dynamics import compiled
     from deltaid.recording.log import resolved_table
+    from deltaid.robot.load import described
 
     cures: list[Cure] = []
     for file in files_of(found):
-        wanted = changes(found, file)
         if file == "robot":
-            cures.append(Cure(file, mended_robot(robot, wanted), wanted))
+            data = as_written(robot)
         else:
-            table, columns, _ = resolved_table(logs[0], compiled(robot).kinematics, mapping)
-            linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-            full = written_out(mapping, table, columns, linear)
-            cures.append(Cure(file, mended_mapping(full, wanted), wanted))
+            description = described(robot)
+            table, columns, _ = resolved_table(logs[0], compiled(description).kinematics, mapping)
+            linear = tuple(description.is_linear(drive) for drive in description.drives)
+            data = written_out(mapping, table, columns, linear)
+        wanted = changes(found, file)
+        cures.append(Cure(file, mended(data, wanted), wanted))
     return tuple(cures)
 
 
@@ -139,37 +134,43 @@ def _write(
     cures: Sequence[Cure], write: Path | None, targets: "Mapping[File, Path]"
 ) -> "dict[File, Path]":
     """Write what is mended: one file under the name that was asked for, two beside it."""
-    from deltaid.robot.load import save_yaml
+    from deltaid.files import written_whole
+    from deltaid.robot.load import yaml_text
 
     written: dict[File, Path] = {}
     for cure in cures if write is not None else ():
         path = targets[cure.file] if len(cures) > 1 else write
         assert path is not None
-        save_yaml(cure.mended, path, only_set=cure.file == "mapping")
+        with written_whole(path) as file:
+            file.write(yaml_text(cure.data))
         written[cure.file] = path
     return written
 
 
 def _write_report(
-    robot: "RobotDescription",
+    robot: str,
     found: "Sequence[Verdict]",
     logs: Sequence[Path],
     cures: Sequence[Cure],
     path: Path,
 ) -> None:
+    from deltaid.check.mended import as_written
     from deltaid.report.check import check_page
     from deltaid.report.page import write_page
 
     lines = {_BELONGS[cure.file]: cure.lines for cure in cures}
-    write_page(check_page(robot, found, [log.name for log in logs], lines), path)
+    data = as_written(robot)
+    title = str(data.get("title") or data.get("name") or robot)
+    write_page(check_page(title, found, [log.name for log in logs], lines), path)
 
 
-def as_dictionary(robot: "RobotDescription", found: "Sequence[Verdict]") -> dict[str, Any]:
+def as_dictionary(robot: str, found: "Sequence[Verdict]") -> dict[str, Any]:
     """All verdicts as one JSON object."""
+    from deltaid.check.mended import as_written
     from deltaid.check.verdict import worst
 
     return {
-        "robot": robot.name,
+        "robot": as_written(robot).get("name"),
         "grade": worst(list(found)),
         "verdicts": [verdict_dictionary(one) for one in found],
     }

@@ -9,7 +9,7 @@ import typer
 from deltaid.cli.options import output_file
 
 if TYPE_CHECKING:
-    from deltaid.show.rest import AtRest
+    from deltaid.dynamics.at_rest import AtRest
 
 # Seconds. A wait without end may not wake up for Ctrl-C while a server's thread runs.
 _LOOK = 0.5
@@ -41,8 +41,8 @@ def show(
     Without options it prints tables.
     """
     from deltaid.cli.output import progress, require_report
+    from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
-    from deltaid.show.rest import AtRest
 
     if report is not None:
         require_report(report, [Path(robot)])

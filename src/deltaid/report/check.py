@@ -5,11 +5,10 @@ from collections.abc import Mapping, Sequence
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.report.check_tables import verdict_table
 from deltaid.report.page import Block, Fact, Lines, Page, Section, Text
-from deltaid.robot.description import RobotDescription
 
 
 def check_page(
-    robot: RobotDescription,
+    title: str,
     verdicts: Sequence[Verdict],
     logs: Sequence[str],
     lines: Mapping[str, str],
@@ -17,6 +16,7 @@ def check_page(
     """All verdicts on a robot and its recordings.
 
     Args:
+        title: of the robot.
         logs: names of the recordings.
         lines: what to paste, by the file where it belongs, in words.
     """
@@ -33,7 +33,7 @@ def check_page(
         sections.append(Section("Good", (verdict_table(good),)))
     grades = [one.grade for one in verdicts]
     return Page(
-        title=robot.title or robot.name,
+        title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(Grade)),
         sections=tuple(sections),

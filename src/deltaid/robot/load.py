@@ -92,9 +92,18 @@ def load_robot(robot: str | Path) -> RobotDescription:
     text = read_text(Path(robot))
     if holds_a_model(text):
         return bound(parse(text, _ModelFile, where=str(robot)).robot, str(robot))
-    found = parse(text, RobotDescription, where=str(robot))
-    _require_closing(found, text, str(robot))
-    return bound(found, str(robot))
+    return described_in(text, str(robot))
+
+
+def described_in(text: str, where: str) -> RobotDescription:
+    """The description that a robot file's text holds.
+
+    Raises:
+        DescriptionError: it does not describe a robot.
+    """
+    found = parse(text, RobotDescription, where=where)
+    _require_closing(found, text, where)
+    return bound(found, where)
 
 
 def holds_a_model(text: str) -> bool:
@@ -136,18 +145,14 @@ def load_yaml(path: Path, model: type[_Model]) -> _Model:
     return parse(read_text(path), model, where=str(path))
 
 
-def save_yaml(value: BaseModel, path: Path, *, only_set: bool = False) -> None:
+def save_yaml(value: BaseModel, path: Path) -> None:
     """Write a model as YAML, whole or not at all; numbers keep every bit.
-
-    Args:
-        only_set: leave out what is not given in the value and has its default.
 
     Raises:
         DeltaidError: the file cannot be written.
     """
-    data = value.model_dump(mode="json", exclude_none=True, exclude_unset=only_set)
     with written_whole(path) as file:
-        file.write(yaml_text(data))
+        file.write(yaml_text(value.model_dump(mode="json", exclude_none=True)))
 
 
 def yaml_text(data: dict[str, Any]) -> str:
@@ -167,6 +172,15 @@ def _quoted(value: Any) -> Any:
         return [_quoted(entry) for entry in value]
     special = isinstance(value, str) and not value.isprintable()
     return DoubleQuotedScalarString(value) if special else value
+
+
+def plain_data(text: str, where: str) -> dict[str, Any]:
+    """The keys and values of YAML text, before any validation.
+
+    Raises:
+        DescriptionError: it is no YAML, or holds no keys with values.
+    """
+    return plain(_tree(text, where), where)
 
 
 def parse(text: str, model: type[_Model], *, where: str) -> _Model:

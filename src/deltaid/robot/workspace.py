@@ -31,6 +31,12 @@ class Cylinder(Part):
         centre, half = 0.5 * (self.z[0] + self.z[1]), 0.5 * (self.z[1] - self.z[0])
         return np.array([0.0, 0.0, centre]), np.array([side, side, half])
 
+    @property
+    def bounding_box(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of a box around [m]."""
+        r = self.radius
+        return np.array([[-r, -r, self.z[0]], [r, r, self.z[1]]])
+
     def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
         """Which platform points lie inside."""
         inside = np.hypot(points[:, 0], points[:, 1]) <= self.radius
@@ -49,6 +55,12 @@ class Hemisphere(Part):
         """Centre and half extents of a box inside."""
         half = self.radius / np.sqrt(3)
         return np.array([0.0, 0.0, self.top - 0.5 * half]), np.array([half, half, 0.5 * half])
+
+    @property
+    def bounding_box(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of a box around [m]."""
+        r = self.radius
+        return np.array([[-r, -r, self.top - r], [r, r, self.top]])
 
     def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
         """Which platform points lie inside."""
@@ -76,6 +88,11 @@ class Box(Part):
         """Centre and half extents: the box itself."""
         bounds = self.bounds
         return bounds.mean(axis=1), 0.5 * (bounds[:, 1] - bounds[:, 0])
+
+    @property
+    def bounding_box(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of a box around [m]."""
+        return self.bounds.T
 
     def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
         """Which platform points lie inside."""

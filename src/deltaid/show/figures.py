@@ -5,13 +5,13 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
+from deltaid.dynamics.at_rest import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.report import style
 from deltaid.report.animation import fix_scene, robot_lines
 from deltaid.report.page import Figure
 from deltaid.report.workspace import outline
 from deltaid.show.reach import Reach, Survey, kind
-from deltaid.show.rest import AtRest
 
 _GRID = 161
 NOTHING = "nothing"

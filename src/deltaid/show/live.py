@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from jinja2 import Environment, PackageLoader
 
+from deltaid.dynamics.at_rest import AtRest
 from deltaid.errors import DeltaidError
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.report import style
@@ -20,7 +21,6 @@ from deltaid.report.workspace import outline
 from deltaid.show.figures import limit_kinds, patches
 from deltaid.show.own_page import answering_own_page_only
 from deltaid.show.reach import reach
-from deltaid.show.rest import AtRest
 from deltaid.show.shapes import along, cylinder
 from deltaid.show.view import View, home_view, moved
 

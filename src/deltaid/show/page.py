@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section, Table, Text
 from deltaid.show.figures import NOTHING, picture, sections
 from deltaid.show.reach import Reach, Survey
-from deltaid.show.rest import AtRest, Poses
 
 _COLUMNS_DRIVES = (
     "drive",

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import qmc
 
+from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.report.workspace import outline
-from deltaid.show.rest import AtRest, Poses
 
 # Directions of the rays: one every so many degrees.
 _EVERY = 4

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.show.rest import AtRest
+from deltaid.dynamics.at_rest import AtRest
 
 State = Literal["good", "near", "over"]
 

@@ -1,0 +1,118 @@
+"""Lengths of a description that are no metres: millimetres taken for metres, and the reverse.
+
+Works on the plain data of a description, because most robots in millimetres are larger than any
+description may be, and so are refused when their file is loaded.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from deltaid.check.verdict import Grade, Proposal, Verdict
+
+# m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
+_GIANT, _DWARF = 10.0, 0.005
+# No part of a robot is so many times as long as a limb, none that counts so many times shorter.
+_OUT_OF_SCALE, _SMALL = 4.0, 250.0
+_MILLI = 1e-3
+
+# Keys of lengths, by the part of the description that holds them; '' is a shape of a body.
+_LIMBS = (
+    "base_radius", "platform_radius", "base_points", "platform_points", "upper_arm", "strut",
+    "strut_spacing",
+)  # fmt: skip
+_OTHERS = {
+    "platform": ("half_length", "length", "tool"),
+    "telescope": ("base_joint", "platform_joint", "stroke"),
+    "workspace": ("radius", "x", "y", "z", "top"),
+}
+_SHAPE = ("length", "outer_radius", "inner_radius", "centre")
+
+# Path and number; and the factor that mends it.
+Length = tuple[str, float]
+Wrong = tuple[str, float, float]
+
+
+def checked_lengths(data: dict[str, Any]) -> Verdict:
+    """The verdict on all lengths of a description.
+
+    Limbs that are too long for any robot tell by themselves that they are in millimetres, too short
+    ones that they are off the other way. What their size then is says the same of all lengths:
+    those of the limbs one by one, of other parts together, as these are in one unit.
+    """
+    limbs = list(_numbers(data.get("limbs"), _LIMBS, "limbs"))
+    groups = [group for group in _groups(data) if _longest(group) > 0]
+    space = _numbers(data.get("workspace"), _OTHERS["workspace"], "workspace")
+    size = _limb(limbs) or _longest(space)  # a mechanism of the user's own names no limbs
+    groups += [[one] for one in limbs]
+    if size < _DWARF:
+        size /= _MILLI
+        return _verdict(_scaled(groups, 1 / _MILLI, lambda most: most < size / _SMALL), size)
+    size *= _MILLI if size > _GIANT else 1.0
+    return _verdict(_scaled(groups, _MILLI, lambda most: most > _OUT_OF_SCALE * size), size)
+
+
+def _scaled(
+    groups: list[list[Length]], factor: float, wrong: Callable[[float], bool]
+) -> list[Wrong]:
+    """All numbers, with their cure, of the groups whose longest one is wrong."""
+    found = [group for group in groups if wrong(_longest(group))]
+    return [(path, value, factor) for group in found for path, value in group]
+
+
+def _verdict(wrong: list[Wrong], size: float) -> Verdict:
+    if not wrong:
+        seen = f"limbs of {size:.3g} m; all lengths go with it"
+        return Verdict("millimetres", Grade.GOOD, seen, number=size, unit="m")
+    path, value, factor = max(wrong, key=lambda one: abs(one[1]))
+    others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+    unit = "in millimetres" if factor < 1 else "divided by 1000 once too often"
+    changes = tuple((place, float(f"{x * by:.12g}")) for place, x, by in wrong if x)
+    return Verdict(
+        "millimetres",
+        Grade.WRONG,
+        f"{path} is {value:g} m{others}, where limbs of about {size:.3g} m are likely",
+        subject=path.partition(".")[0],
+        cause=f"lengths {unit}; those of a description are in metres",
+        cure=f"multiply these lengths by {factor:g}",
+        proposals=(Proposal("robot", changes),),
+        number=abs(value),
+        unit="m",
+    )
+
+
+def _limb(limbs: list[Length]) -> float:
+    """Length of the longest arm and strut together [as written]."""
+    arms = [abs(value) for path, value in limbs if path.startswith("limbs.upper_arm")]
+    struts = [abs(value) for path, value in limbs if path.partition("[")[0] == "limbs.strut"]
+    return max(arms, default=0.0) + max(struts, default=0.0)
+
+
+def _longest(group: Iterable[Length]) -> float:
+    return max((abs(value) for _, value in group), default=0.0)
+
+
+def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
+    """Lengths beside the limbs', those of one part together."""
+    for part, keys in _OTHERS.items():
+        yield list(_numbers(data.get(part), keys, part))
+    for name, body in (data.get("bodies") or {}).items():
+        prior = body.get("prior") if isinstance(body, dict) else None
+        for k, shape in enumerate(prior if isinstance(prior, list | tuple) else ()):
+            yield list(_numbers(shape, _SHAPE, f"bodies.{name}.prior[{k}]"))
+    for drive, limits in (data.get("drive_limits") or {}).items():
+        yield list(_numbers(limits, ("position",), f"drive_limits.{drive}"))
+
+
+def _numbers(part: object, keys: tuple[str, ...], path: str) -> Iterator[Length]:
+    """All numbers under some keys of a part, lists and points included."""
+    if isinstance(part, dict):
+        for key in keys:
+            yield from _leaves(part.get(key), f"{path}.{key}")
+
+
+def _leaves(value: object, path: str) -> Iterator[Length]:
+    if isinstance(value, list | tuple):
+        for k, entry in enumerate(value):
+            yield from _leaves(entry, f"{path}[{k}]")
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield path, float(value)

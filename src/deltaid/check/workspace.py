@@ -1,0 +1,133 @@
+"""Whether a robot reaches its workspace, keeps its limits there, and can hold itself."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.words import listed, percent
+from deltaid.dynamics.at_rest import AtRest, Poses
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.limits import torque_limits
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import KinematicsError
+from deltaid.robot.description import RobotDescription
+
+# Poses that are looked at, and the share of them that may break a limit at the workspace's edge.
+_POINTS, _EDGE = 4096, 0.01
+
+
+def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
+    """Verdicts on reach, limits of pose and holding torque over the workspace."""
+    dynamics = compiled(description)
+    try:
+        robot = AtRest(dynamics, prior_parameters(dynamics.robot))
+    except KinematicsError as error:
+        yield Verdict(
+            "workspace-cut", Grade.WRONG,
+            f"the robot cannot stand in the middle of its workspace: {error.what}",
+            subject="workspace", cause="workspace, lengths or working mode do not go together",
+            cure=error.cure, number=0.0, unit="share",
+        )  # fmt: skip
+        return
+    poses = robot(_points(dynamics))
+    yield _cut(robot, poses)
+    yield from _held(dynamics, poses)
+
+
+def _points(dynamics: Dynamics) -> Float[np.ndarray, "points dof"]:
+    """Poses all over the workspace, the same in every run."""
+    rng, space = np.random.default_rng(0), dynamics.robot.workspace
+    low, high = space.bounding_box
+    found = np.zeros((0, 3))
+    while len(found) < _POINTS:
+        points = rng.uniform(low, high, (_POINTS, 3))
+        found = np.concatenate([found, points[space.contains(points)]])
+    task, turn = dynamics.robot.task, dynamics.robot.turn
+    angles = rng.uniform(turn.low, turn.high, (_POINTS, 1 if task.turn is not None else 0))
+    return np.hstack([task.of_point(found[:_POINTS]), angles])
+
+
+def _cut(robot: AtRest, poses: Poses) -> Verdict:
+    """Which share of the workspace the robot reaches and its limits of pose leave."""
+    own = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
+    names = [_kind(name) for name in robot.limits[own]]
+    broken = poses.shares[:, own] > 1.0  # not so where NaN: not reached
+    reached = float(np.mean(poses.stands))
+    left = float(np.mean(poses.stands & ~np.any(broken, axis=1)))
+    if 1 - left <= _EDGE:
+        seen = f"{percent(left)} of it lies within all limits of drives and joints"
+        return Verdict("workspace-cut", Grade.GOOD, seen, number=1 - left, unit="share")
+    parts = {
+        f"{name} cuts": float(np.mean(np.any(broken[:, [one == name for one in names]], axis=1)))
+        for name in dict.fromkeys(names)
+    }
+    parts["out of reach are"] = 1 - reached
+    worst = sorted((name for name in parts if parts[name] > 0), key=lambda name: -parts[name])
+    needed = _needed(robot, poses)
+    return Verdict(
+        "workspace-cut",
+        Grade.DOUBTFUL,
+        f"{percent(1 - left)} of the workspace cannot be used: "
+        + "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3]),
+        subject="workspace",
+        cause="a workspace that is larger than what the machine can do, or a limit, a zero or a "
+        "length that is wrong",
+        cure=f"shrink the workspace or widen the limits{needed}, and check the lengths",
+        number=1 - left,
+        unit="share",
+    )
+
+
+def _kind(limit: str) -> str:
+    """A limit's name without the number of its drive or strut."""
+    return " ".join(limit.translate(str.maketrans("", "", "0123456789")).split())
+
+
+def _needed(robot: AtRest, poses: Poses) -> str:
+    """The ranges of drives that the workspace asks for and the limits do not give."""
+    texts = []
+    q = poses.q[poses.stands]
+    for i, drive in enumerate(robot.robot.drives):
+        limits = robot.robot.drive_limits.get(drive)
+        if limits is None or limits.range is None or not len(q):
+            continue
+        low, high = float(q[:, i].min()), float(q[:, i].max())
+        if low < limits.range[0] or high > limits.range[1]:
+            linear = robot.robot.is_linear(drive)
+            shown = (low, high) if linear else np.rad2deg([low, high])
+            texts.append(f"{drive} {shown[0]:.3g} … {shown[1]:.3g}{' m' if linear else '°'}")
+    return f" (it needs {', '.join(texts)})" if texts else ""
+
+
+def _held(dynamics: Dynamics, poses: Poses) -> Iterable[Verdict]:
+    """Whether drives can hold the robot, by its prior: gravity and springs against the limits."""
+    robot, limits = dynamics.robot, torque_limits(dynamics.robot)
+    if not limits or not np.any(poses.stands):
+        return
+    torque = np.abs(poses.torque[poses.stands])[:, list(limits)]
+    largest = np.array(list(limits.values()))
+    use = torque.max(axis=0) / largest
+    drives = [robot.drives[i] for i in limits]
+    k = int(np.argmax(use))
+    first, units = drives[k], robot.units(drives[k])
+    if use[k] <= 1:
+        seen = f"at rest at most {percent(use[k])} of the limit, of {first}"
+        yield Verdict("torque-limit", Grade.GOOD, seen, number=float(use[k]), unit="of the limit")
+        return
+    above = np.any(torque > largest, axis=1)
+    weak = [drive for drive, share in zip(drives, use, strict=True) if share > 1]
+    yield Verdict(
+        "torque-limit",
+        Grade.WRONG if np.mean(above) > 0.5 else Grade.DOUBTFUL,
+        f"{first} must hold up to {torque[:, k].max():.3g} {units.force} at rest, by the prior, "
+        f"and may do {largest[k]:.3g} {units.force}; in {percent(float(np.mean(above)))} of the "
+        "workspace the robot would sink",
+        subject=listed(weak),
+        cause=f"a {units.effort} limit of the motor's side of the gear or in another unit, or "
+        "masses that are too large",
+        cure=f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
+        number=float(use[k]),
+        unit="of the limit",
+    )
