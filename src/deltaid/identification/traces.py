@@ -6,7 +6,7 @@ everything formed from it goes through the same low-pass and is thinned alike.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import islice
 
 import numpy as np
@@ -30,32 +30,19 @@ Delay = Float[np.ndarray, " dof"]
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
-    """Consecutive samples at the full rate.
-
-    Attributes:
-        samples: the motion, filtered; the torques as recorded.
-        weights: m of each drive's row, 0 to 1.
-    """
-
-    samples: Samples
-    weights: Float[np.ndarray, "samples dof"]
-
-
-@dataclass(frozen=True, eq=False)
 class Trace:
     """A recording's motion and torques in memory.
 
     Attributes:
         dynamics: of the robot that moved.
         load: parameters whose torques friction that depends on load sees.
-        stretches: runs without a gap.
+        stretches: runs of samples without a gap; motion filtered, torques as recorded.
         low_pass: its filter.
     """
 
     dynamics: Dynamics
     load: Parameters
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Samples, ...]
     low_pass: LowPass
 
     @property
@@ -64,8 +51,8 @@ class Trace:
         low_pass, times = self.low_pass, []
         middle = low_pass.lead_half + low_pass.stride * low_pass.half
         for one in self.stretches:
-            count = _outputs(low_pass, len(one.samples.time))
-            times.append(one.samples.time[middle :: low_pass.thinned][:count])
+            count = _outputs(low_pass, len(one.time))
+            times.append(one.time[middle :: low_pass.thinned][:count])
         return np.concatenate(times)
 
     def filtered(
@@ -154,24 +141,22 @@ def trace(
     recording = with_filter(replace(log, columns=columns), cutoff)
     assert recording.low_pass is not None  # positions alone are always filtered
     held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
-    joined = Samples(*(np.concatenate(parts) for parts in zip(*map(_fields, held), strict=True)))
-    step = 1.0 / log.rate
-    ends = np.flatnonzero(np.diff(joined.time) > _GAP * step) + 1
-    stretches = []
-    for first, last in zip([0, *ends], [*ends, len(joined.time)], strict=True):
+    joined = Samples(*(np.concatenate([getattr(w, f.name) for w in held]) for f in fields(Samples)))
+    step, time = 1.0 / log.rate, joined.time
+    ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
+    stretches: list[Samples] = []
+    for first, last in zip([0, *ends], ends, strict=False):
         if _outputs(recording.low_pass, last - first) > 0:
             part = joined.part(slice(first, last))
-            stretches.append(Stretch(part, _eroded(np.ones_like(part.tau), reach / step)))
+            stretches.append(replace(part, weights=_eroded(part.weights, reach / step)))
     if not stretches:
         raise RecordingError("is too short to be filtered", where=str(log.path))
     return Trace(dynamics, load, tuple(stretches), recording.low_pass)
 
 
-def _fields(samples: Samples) -> tuple[np.ndarray, ...]:
-    return samples.time, samples.z, samples.qd, samples.qdd, samples.tau
-
-
-def _eroded(weights: np.ndarray, reach: float) -> np.ndarray:
+def _eroded(
+    weights: Float[np.ndarray, "samples torques"], reach: float
+) -> Float[np.ndarray, "samples torques"]:
     """The least weight within `reach` samples; nothing beyond the ends counts."""
     from scipy.ndimage import minimum_filter1d
 
@@ -187,14 +172,14 @@ def _outputs(low_pass: LowPass, rows: int) -> int:
 
 def _through(
     low_pass: LowPass,
-    stretch: Stretch,
+    stretch: Samples,
     of: Callable[[Samples], Values],
     drives: np.ndarray,
     margin: int,
 ) -> Values:
     """Block by block, so that the full rate is never in memory for many channels."""
     support = len(low_pass.lead) + low_pass.stride * (len(low_pass.smooth) - 1)
-    rows = len(stretch.samples.time)
+    rows = len(stretch.time)
     count, thinned = _outputs(low_pass, rows), low_pass.thinned
     at_once = max(1, WINDOW // thinned)
     parts = [np.zeros((len(drives), 0))]
@@ -202,8 +187,8 @@ def _through(
         outputs = min(at_once, count - start)
         first, last = start * thinned, (start + outputs - 1) * thinned + support
         low, high = max(0, first - margin), min(rows, last + margin)
-        x = of(stretch.samples.part(slice(low, high)))[:, first - low : last - low]
-        x = x * stretch.weights[first:last].T[drives]
+        x = of(stretch.part(slice(low, high)))[:, first - low : last - low]
+        x = stretch.part(slice(first, last)).weighted(x, drives)
         apart = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
         parts.append(apply(low_pass.smooth, apart, low_pass.decimation)[:, :outputs])
     return np.concatenate(parts, axis=1)
