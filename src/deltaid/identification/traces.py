@@ -1,0 +1,218 @@
+"""A recording in memory: motion and torques at the full rate, and anything of them filtered.
+
+What a fit condenses block by block, checks and lags want to look at again and again: shifted in
+time, with further columns. So a stretch of a recording that fits into memory is kept as it is, and
+everything formed from it goes through the same low-pass and is thinned alike.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from itertools import islice
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.errors import RecordingError
+from deltaid.identification.information import active_columns
+from deltaid.recording.filter import LowPass, apply
+from deltaid.recording.log import Log
+from deltaid.recording.recording import with_filter
+from deltaid.recording.windows import WINDOW, Samples
+
+# Windows that are kept at most: 262 s at 1 kHz.
+_MOST = 32
+# A time step this much longer than the usual one ends a stretch.
+_GAP = 1.5
+
+Values = Float[np.ndarray, "channels samples"]
+Delay = Float[np.ndarray, " dof"]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A recording's motion and torques in memory.
+
+    Attributes:
+        dynamics: of the robot that moved.
+        load: parameters whose torques friction that depends on load sees.
+        stretches: runs of samples without a gap; motion filtered, torques as recorded.
+        low_pass: its filter.
+    """
+
+    dynamics: Dynamics
+    load: Parameters
+    stretches: tuple[Samples, ...]
+    low_pass: LowPass
+
+    @property
+    def time(self) -> Float[np.ndarray, " thinned"]:
+        """Of the filtered and thinned samples [s]."""
+        low_pass, times = self.low_pass, []
+        middle = low_pass.lead_half + low_pass.stride * low_pass.half
+        for one in self.stretches:
+            count = _outputs(low_pass, len(one.time))
+            times.append(one.time[middle :: low_pass.thinned][:count])
+        return np.concatenate(times)
+
+    def filtered(
+        self,
+        of: Callable[[Samples], Values],
+        drives: Int[np.ndarray, " channels"],
+        margin: int = 0,
+    ) -> Values:
+        """m(t) x(t), low-passed and thinned, for quantities x that follow from samples.
+
+        Args:
+            of: gives x, a few samples at a time.
+            drives: whose weight m goes with each channel.
+            margin: so many samples at either end x is wrong, for want of those before and after.
+        """
+        parts = [_through(self.low_pass, one, of, drives, margin) for one in self.stretches]
+        return np.concatenate(parts, axis=1)
+
+    def torques(self, delay: Delay) -> Values:
+        """Measured torques of `delay` [s] later, τ(t + delay), filtered."""
+        by = delay * self.low_pass.rate
+        return self.filtered(
+            lambda w: _later(w.tau, by).T, np.arange(self.dynamics.dof), _margin(by)
+        )
+
+    def regressor(self, *, between: bool = False) -> Float[np.ndarray, "dof thinned columns"]:
+        """The active columns of Y, filtered.
+
+        Args:
+            between: put a step of friction at a reversal where the speed passes zero, between two
+                samples, and not at the next one: torques that have been shifted in time were
+                sampled elsewhere.
+        """
+        rows, _ = self.dynamics.regressor_pattern
+
+        def values(w: Samples) -> Values:
+            return self._with_steps_between(self._entries(w)) if between else self._entries(w)
+
+        entries, active = self.filtered(values, rows, 1), active_columns(self.dynamics)
+        Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
+        Y[rows, :, np.searchsorted(active, self.dynamics.regressor_pattern[1])] = entries
+        return Y
+
+    def _with_steps_between(self, entries: Values) -> Values:
+        """Friction's entries averaged over the time about each sample in which they step."""
+        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
+        out = entries.copy()
+        for v in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
+            joint = layout.parameters[columns[v]].owner
+            speed = entries[v]
+            before = np.flatnonzero(speed[:-1] * speed[1:] < 0)
+            share = speed[before] / (speed[before] - speed[before + 1])
+            # The step falls into the time about the sample before, or into that about the next.
+            at, old = before + (share > 0.5), 0.5 + share - (share > 0.5)
+            for k in np.flatnonzero(rows == rows[v]):
+                parameter = layout.parameters[columns[k]]
+                if parameter.kind == "friction" and parameter.owner == joint:
+                    out[k, at] = old * entries[k, before] + (1 - old) * entries[k, before + 1]
+        return out
+
+    def _entries(self, w: Samples) -> Values:
+        tau = w.tau
+        if self.dynamics.robot.load_drives:
+            tau = self.dynamics.torque(w.z, w.qd, w.qdd, self.load)
+        return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, tau).values
+
+
+def trace(
+    dynamics: Dynamics, log: Log, load: Parameters, *, cutoff: float | None, reach: float
+) -> Trace:
+    """The beginning of a log in memory; of a log of usual length all of it.
+
+    Speeds and accelerations come from the positions, also where they are recorded, so that nothing
+    that is wrong with those gets in.
+
+    Args:
+        load: parameters whose torques friction that depends on load sees.
+        cutoff: of the filter [Hz]; None for the log's own.
+        reach: how far [s] torques will be shifted; weights leave out what would come from beyond
+            the ends and from samples that do not count.
+
+    Raises:
+        RecordingError: the log is too short or too slow to be differentiated.
+    """
+    columns = replace(log.columns, velocity=(), acceleration=())
+    recording = with_filter(replace(log, columns=columns), cutoff)
+    assert recording.low_pass is not None  # positions alone are always filtered
+    held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
+    joined = Samples(*(np.concatenate([getattr(w, f.name) for w in held]) for f in fields(Samples)))
+    step, time = 1.0 / log.rate, joined.time
+    ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
+    stretches: list[Samples] = []
+    for first, last in zip([0, *ends], ends, strict=False):
+        if _outputs(recording.low_pass, last - first) > 0:
+            part = joined.part(slice(first, last))
+            stretches.append(replace(part, weights=_eroded(part.weights, reach / step)))
+    if not stretches:
+        raise RecordingError("is too short to be filtered", where=str(log.path))
+    return Trace(dynamics, load, tuple(stretches), recording.low_pass)
+
+
+def _eroded(
+    weights: Float[np.ndarray, "samples torques"], reach: float
+) -> Float[np.ndarray, "samples torques"]:
+    """The least weight within `reach` samples; nothing beyond the ends counts."""
+    from scipy.ndimage import minimum_filter1d
+
+    size = 2 * int(np.ceil(reach)) + 1
+    return minimum_filter1d(weights, size, axis=0, mode="constant", cval=0.0)
+
+
+def _outputs(low_pass: LowPass, rows: int) -> int:
+    """How many thinned samples come of so many rows."""
+    between = (rows - len(low_pass.lead)) // low_pass.stride + 1
+    return max(0, (between - len(low_pass.smooth)) // low_pass.decimation + 1)
+
+
+def _through(
+    low_pass: LowPass,
+    stretch: Samples,
+    of: Callable[[Samples], Values],
+    drives: np.ndarray,
+    margin: int,
+) -> Values:
+    """Block by block, so that the full rate is never in memory for many channels."""
+    support = len(low_pass.lead) + low_pass.stride * (len(low_pass.smooth) - 1)
+    rows = len(stretch.time)
+    count, thinned = _outputs(low_pass, rows), low_pass.thinned
+    at_once = max(1, WINDOW // thinned)
+    parts = [np.zeros((len(drives), 0))]
+    for start in range(0, count, at_once):
+        outputs = min(at_once, count - start)
+        first, last = start * thinned, (start + outputs - 1) * thinned + support
+        low, high = max(0, first - margin), min(rows, last + margin)
+        x = of(stretch.part(slice(low, high)))[:, first - low : last - low]
+        x = stretch.part(slice(first, last)).weighted(x, drives)
+        apart = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
+        parts.append(apply(low_pass.smooth, apart, low_pass.decimation)[:, :outputs])
+    return np.concatenate(parts, axis=1)
+
+
+def _margin(by: Float[np.ndarray, " dof"]) -> int:
+    return int(np.ceil(np.abs(by).max())) + 3
+
+
+def _later(
+    x: Float[np.ndarray, "samples channels"], by: Float[np.ndarray, " channels"]
+) -> Float[np.ndarray, "samples channels"]:
+    """Values of `by` samples later, by cubic interpolation between neighbours."""
+    out, rows = np.empty_like(x), np.arange(len(x))
+    for i, one in enumerate(by):
+        whole = int(np.floor(one))
+        s = one - whole
+        # Lagrange's weights of the samples −1, 0, 1, 2 about the place s between 0 and 1.
+        weights = (
+            -s * (s - 1) * (s - 2) / 6,
+            (s + 1) * (s - 1) * (s - 2) / 2,
+            -(s + 1) * s * (s - 2) / 2,
+            (s + 1) * s * (s - 1) / 6,
+        )
+        around = (np.clip(rows + whole + k, 0, len(x) - 1) for k in (-1, 0, 1, 2))
+        out[:, i] = sum(w * x[at, i] for w, at in zip(weights, around, strict=True))
+    return out
