@@ -41,9 +41,8 @@ def direction(case: Case, rng: np.random.Generator) -> Case:
     def extra(truth: Truth) -> Array:
         viscous, coulomb = case.setting.plant.friction
         v = truth.rates
-        return truth.of_joints(
-            share * way[: v.shape[1]] * (viscous * np.abs(v) + coulomb * (v != 0))
-        )
+        law = viscous * np.abs(v) + coulomb * (v != 0)
+        return truth.of_joints(share * way[: v.shape[1]] * law)
 
     return replace(recorded(case, extra=extra), size=f"{share:.0%}")
 

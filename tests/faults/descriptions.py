@@ -94,7 +94,7 @@ def prior_scale(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("workspace-cut")
 def workspace_cut(case: Case, rng: np.random.Generator) -> Case:
-    """Drives' ranges that hold 30 to 70 % of what the workspace asks for, or too wide a workspace."""
+    """Drives' ranges that hold 30 to 70 % of the workspace, or a workspace out of reach."""
     data = written(case)
     if rng.uniform() < 0.4:
         factor = rng.uniform(1.8, 2.5)

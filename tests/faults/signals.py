@@ -35,7 +35,7 @@ def encoder_step(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("clock")
 def clock_jitter(case: Case, rng: np.random.Generator) -> Case:
-    """Rows taken at 5 to 40 % of a step from where an even clock has them, and stamped so or not."""
+    """Rows or their stamps are 5 to 40 % of a step from where an even clock has them."""
     setting, share = case.setting, spread(rng, 0.05, 0.4)
     late = share / setting.rate * rng.uniform(-1, 1, len(setting.time))
     if rng.uniform() < 0.5:  # only the stamps are late
@@ -100,7 +100,7 @@ def torque_noise(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("torque-step")
 def torque_step(case: Case, rng: np.random.Generator) -> Case:
-    """Torques in steps of 6 to 30 % of the largest, of a drive whose noise is smaller than these."""
+    """Torques in steps of 6 to 30 % of the largest, larger than the drive's noise."""
     share = spread(rng, 0.06, 0.3)
     case = recorded(case, noise=min(case.setting.noise, share / 8))
     step = share * case.setting.scale
