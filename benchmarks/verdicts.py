@@ -23,10 +23,10 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from _table import leave
-from faults import KINDS, Case, clean, faulty
-from faults.score import Score, said_of, score
 
 from deltaid.check.verdict import Grade
+from faults import KINDS, Case, clean, faulty
+from faults.score import Score, said_of, score
 
 HEAD = ("recordings", "cases", "right", "verdicts worse than good")
 
@@ -104,9 +104,11 @@ def show(kind: str, seed: int) -> None:
     case = made(kind, seed)
     s = case.setting
     print(f"{case.robot.name}: {case.kind}, {case.size}; expected {case.keys} {case.subject}")
-    print(f"{s.rate:g} Hz, {s.duration:.1f} s, period {s.period:.2f} s with {s.harmonics} harmonics,"
-          f" noise {s.noise:.2%}, encoder step {s.step.max():.2g}, velocity {s.velocity},"
-          f" rest {s.rest}")  # fmt: skip
+    print(
+        f"{s.rate:g} Hz, {s.duration:.1f} s, period {s.period:.2f} s of {s.harmonics} harmonics, "
+        f"noise {s.noise:.2%}, encoder step {s.step.max():.2g}, velocity {s.velocity}, "
+        f"rest {s.rest}"
+    )
     found = said_of(case)
     for one in found:
         number = "" if one.number is None else f" [{one.number:.4g} {one.unit}]"
