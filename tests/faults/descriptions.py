@@ -105,7 +105,7 @@ def workspace_cut(case: Case, rng: np.random.Generator) -> Case:
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     rim = [(workspace.radius * np.cos(a), workspace.radius * np.sin(a), z)
            for a in around for z in workspace.z]  # fmt: skip
-    home = case.robot.home(oracle.dof)
+    home = case.robot.home
     q = oracle.positions(np.hstack([np.array(rim), np.tile(home[3:], (len(rim), 1))]))
     if not np.all(np.isfinite(q)):
         raise ImpossibleError("the workspace is out of reach")
@@ -122,7 +122,7 @@ def workspace_cut(case: Case, rng: np.random.Generator) -> Case:
 def torque_limit(case: Case, rng: np.random.Generator) -> Case:
     """A drive's largest torque is 10 to 70 % of what it holds against gravity at home."""
     data, dynamics = written(case), compiled(load_robot(case.robot.name))
-    home = case.robot.home(dynamics.dof)[None]
+    home = case.robot.home[None]
     still = np.zeros_like(home)
     held = np.abs(dynamics.torque(home, still, still, prior_parameters(case.robot)))[0]
     share, drive = rng.uniform(0.1, 0.7), int(rng.integers(3))
