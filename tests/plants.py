@@ -27,8 +27,9 @@ from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from oracle.composed import ComposedOracle, LimbShape
 from oracle.tree import Array, Body
 
-# Points of the oracle along a path, and points that its Fourier series is made dense with.
-GRID, _DENSE = 768, 1 << 14
+# Points of a path, of which the oracle gets as many as it takes, and points that the Fourier series
+# of what it gives is made dense with.
+GRID, _DENSE = 1024, 1 << 14
 
 
 def true_parameters(
@@ -172,27 +173,43 @@ class Plant:
     @cached_property
     def _curves(self) -> CubicSpline:
         """q, q', q'', a, b, g and the passive joints' rates a drive rate, over φ."""
+        for every in (8, 4, 2, 1):
+            values = self._values(self.path[::every])
+            spectrum = np.fft.rfft(values, axis=0)
+            if self._resolved(np.abs(spectrum)):
+                break
+        else:
+            raise AssertionError("GRID is too coarse")
+        dense = np.fft.irfft(spectrum, _DENSE, axis=0) * (_DENSE / len(values))
+        phase = np.linspace(0, 2 * np.pi, _DENSE + 1)
+        return CubicSpline(phase, np.vstack([dense, dense[:1]]), bc_type="periodic")
+
+    def _values(self, path: Array) -> Array:
+        """The same at the points of a path."""
         oracle, dof = self.oracle, self.oracle.dof
-        q = oracle.positions(self.path)
+        q = oracle.positions(path)
         assert np.all(np.isfinite(q)), "the path leaves the workspace"
         order = 1j * np.fft.rfftfreq(len(q), 1 / len(q))[:, None]
-        slope, bend = (np.fft.irfft(order**k * np.fft.rfft(q, axis=0), len(q), axis=0)
-                       for k in (1, 2))  # fmt: skip
+        waves = np.fft.rfft(q, axis=0)
+        slope, bend = (np.fft.irfft(order**k * waves, len(q), axis=0) for k in (1, 2))
         joints = [oracle._index[name] for name in oracle._lossy[dof:]]
         rows = []
-        for z, first, second in zip(self.path, slope, bend, strict=True):
+        for z, first, second in zip(path, slope, bend, strict=True):
             g = oracle.inverse_dynamics(z, 0 * first, 0 * first)
             b = oracle.inverse_dynamics(z, 0 * first, first) - g
             a = oracle.inverse_dynamics(z, first, second) - g
             proj, _ = oracle._set(z, first)
             rows.append(np.concatenate([a, b, g, proj[joints].ravel()]))
-        values = np.hstack([q, slope, bend, np.array(rows)])
-        spectrum = np.fft.rfft(values, axis=0)
-        tail = np.abs(spectrum[-len(spectrum) // 8 :]).max(axis=0)
-        assert np.all(tail <= 1e-4 * np.abs(spectrum).max(axis=0) + 1e-12), "GRID is too coarse"
-        dense = np.fft.irfft(spectrum, _DENSE, axis=0) * (_DENSE / len(q))
-        phase = np.linspace(0, 2 * np.pi, _DENSE + 1)
-        return CubicSpline(phase, np.vstack([dense, dense[:1]]), bc_type="periodic")
+        return np.hstack([q, slope, bend, np.array(rows)])
+
+    def _resolved(self, spectrum: Array) -> bool:
+        """Whether the highest waves of all quantities are small; a drive of it may rest."""
+        tail, largest = spectrum[-len(spectrum) // 8 :].max(axis=0), spectrum.max(axis=0)
+        dof = self.oracle.dof
+        return all(
+            tail[k : k + dof].max() <= 1e-5 * largest[k : k + dof].max()
+            for k in range(0, 6 * dof, dof)
+        )
 
     def move(self, pace: Pace, rng: np.random.Generator) -> Truth:
         """Go along the path; friction of a joint at rest is random within its Coulomb friction."""

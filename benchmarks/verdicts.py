@@ -1,0 +1,146 @@
+"""Whether faulty recordings get the right verdict, and clean ones none.
+
+    pip install -e '.[test]'
+    python benchmarks/verdicts.py [--clean N] [--faulty N] [--seed N] [--kinds KIND,KIND]
+    python benchmarks/verdicts.py --only KIND --seed N --show
+
+Recordings come from `tests/faults`. The first leaves `tables/verdicts.md`, with what was missed and
+how to see it again; the second prints all verdicts on one case (KIND `clean` for a clean one). The
+tests run a few (`tests/test_verdicts.py`).
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from _table import leave
+
+from deltaid.check.verdict import Grade
+from faults import KINDS, Case, clean, faulty
+from faults.score import Score, said_of, score
+
+HEAD = ("recordings", "cases", "right", "verdicts worse than good")
+
+
+@dataclass(frozen=True)
+class Result:
+    """Of one case; `error` where something was raised."""
+
+    kind: str
+    seed: int
+    words: str
+    score: Score
+    seconds: float
+    error: str = ""
+
+
+def made(kind: str, seed: int) -> Case:
+    """A case by its name."""
+    return clean(seed) if kind == "clean" else faulty(kind, seed)
+
+
+def result(kind: str, seed: int) -> Result:
+    """Make a case and judge the verdicts on it."""
+    case = made(kind, seed)
+    words = f"{case.robot.name}, {case.size or f'{case.setting.noise:.1%} noise'}"
+    start = time.process_time()
+    try:
+        found = said_of(case)
+    except Exception as error:  # whatever it is, it is a miss, and the rest goes on
+        what = f"{type(error).__name__}: {error}".split("\n")[0]
+        return Result(kind, seed, words, Score(False, ((what[:80], "raised"),), True), 0.0, what)
+    return Result(kind, seed, words, score(case, found), time.process_time() - start)
+
+
+def rows(results: list[Result]) -> Iterable[tuple[object, ...]]:
+    """One line a kind of recording."""
+    for kind in dict.fromkeys(one.kind for one in results):
+        own = [one.score for one in results if one.kind == kind]
+        counts = Counter(key for one in own for key in {f"{k} ({g})" for k, g in one.said})
+        counts["none"] = sum(not one.said for one in own)
+        said = ", ".join(f"{key} {n}" for key, n in counts.most_common() if n)
+        yield kind, len(own), f"{sum(one.right for one in own) / len(own):.0%}", said
+
+
+def summary(results: list[Result]) -> str:
+    """The figures that count."""
+    ok = [one for one in results if one.kind == "clean"]
+    bad = [one for one in results if one.kind != "clean"]
+    lines = []
+    if bad:
+        right = sum(one.score.right for one in bad)
+        lines.append(f"{right} of {len(bad)} faulty recordings get the right verdict "
+                     f"({right / len(bad):.1%}).")  # fmt: skip
+    if ok:
+        wrong = sum(one.score.graver for one in ok)
+        lines.append(f"Of {len(ok)} clean ones {wrong} are called wrong and "
+                     f"{sum(not one.score.right for one in ok) - wrong} doubtful.")  # fmt: skip
+    seconds = sorted(one.seconds for one in results)[len(results) // 2]
+    return " ".join(lines) + f" A check takes {seconds:.1f} s of processor time (median)."
+
+
+def missed(results: list[Result]) -> str:
+    """What was not right, with the command that shows it."""
+    lines = [
+        f"- `--only {one.kind} --seed {one.seed} --show` {one.words}: "
+        + (", ".join(f"{key} ({grade})" for key, grade in one.score.said) or "nothing said")
+        for one in results
+        if not one.score.right
+    ]
+    return "Not right:\n\n" + "\n".join(lines) if lines else "All are right."
+
+
+def show(kind: str, seed: int) -> None:
+    """Print a case and all verdicts on it."""
+    case = made(kind, seed)
+    s = case.setting
+    print(f"{case.robot.name}: {case.kind}, {case.size}; expected {case.keys} {case.subject}")
+    print(
+        f"{s.rate:g} Hz, {s.duration:.1f} s, period {s.period:.2f} s of {s.harmonics} harmonics, "
+        f"noise {s.noise:.2%}, encoder step {s.step.max():.2g}, velocity {s.velocity}, "
+        f"rest {s.rest}"
+    )
+    found = said_of(case)
+    for one in found:
+        number = "" if one.number is None else f" [{one.number:.4g} {one.unit}]"
+        print(f"{one.grade:12} {one.key} {one.subject}{number}: {one.seen}")
+        if one.grade is not Grade.GOOD:
+            print(f"             cause: {one.cause}\n             cure: {one.cure}")
+    print(score(case, found))
+
+
+def main() -> int:
+    """Judge, count, write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--clean", type=int, default=200)
+    parser.add_argument("--faulty", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--only")
+    parser.add_argument("--show", action="store_true")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    given = parser.parse_args()
+    if given.only and given.show:
+        show(given.only, given.seed)
+        return 0
+    kinds = [given.only] if given.only else given.kinds.split(",")
+    asked = [(kinds[i % len(kinds)], given.seed + i) for i in range(given.faulty)]
+    asked += [("clean", given.seed + 10_000 + i) for i in range(given.clean)]
+    with ProcessPoolExecutor(given.processes) as pool:
+        results = list(pool.map(result, *zip(*asked, strict=True), chunksize=1))
+    results.sort(key=lambda one: (one.kind != "clean", one.kind))
+    leave(HEAD, list(rows(results)), summary(results) + "\n\n" + missed(results))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""Recordings with one fault each, and clean ones, of random robots, motions and sensors.
+
+`clean(seed)` is what a careful lab hands over; `faulty(kind, seed)` is spoilt in one way, and says
+which verdicts are right. Every kind draws its size from a wide range, and one that could hide
+behind the model's parameters and noise is drawn again until it is at least three times what the
+intervals hide (`shown.py`). Torques come from the oracle (`plants.py`).
+"""
+
+from dataclasses import replace
+from zlib import crc32
+
+import numpy as np
+
+from faults import behaviour, descriptions, signals, wiring
+from faults.case import Case, clean
+from faults.shown import shown
+from faults.tools import KINDS, ImpossibleError
+
+__all__ = ["KINDS", "Case", "behaviour", "clean", "descriptions", "fault", "faulty", "signals",
+           "wiring"]  # fmt: skip
+
+# Three times the half width of a 95 % interval, in standard deviations.
+LEAST = 3 * 1.96
+
+
+def fault(case: Case, kind: str, rng: np.random.Generator) -> Case:
+    """The case with a fault of a kind, of random size.
+
+    Raises:
+        ImpossibleError: this robot or recording cannot have it, or not so that it shows.
+    """
+    one = KINDS[kind]
+    for _ in range(6 if one.hides else 1):
+        seed = rng.integers(1 << 32)
+        spoilt = one.change(case, np.random.default_rng(seed))
+        if not one.hides:
+            break
+        exact = one.change(case.exact, np.random.default_rng(seed))
+        size = shown(exact, spoilt)
+        spoilt = replace(spoilt, size=f"{spoilt.size} ({size:.0f} σ)")
+        if size >= LEAST:
+            break
+    else:
+        raise ImpossibleError(f"{kind} does not show")
+    return replace(spoilt, kind=kind, keys=one.keys, related=one.related)
+
+
+def faulty(kind: str, seed: int) -> Case:
+    """The case of a seed: a fault of the first clean recording from there on that can have it."""
+    for attempt in range(30):
+        rng = np.random.default_rng([seed, attempt, crc32(kind.encode())])
+        try:
+            return fault(clean(seed + 1_000_003 * attempt), kind, rng)
+        except ImpossibleError:
+            continue
+    raise ImpossibleError(f"no robot for {kind}")

@@ -1,0 +1,165 @@
+"""A case: a robot as described, a recording of it, how it came about, and what is right to say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import catalogue, load_robot
+from oracle.tree import Array
+from plants import Plant, Truth, even_pace, random_plant
+
+RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A robot that moves, and its sensors.
+
+    Attributes:
+        plant: the true robot and its path.
+        period: s for one round of the path.
+        harmonics: of the path.
+        duration: s.
+        rate: Hz.
+        rest: spans of standing still (s).
+        step: of the encoders behind their gears, (dof,) in rad or m.
+        noise: of torques, as a share of each drive's largest.
+        velocity: whether q̇ is recorded.
+        seed: of whatever is random in sensors.
+        extra: torques that the robot does not have, of what happens.
+        jitter: how much later than stamped each row is taken (s).
+    """
+
+    plant: Plant
+    period: float
+    harmonics: int
+    duration: float
+    rate: float
+    rest: tuple[tuple[float, float], ...]
+    step: Array
+    noise: float
+    velocity: bool
+    seed: int
+    extra: Callable[[Truth], Array] | None = None
+    jitter: Array | None = None
+
+    @property
+    def time(self) -> Array:
+        """Of the samples."""
+        return np.arange(round(self.duration * self.rate)) / self.rate
+
+    @cached_property
+    def truth(self) -> Truth:
+        """What happens."""
+        return self.at(self.time)
+
+    def at(self, time: Array) -> Truth:
+        """What happens at other times (ascending)."""
+        pace = even_pace(time, self.period, self.rest)
+        truth = self.plant.move(pace, np.random.default_rng([self.seed, 1]))
+        return replace(truth, tau=truth.tau + self.extra(truth)) if self.extra else truth
+
+    @property
+    def scale(self) -> Array:
+        """Largest torque of each drive."""
+        return np.abs(self.truth.tau).max(axis=0)
+
+    def sensed(self) -> dict[str, Array]:
+        """What the sensors make of it: t, q, qd if recorded, tau."""
+        truth, rng = self.truth, np.random.default_rng([self.seed, 2])
+        if self.jitter is not None:
+            truth = self.at(self.time + self.jitter)
+        columns = {"t": self.time, "q": self.step * np.round(truth.q / self.step)}
+        if self.velocity:
+            # A drive differentiates its encoder and smooths it; what is left is white and small.
+            spread = 1e-3 * np.abs(truth.qd).max(axis=0)
+            columns["qd"] = truth.qd + spread * rng.standard_normal(truth.qd.shape)
+        noise = self.noise * self.scale * rng.standard_normal(truth.tau.shape)
+        return columns | {"tau": truth.tau + noise}
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A robot as described, a recording of it, and what is right to say.
+
+    Attributes:
+        robot: its description.
+        columns: t (samples,), and q, qd, tau (samples, drives), as a log has them.
+        setting: how it came about.
+        kind: of fault; 'clean' for none.
+        size: of the fault, in words.
+        keys: any of these verdicts is right; none for a clean recording.
+        subject: what the verdict must be about; empty if that is open.
+        related: verdicts that follow from the fault, so that they are no mistake.
+        data: the description as a file holds it, where the description is at fault; the recording
+            then does not count.
+    """
+
+    robot: RobotDescription
+    columns: Mapping[str, Array]
+    setting: Setting
+    kind: str = "clean"
+    size: str = ""
+    keys: tuple[str, ...] = ()
+    subject: str = ""
+    related: tuple[str, ...] = ()
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def seed(self) -> int:
+        """Of the recording."""
+        return self.setting.seed
+
+    @cached_property
+    def exact(self) -> Case:
+        """The same without noise and encoder steps."""
+        setting = replace(self.setting, noise=0.0, step=np.full_like(self.setting.step, 1e-13))
+        return replace(self, setting=setting, columns=setting.sensed())
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """The recording with the default names of columns."""
+        columns = {"t": self.columns["t"]}
+        for name in ("q", "qd", "tau"):
+            if name in self.columns:
+                columns |= {f"{name}{i + 1}": x for i, x in enumerate(self.columns[name].T)}
+        return pl.DataFrame(columns)
+
+
+def clean(seed: int, robot: str | None = None) -> Case:
+    """A recording without faults, of a random catalogue robot or of a given one."""
+    rng = np.random.default_rng([seed, 0])
+    names = catalogue()
+    name = names[int(rng.integers(len(names)))]
+    described = load_robot(robot or name)
+    harmonics = int(rng.integers(4, 9))
+    period = harmonics * np.exp(rng.uniform(np.log(0.45), np.log(1.2)))
+    plant = random_plant(described, rng, period, harmonics, rng.uniform(0.7, 1.0))
+    duration = max(rng.uniform(8, 25), 1.3 * period)
+    ends = rng.uniform(0, 0.5, 2) * (rng.uniform(size=2) < 0.5)
+    rest = ((-1.0, ends[0]),) if ends[0] > 0 else ()
+    rest += ((duration - ends[1], duration + 1.0),) if ends[1] > 0 else ()
+    linear = np.array([described.is_linear(drive) for drive in described.drives])
+    counts = 2.0 ** rng.integers(14, 23)
+    turn = 2 * np.pi / np.exp(rng.uniform(0, np.log(100)))
+    lead = rng.uniform(0.01, 0.06)
+    setting = Setting(
+        plant=plant,
+        period=period,
+        harmonics=harmonics,
+        duration=duration,
+        rate=float(rng.choice(RATES)),
+        rest=rest,
+        step=np.where(linear, lead, turn) / counts,
+        noise=float(np.exp(rng.uniform(np.log(0.003), np.log(0.03)))),
+        velocity=bool(rng.uniform() < 0.4),
+        seed=seed,
+    )
+    return Case(described, setting.sensed(), setting)

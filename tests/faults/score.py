@@ -1,0 +1,70 @@
+"""Whether the verdicts on a case are right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from deltaid.check.run import verdicts
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.errors import DescriptionError
+from deltaid.robot.load import load_robot
+from faults.case import Case
+
+_SAID = (Grade.DOUBTFUL, Grade.WRONG)
+
+
+@dataclass(frozen=True)
+class Score:
+    """What was said of a case.
+
+    Attributes:
+        right: the expected cause is said, of the expected drive, and no other one is called wrong;
+            of a clean case: nothing is called doubtful or wrong.
+        said: keys of verdicts worse than good, each with its grade.
+        graver: whether anything unexpected is called wrong.
+    """
+
+    right: bool
+    said: tuple[tuple[str, str], ...]
+    graver: bool
+
+
+def said_of(case: Case) -> tuple[Verdict, ...]:
+    """All verdicts: on the description where that is at fault, else on the recording too.
+
+    A description that is refused for its millimetres has got its verdict.
+    """
+    if not case.data:
+        return verdicts(case.robot, case.table)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "robot.yaml"
+        file.write_text(json.dumps(case.data), encoding="utf-8")
+        try:
+            return verdicts(load_robot(file))
+        except DescriptionError as error:
+            if "metres" not in f"{error.what} {error.cure}":
+                raise
+            return (Verdict("millimetres", Grade.WRONG, error.what, error.where, "", error.cure),)
+
+
+def score(case: Case, found: Sequence[Verdict]) -> Score:
+    """Compare verdicts with what is right to say."""
+    bad = [verdict for verdict in found if verdict.grade in _SAID]
+    said = tuple((v.key, str(v.grade)) for v in found if v.grade is not Grade.GOOD)
+    stray = [v for v in bad if v.key not in (*case.keys, *case.related)]
+    graver = any(verdict.grade is Grade.WRONG for verdict in stray)
+    if not case.keys:
+        return Score(not bad, said, graver)
+    hit = any(v.key in case.keys and _about(v, case.subject) for v in bad)
+    return Score(hit and not graver, said, graver)
+
+
+def _about(verdict: Verdict, subject: str) -> bool:
+    """Whether a verdict names a drive: as its subject, or in its words where it has none."""
+    if not subject or subject in verdict.subject:
+        return True
+    return not verdict.subject and subject in f"{verdict.seen} {verdict.cause}"

@@ -1,0 +1,36 @@
+"""How much of a fault is left when the model's parameters have taken what they can."""
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import KinematicsError
+from faults.case import Case
+
+# Rows that the regressor is evaluated at; the rest count by their number.
+_ROWS = 2000
+
+
+def shown(exact: Case, spoilt: Case) -> float:
+    """‖(1 − Y Y⁺) τ‖ of a faulty recording without noise, each drive's torque in σ of its noise.
+
+    This is the fault in standard deviations of an estimate of its size, all parameters unknown and
+    noise white: what three intervals hide is below six. Infinite where no model can be posed.
+    """
+    dynamics = compiled(exact.robot)
+    t, q, tau = (exact.columns[name] for name in ("t", "q", "tau"))
+    spline = make_interp_spline(t, q, k=5)
+    every = np.unique(np.linspace(0, len(t) - 1, _ROWS).astype(int))
+    rows = [x[every] for x in (q, spline(t, 1), spline(t, 2), tau)]
+    still = np.any(np.abs(rows[1]) < 1e-6 * np.abs(rows[1]).max(axis=0), axis=1)
+    q, qd, qdd, tau = (x[~still] for x in rows)
+    try:
+        Y = dynamics.regressor(q, qd, qdd, tau)
+    except KinematicsError:
+        return np.inf
+    sigma = spoilt.setting.noise * spoilt.setting.scale
+    Y = (Y / sigma[:, None]).reshape(-1, Y.shape[-1])
+    Y /= np.maximum(np.linalg.norm(Y, axis=0), 1e-300)
+    left = tau / sigma
+    p, *_ = np.linalg.lstsq(Y, left.ravel(), rcond=1e-10)
+    return float(np.linalg.norm(left.ravel() - Y @ p) * np.sqrt(len(t) / len(every)))

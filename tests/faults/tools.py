@@ -1,0 +1,121 @@
+"""What kinds of fault are written with: their list, and small changes of a case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from faults.case import Case
+from oracle.tree import Array
+
+Change = Callable[[Case, np.random.Generator], Case]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of fault.
+
+    Attributes:
+        change: spoils a case; asks its generator for the same numbers whatever the case's noise.
+        keys: any of these verdicts is right.
+        related: verdicts that follow from the fault, so that they are no mistake.
+        hides: whether a small one may hide behind the model's parameters and noise.
+    """
+
+    change: Change
+    keys: tuple[str, ...]
+    related: tuple[str, ...] = ()
+    hides: bool = False
+
+
+KINDS: dict[str, Kind] = {}
+
+
+def kind(
+    *keys: str, related: tuple[str, ...] = (), hides: bool = False
+) -> Callable[[Change], Change]:
+    """List a kind of fault by the name of its function."""
+
+    def listed(change: Change) -> Change:
+        name = change.__name__.replace("_", "-")
+        KINDS[name] = Kind(change, keys, related, hides)
+        return change
+
+    return listed
+
+
+class ImpossibleError(Exception):
+    """A robot or a recording that cannot have a fault."""
+
+
+def drives(case: Case) -> tuple[str, ...]:
+    """Names."""
+    return case.robot.drives
+
+
+def one(case: Case, rng: np.random.Generator) -> int:
+    """A drive."""
+    return int(rng.integers(len(drives(case))))
+
+
+def spread(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number between two, evenly by its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def scaled(case: Case, name: str, factors: Array | float) -> dict[str, Array]:
+    """The columns with one quantity times a factor a drive."""
+    return dict(case.columns) | {name: case.columns[name] * factors}
+
+
+def only(case: Case, drive: int, factor: float) -> Array:
+    """A factor for one drive and 1 for the others."""
+    return np.where(np.arange(len(drives(case))) == drive, factor, 1.0)
+
+
+def rotary(case: Case) -> Array:
+    """Which drives turn."""
+    return np.array([not case.robot.is_linear(drive) for drive in drives(case)])
+
+
+def recorded(case: Case, **changes: Any) -> Case:
+    """The case with another setting, recorded anew."""
+    setting = replace(case.setting, **changes)
+    return replace(case, setting=setting, columns=setting.sensed())
+
+
+def with_velocity(case: Case) -> Case:
+    """The case with recorded velocities."""
+    return case if "qd" in case.columns else recorded(case, velocity=True)
+
+
+def replanted(case: Case, **changes: Any) -> Case:
+    """The case of another true robot on the same path.
+
+    Raises:
+        ImpossibleError: it cannot go there.
+    """
+    plant = case.setting.plant
+    oracle = replace(plant.oracle, **changes)
+    if not np.all(np.isfinite(oracle.positions(plant.path))):
+        raise ImpossibleError("the path leaves the workspace")
+    return recorded(case, plant=replace(plant, oracle=oracle))
+
+
+def permutation(case: Case, rng: np.random.Generator) -> Array:
+    """An order of the drives that is not the right one."""
+    order = np.arange(len(drives(case)))
+    while np.all(order == np.arange(len(order))):
+        order = rng.permutation(len(order))
+    return order
+
+
+def some(case: Case, rng: np.random.Generator) -> tuple[Array, str]:
+    """All drives and no subject, or one drive and its name."""
+    if rng.uniform() < 0.5:
+        return np.ones(len(drives(case)), bool), ""
+    drive = one(case, rng)
+    return np.arange(len(drives(case))) == drive, drives(case)[drive]
