@@ -51,7 +51,7 @@ class Log:
     samples: int
     rate: float
     torque_max: Float[np.ndarray, " drives"]
-    position_noise: Float[np.ndarray, " drives"]
+    position_noise: Float[np.ndarray, " positions"]
     reach: Float[np.ndarray, "2 3"]
     suggested_cutoff: float | None
     masks: tuple[Mask, ...]
