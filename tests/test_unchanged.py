@@ -59,7 +59,8 @@ def write_recording(counts: np.ndarray, tau: np.ndarray, path: Path) -> None:
 
 def fitted(name: str, recording: Path) -> dict[str, np.ndarray]:
     """What identification makes of a recording."""
-    result = deltaid.identify(deltaid.load_robot(name), [recording])
+    keep = deltaid.Settings(keep_all=True)  # of that time, nothing was left out
+    result = deltaid.identify(deltaid.load_robot(name), [recording], settings=keep)
     parameters, base = result.model.parameters, result.model.base_parameters
     return {
         "p": result.model.p,

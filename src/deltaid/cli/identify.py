@@ -59,6 +59,12 @@ def identify(
         FrictionLaws,
         typer.Option(help="Friction laws: as described, or chosen by cross-validation."),
     ] = "described",
+    keep_all: Annotated[
+        bool,
+        typer.Option(
+            "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
@@ -89,6 +95,7 @@ def identify(
         prior_spread=prior_spread,
         cutoff=cutoff,
         friction=friction,
+        keep_all=keep_all,
     )
     inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
     require_outputs(inputs, {"--output": output}, report)
@@ -104,7 +111,7 @@ def identify(
         verification, log, doubts = None, None, list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
-            verification, log = validate(result.model, verify, columns=mapping)
+            verification, log = validate(result.model, verify, columns=mapping, keep_all=keep_all)
             texts = remarks(result.model, log, verification)
             doubts += [f"{log.path}: {text}" for text in texts]
     print_warnings(doubts)
@@ -147,6 +154,11 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         **model.fit.model_dump(),
         "samples": round(result.problem.information.mean_samples),
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
+        "left_out": [
+            {"log": source.log, **one.model_dump()}
+            for source in model.sources
+            for one in source.left_out
+        ],
         "friction": {
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),
@@ -173,6 +185,7 @@ def print_result(
     """The result as tables."""
     from deltaid.cli.output import console, shown
     from deltaid.model.model import load
+    from deltaid.report.left_out import left_out_table
     from deltaid.report.model_tables import (
         choice_sentence,
         choice_table,
@@ -188,6 +201,10 @@ def print_result(
     if model.friction_choice is not None:
         console.print(shown(choice_table(model.friction_choice, model.robot)))
         console.print(choice_sentence(model.friction_choice))
+        console.print()
+    left_out = left_out_table((source.log, source.left_out) for source in result.model.sources)
+    if left_out is not None:
+        console.print(shown(left_out))
         console.print()
     for line in summary(result):
         console.print(line)

@@ -29,6 +29,12 @@ def validate(
     report: Annotated[
         Path | None, output_file(help="HTML page with figures of the comparison, works offline.")
     ] = None,
+    keep_all: Annotated[
+        bool,
+        typer.Option(
+            "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare a model's torques with a recording, drive by drive."""
@@ -41,10 +47,12 @@ def validate(
         require_report,
         shown,
     )
+    from deltaid.identification.left_out import left_out
     from deltaid.identification.validation import remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
     from deltaid.recording.columns import load_mapping
+    from deltaid.report.left_out import left_out_table
     from deltaid.report.model_tables import error_table
 
     if report is not None:
@@ -54,15 +62,19 @@ def validate(
     print_origin(known)
     with progress(as_json) as say:
         say(f"comparing with {log}")
-        error, surveyed = run(known, log, columns=mapping)
+        error, surveyed = run(known, log, columns=mapping, keep_all=keep_all)
         if report is not None:
             say(f"writing {report}")
             write_report(known, surveyed, error, report)
     print_warnings([f"{log}: {text}" for text in remarks(known, surveyed, error)])
+    missing = left_out(surveyed, known.robot.drives, error)
     if as_json:
-        print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error))
+        told = {"left_out": [one.model_dump() for one in missing]}
+        print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error) | told)
     else:
         console.print(shown(error_table(known, error)))
+        if (table := left_out_table([(log.name, missing)])) is not None:
+            console.print(shown(table))
         if report is not None:
             console.print(f"wrote {report}")
 

@@ -18,6 +18,7 @@ from deltaid.identification.judgement import (
     judged_parameters,
     record,
 )
+from deltaid.identification.left_out import left_out
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.record import IdentifiedModel, Settings, Source
 from deltaid.recording.columns import ColumnMapping
@@ -92,7 +93,10 @@ def identify(
         fit=record(problem, _mean(errors, problem.used)),
         settings=settings,
         friction_choice=choice,
-        sources=tuple(_source(*one) for one in zip(recordings, problem.used, strict=True)),
+        sources=tuple(
+            _source(*one, robot.drives)
+            for one in zip(recordings, problem.used, errors, strict=True)
+        ),
         warnings=(
             *(f"{one.path}: {text}" for one in recordings for text in one.log.warnings),
             *doubts(problem),
@@ -112,10 +116,11 @@ def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
     torque = together([(e.rms / e.nrmse) ** 2 for e in errors])
     covariance = np.einsum("i,ijk->jk", share[:, 0], np.array([e.covariance for e in errors]))
     raw = together([e.rms_unfiltered**2 for e in errors])
-    return TorqueError(rms, rms / torque, raw, covariance, errors[0].cutoff)
+    turning = np.einsum("i,ij->j", share[:, 0], np.array([e.turning for e in errors]))
+    return TorqueError(rms, rms / torque, raw, covariance, turning, errors[0].cutoff)
 
 
-def _source(recording: Recording, used: int) -> Source:
+def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[str, ...]) -> Source:
     log = recording.log
     return Source(
         log=log.path.name,
@@ -124,4 +129,5 @@ def _source(recording: Recording, used: int) -> Source:
         rate_hz=log.rate,
         cutoff_hz=recording.cutoff,
         used_samples=used,
+        left_out=left_out(log, drives, error),
     )

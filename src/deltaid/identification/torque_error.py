@@ -22,6 +22,7 @@ class TorqueError:
         nrmse: rms as a share of the measured torque's own root mean square.
         rms_unfiltered: the same against the torque as recorded.
         covariance: mean of e eᵀ over the samples, of the filtered errors.
+        turning: share of the samples that do not count because a joint turns round there.
         cutoff: the filter's cut-off [Hz]; None without a filter.
     """
 
@@ -29,6 +30,7 @@ class TorqueError:
     nrmse: Float[np.ndarray, " dof"]
     rms_unfiltered: Float[np.ndarray, " dof"]
     covariance: Float[np.ndarray, "dof dof"]
+    turning: Float[np.ndarray, " dof"]
     cutoff: float | None
 
 
@@ -90,24 +92,32 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
     """The torque errors of parameters p on a recording."""
 
     def sums(window: Window) -> tuple[np.ndarray, ...]:
-        part = _prediction(dynamics, p, window)
+        part, all_samples = _prediction(dynamics, p, window), len(window.own.time)
         error = part.filtered_measured - part.filtered_predicted
         raw = np.sum((part.weights * (part.measured - part.predicted)) ** 2, axis=0)
-        counts = np.stack([part.counted.sum(axis=0), np.sum(part.weights**2, axis=0)])
+        counts = np.stack(
+            [
+                part.counted.sum(axis=0),
+                np.sum(part.weights**2, axis=0),
+                window.turning,
+                np.full(len(raw), all_samples),
+            ]
+        )
         return error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, counts
 
     dof = dynamics.dof
-    totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((2, dof))
+    totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((4, dof))
     for one in recording.evaluate(dynamics.kinematics, sums):
         for total, part in zip(totals, one, strict=True):
             total += part
-    covariance, power, raw, (samples, all_samples) = totals
+    covariance, power, raw, (samples, raw_samples, turning, all_samples) = totals
     rms = np.sqrt(np.diag(covariance) / samples)
     return TorqueError(
         rms=rms,
         nrmse=rms / np.sqrt(power / samples),
-        rms_unfiltered=np.sqrt(raw / all_samples),
+        rms_unfiltered=np.sqrt(raw / raw_samples),
         covariance=covariance / np.sqrt(np.outer(samples, samples)),
+        turning=turning / all_samples,
         cutoff=recording.cutoff,
     )
 

@@ -15,7 +15,11 @@ _WORSE, _SHARE = 3.0, 0.1
 
 
 def validate(
-    model: ModelLike, log: RecordingLike, *, columns: ColumnMapping | None = None
+    model: ModelLike,
+    log: RecordingLike,
+    *,
+    columns: ColumnMapping | None = None,
+    keep_all: bool = False,
 ) -> tuple[TorqueError, Log]:
     """Torque errors of a model on a recording it has not seen, and the surveyed recording.
 
@@ -27,7 +31,7 @@ def validate(
     """
     model = load(model)
     dynamics = model.dynamics
-    surveyed = open_log(log, dynamics.kinematics, columns)
+    surveyed = open_log(log, dynamics.kinematics, columns, keep_all=keep_all)
     return torque_error(dynamics, model.p, model_filtered(model, surveyed)), surveyed
 
 

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.left_out import LeftOut
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -101,6 +102,9 @@ class Source(Part):
     rate_hz: float
     cutoff_hz: float | None = None
     used_samples: int
+    left_out: tuple[LeftOut, ...] = Field(
+        default=(), description="what was left out; missing in earlier files"
+    )
 
 
 class Fit(Part):

@@ -58,7 +58,7 @@ class Log:
     samples: int
     clock: Clock
     torque_max: Float[np.ndarray, " drives"]
-    position_noise: Float[np.ndarray, " drives"]
+    position_noise: Float[np.ndarray, " positions"]
     reach: Float[np.ndarray, "2 3"]
     suggested_cutoff: float | None
     masks: tuple[Mask, ...]

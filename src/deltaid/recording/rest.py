@@ -90,7 +90,7 @@ class RestSearch:
         self._speed = np.maximum(self._speed, ways.max(axis=0) / (self.overlap * self.period))
         self._reach = np.array([np.minimum(self._reach[0], q.min(axis=0)),
                                 np.maximum(self._reach[1], q.max(axis=0))])  # fmt: skip
-        for first, last in runs_of(np.all(width <= self._widest, axis=1), row):
+        for first, last in runs_of(np.all(width <= self._widest, axis=1), row).tolist():
             at = slice(first - row, last - row + self.length)
             rest = _Rest(first, last + self.overlap, q[at].min(axis=0), q[at].max(axis=0))
             self._take(rest)

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-Runs = Int[np.ndarray, "runs 2"]
+Runs = Int[np.ndarray, "_ 2"]
 
 NONE: Runs = np.zeros((0, 2), dtype=np.int64)
 

@@ -68,12 +68,15 @@ class Window:
         own: its samples; those of all windows are the recording.
         wide: the same and more at either end: where to evaluate what is to be filtered.
         low_pass: the filter, if there is one.
+        turning: for each drive how many of its own samples do not count because a joint turns round
+            there, and for no other reason.
     """
 
     start: int
     own: Samples
     wide: Samples
     low_pass: LowPass | None
+    turning: Int[np.ndarray, " torques"]
 
     def filtered(self, of: Callable[[Samples], Values]) -> Values:
         """The low-pass over something that follows from samples, thinned as the cut-off allows.
@@ -191,13 +194,13 @@ class Uncut:
         q, qd, qdd, tau, weights = np.split(self.rows[:, 1:], np.cumsum(counts), axis=1)
         if low_pass is None:
             samples = self._samples(0, q, qd, qdd, tau, weights)
-            return Window(self.start, samples, samples, None)
+            return Window(self.start, samples, samples, None, _lost(samples, weights))
         first = low_pass.lead_half + low_pass.stride * (low_pass.margin + low_pass.spread_half)
         wide = self._samples(first, *_motion(low_pass, q, qd, qdd), tau, weights)
         apart = len(wide.time) // low_pass.stride - low_pass.lead_loss - 2 * low_pass.half
         lost = low_pass.lead_half + low_pass.stride * low_pass.half
         own = wide.part(slice(lost, lost + max(0, apart) * low_pass.stride))
-        return Window(self.start, own, wide, low_pass)
+        return Window(self.start, own, wide, low_pass, _lost(own, weights[first + lost :]))
 
     def _samples(
         self,
@@ -215,6 +218,14 @@ class Uncut:
         if self.directions is not None and weights.size:
             weights = weights * self.directions.known(self.kinematics, z, qd, qdd)
         return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows], weights)
+
+
+def _lost(
+    samples: Samples, weights: Float[np.ndarray, "rows torques"]
+) -> Int[np.ndarray, " torques"]:
+    """How many samples have lost the weight that their rows have in the log."""
+    before = weights[: len(samples.time)]
+    return np.count_nonzero((samples.weights == 0.0) & (before > 0.0), axis=0)
 
 
 def _motion(

@@ -2,6 +2,7 @@
 
 from deltaid.model.model import Model
 from deltaid.model.record import IdentifiedModel
+from deltaid.report.left_out import left_out_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Section, Table, Text
 from deltaid.robot.description import RobotDescription
@@ -12,7 +13,9 @@ def provenance_section(model: Model, title: str) -> Section:
     known = model.identified
     if known is None:
         return Section(title, (Text(f"Parameters: {model.origin}."), *_origins(model.robot)))
-    return Section(title, (_sources(known), _fit(known), _settings(known), *_origins(model.robot)))
+    left_out = left_out_table((source.log, source.left_out) for source in known.sources)
+    tables = (_sources(known), *((left_out,) if left_out else ()), _fit(known))
+    return Section(title, (*tables, _settings(known), *_origins(model.robot)))
 
 
 def file_names(model: IdentifiedModel) -> str:

@@ -1,5 +1,6 @@
 """The page of `deltaid validate`: a model's torques on a recording it has not seen."""
 
+from deltaid.identification.left_out import left_out
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
 from deltaid.model.model import ModelLike, load
@@ -8,6 +9,7 @@ from deltaid.recording.recording import Recording
 from deltaid.report.comparison import compare
 from deltaid.report.friction import friction_section
 from deltaid.report.identification import motion_section, torque_section
+from deltaid.report.left_out import left_out_table
 from deltaid.report.model_tables import base_table, error_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
@@ -21,6 +23,7 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
     dynamics, known, log = model.dynamics, model.identified, recording.log
     comparison = compare(dynamics, model.p, recording)
     torques = torque_section(model.robot, comparison, "Torques")
+    missing = left_out_table([(log.path.name, left_out(log, model.robot.drives, error))])
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
@@ -34,7 +37,10 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
             for i, drive in enumerate(model.robot.drives)
         ),
         sections=(
-            Section(torques.title, (error_table(model, error), *torques.blocks)),
+            Section(
+                torques.title,
+                (error_table(model, error), *((missing,) if missing else ()), *torques.blocks),
+            ),
             motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
             *(_parameters(known) if known else ()),

@@ -1,0 +1,54 @@
+"""What of a recording was left out: masks and reversals, reason by reason."""
+
+from collections.abc import Sequence
+
+from deltaid.identification.torque_error import TorqueError
+from deltaid.model.left_out import LeftOut, Span
+from deltaid.recording.log import Log
+from deltaid.recording.masks import WHY, Mask, Reason
+
+REVERSAL, WHY_REVERSAL = (
+    "reversal",
+    "a joint turns round, and its friction with it, between two samples",
+)
+# Spans that are listed of one reason.
+_LISTED = 100
+
+
+def left_out(log: Log, drives: Sequence[str], error: TorqueError) -> tuple[LeftOut, ...]:
+    """What a comparison of torques has left out of a log, the reasons in the order of time."""
+    groups: dict[tuple[Reason, tuple[int, ...]], list[Mask]] = {}
+    for mask in log.masks:
+        groups.setdefault((mask.reason, mask.drives), []).append(mask)
+    found = [
+        LeftOut(
+            reason=reason,
+            why=WHY[reason],
+            drives=tuple(drives[i] for i in which),
+            share=sum(mask.last - mask.first + 1 for mask in masks) / log.samples,
+            spans=tuple(_span(mask) for mask in masks[:_LISTED]),
+            more=max(0, len(masks) - _LISTED),
+        )
+        for (reason, which), masks in groups.items()
+    ]
+    found += [
+        LeftOut(reason=REVERSAL, why=WHY_REVERSAL, drives=(drives[i],), share=float(share))
+        for i, share in enumerate(error.turning)
+        if share > 0
+    ]
+    return _alike(found)
+
+
+def _alike(found: Sequence[LeftOut]) -> tuple[LeftOut, ...]:
+    """Drives that lose the same for the same reason together."""
+    together: dict[tuple[object, ...], LeftOut] = {}
+    for one in found:
+        key = one.reason, one.share, one.spans
+        before = together.get(key)
+        drives = (*before.drives, *one.drives) if before else one.drives
+        together[key] = one.changed(drives=drives)
+    return tuple(together.values())
+
+
+def _span(mask: Mask) -> Span:
+    return Span(start=round(mask.start, 6), end=round(mask.end, 6))

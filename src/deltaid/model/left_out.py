@@ -1,0 +1,31 @@
+"""What of a recording was left out, as a model file and JSON have it."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from deltaid.robot.part import Part
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Span(Part):
+    """When rows were left out, by their first and their last time stamp [s]."""
+
+    start: float
+    end: float
+
+
+class LeftOut(Part):
+    """Rows that were left out of a recording for one reason, alike for some drives.
+
+    `share` is that of the recording's rows. Of many spans the first ones are listed, and `more`
+    says how many there are beside them; reversals have a share only.
+    """
+
+    reason: str
+    why: str
+    drives: tuple[str, ...]
+    share: Share
+    spans: tuple[Span, ...] = ()
+    more: Annotated[int, Field(ge=0)] = 0
