@@ -16,9 +16,11 @@ _SIZE, _EDGE = 1 << 16, 1024
 _GAP = 3.0
 # Of two times the one over which positions are rougher by less than this share explains them.
 _CLEAR = 0.7
+# Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
+_SMOOTH, _SHARP = 1e-12, 0.01
 
-Rows = Float[np.ndarray, "rows channels"]
-Places = Int[np.ndarray, " kept"]
+Rows = Float[np.ndarray, "_ _"]
+Places = Int[np.ndarray, " _"]
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
@@ -143,12 +145,13 @@ class _Notes:
     @property
     def is_even(self) -> bool | None:
         """Whether positions follow the grid; None if they do not tell."""
-        if self.rounded:
+        even = self.even
+        if self.rounded or even.squares * even.steps < (_SHARP * even.total) ** 2:
             return True
-        moving = (self.by_grid > 0) & (self.by_stamps > 0)
-        if not moving.any():
+        least = _SMOOTH * self.rows
+        ratio = np.maximum(self.by_stamps, least) / np.maximum(self.by_grid, least)
+        if not ratio.size:
             return None
-        ratio = self.by_stamps[moving] / self.by_grid[moving]
         if ratio.max() > 1 / _CLEAR:
             return True
         return False if ratio.min() < _CLEAR else None
