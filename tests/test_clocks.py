@@ -116,6 +116,17 @@ def test_rounded_stamps_are_even(rate: float, clavel: Dynamics) -> None:
     np.testing.assert_allclose(np.diff(values[:, 0]), 1 / rate, rtol=1e-4)
 
 
+@pytest.mark.parametrize(("rate", "step"), [(2000.0, 1e-3), (2700.0, 1e-3), (1000.0, 15.6e-3)])
+def test_positions_know_where_rows_are_missing(rate: float, step: float) -> None:
+    """Several rows share a stamp, whose clock drifts: stamps alone see a row too much or too few
+    now and then, and not which one."""
+    rng = np.random.default_rng(2)
+    rows = even(rate, 4.0).losing(2e-3, rng)
+    rows = Rows(rows.frame, rows.at, rows.time * (1 + 4e-5)).rounded(step)
+    assert len(rows.holes) > 3
+    assert found(clock_of(rows)) == rows.holes
+
+
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     rows = even(1000.0).gap(2.0, 0.05).losing(5e-3, rng).jittering(0.3, rng).doubling(9, rng)

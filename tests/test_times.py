@@ -148,5 +148,3 @@ def test_a_stamp_that_is_no_number_is_named(tmp_path) -> None:
     for suffix, row in (("csv", 22), ("parquet", 21)):
         message = refusal(read, write(tmp_path / f"log.{suffix}", frame))
         assert f"row {row}: column t is " in message.lower()
-
-

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.recording.clock import Clock
-from deltaid.recording.grid import ROUNDED, place, usual_step
+from deltaid.recording.grid import ROUNDED, SHARP, place, usual_step
+from deltaid.recording.hole_places import revised
 from deltaid.recording.table import recut
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
@@ -101,6 +102,8 @@ class _Notes:
             return
         grid = place(time[single])
         kept, reading = single[grid.kept], self.even
+        if np.std(grid.off) > SHARP:
+            grid = revised(grid, block[kept, 1 : 1 + self.dof])
         reading.add(time, kept, grid.lost, own, start)
         inside = (kept >= own.start) & (kept < own.stop)
         off = grid.period * grid.off[inside]
