@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from deltaid.errors import RecordingError
-from deltaid.recording.address import Pick, find
+from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
 from deltaid.robot.load import load_yaml
@@ -32,6 +32,8 @@ Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
 # Default names of the time.
 TIMES = ("t", "time")
+# What may be given for the unit of dates, which have none.
+DATES = ("iso", "datetime")
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
 _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
@@ -128,10 +130,35 @@ DriveColumns = Annotated[
 
 
 class TimeColumn(Part):
-    """The time column."""
+    """The time column, or what takes its place.
+
+    A column with a unit holds times; one with a rate counts cycles; a rate alone stands for the
+    time of a log without.
+    """
 
     column: Name = "t"
-    unit: str = "s"
+    unit: str = Field(
+        default="s",
+        description="such as s, ms, 100 ns; dates and times of day (ISO 8601) have none",
+    )
+    rate: Positive | None = Field(
+        default=None,
+        description="samples a second, in place of a time column; or what a column counts a second",
+    )
+
+    @property
+    def is_absent(self) -> bool:
+        """Whether there is no column: samples follow one another at the rate."""
+        return self.rate is not None and "column" not in self.model_fields_set
+
+    @model_validator(mode="after")
+    def _check(self) -> "TimeColumn":
+        if self.rate is not None and "unit" in self.model_fields_set:
+            raise ValueError(
+                "gives unit and rate: a column of times has a unit, one that counts cycles a rate, "
+                "and a log without time the rate alone"
+            )
+        return self
 
 
 class ColumnMapping(Part):
@@ -171,7 +198,8 @@ class ColumnMapping(Part):
         else:
             names = [c.column for c in self.position or ()]
         times = (self.time.column,) if "column" in self.time.model_fields_set else TIMES
-        return (times, *([(name,) for name in names] or [("q1", "q[0]")]))
+        positions = [(name,) for name in names] or [("q1", "q[0]")]
+        return (*positions,) if self.time.is_absent else (times, *positions)
 
     @model_validator(mode="after")
     def _check(self) -> "ColumnMapping":
@@ -182,18 +210,36 @@ class ColumnMapping(Part):
 
 @dataclass(frozen=True)
 class Channel:
-    """One column with the affine map to SI: value = scale · (number − zero)."""
+    """One column with the affine map to SI: value = scale · (number − zero).
+
+    Attributes:
+        turn: how much the column grows in a turn of what it counts; 0 if that does not turn.
+    """
 
     column: str
     scale: float
     zero: float
+    turn: float = 0.0
+
+
+@dataclass(frozen=True)
+class TimeChannel(Channel):
+    """The time.
+
+    Attributes:
+        is_absent: whether the log has none, so that rows, counted from 0, stand for it.
+        counts: whether the column counts cycles.
+    """
+
+    is_absent: bool = False
+    counts: bool = False
 
 
 @dataclass(frozen=True)
 class Columns:
     """Channels of a log; a quantity that the log does not have is empty."""
 
-    time: Channel
+    time: TimeChannel
     position: tuple[Channel, ...]
     velocity: tuple[Channel, ...]
     acceleration: tuple[Channel, ...]
@@ -204,6 +250,11 @@ class Columns:
         """All channels, time first."""
         drives = self.position + self.velocity + self.acceleration + self.torque
         return (self.time, *drives)
+
+    @property
+    def recorded(self) -> tuple[Channel, ...]:
+        """The channels that stand in the log: all, or all but the time."""
+        return self.all[1:] if self.time.is_absent else self.all
 
 
 def load_mapping(path: str | Path) -> ColumnMapping:
@@ -241,11 +292,11 @@ def resolve_columns(
         for quantity in QUANTITIES
     }
     columns = Columns(time, **channels)
-    names = [channel.column for channel in columns.all]
+    names = [channel.column for channel in columns.recorded]
     if not columns.position:
         names += _default_names("position", len(linear))
     _require_once(names, table, mapping.source)
-    _require_no_dates(table.picks(names)[1:], str(table.path))
+    _require_no_dates(table.picks(names)[not time.is_absent :], str(table.path))
     return columns
 
 
@@ -261,21 +312,36 @@ def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
     return [name for name in names if name in table.header and name not in used]
 
 
-def _time(table: Table, mapping: ColumnMapping) -> Channel:
+def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:
     name, unit, place = mapping.time.column, mapping.time.unit, f"{mapping.source}, time.unit"
-    declared = mapping.time.model_fields_set
+    declared, rate = mapping.time.model_fields_set, mapping.time.rate
+    if rate is not None and mapping.time.is_absent:
+        return TimeChannel("time", 1 / rate, 0.0, is_absent=True)
     if "column" not in declared:
         name = next((one for one in TIMES if find(table.fields, one)), name)
     found = find(table.fields, name)
-    if found and found[0].is_clock and "unit" in declared and unit != "s":
+    if found is None and "column" not in declared:
         raise RecordingError(
-            f"column {name} holds dates or times of day, which have no unit",
-            where=place,
-            cure="leave the unit of time out",
+            f"has no time: no column {' or '.join(TIMES)}; its columns are {listing(table.fields)}",
+            where=table.header_place,
+            cure="name its column in a mapping (--columns MAPPING.yaml) by the line "
+            "`time: {column: NAME, unit: s}`, or if there is none, give the sampling rate by the "
+            "line `time: {rate: 1000}`",
         )
+    is_date = found is not None and found[0].is_clock
+    if is_date and (rate is not None or ("unit" in declared and unit not in ("s", *DATES))):
+        raise RecordingError(
+            f"column {name} holds dates or times of day, which have no unit and no rate",
+            where=f"{mapping.source}, time",
+            cure="leave the unit of time and the rate out",
+        )
+    if rate is not None:
+        return TimeChannel(name, 1 / rate, 0.0, counts=True)
+    if unit in DATES:
+        return TimeChannel(name, 1.0, 0.0)
     if "unit" not in declared and name in table.units:
         place, unit = f"{table.header_place}, unit of {name}", table.units[name]
-    return Channel(name, si_factor(unit, "s", where=place), 0.0)
+    return TimeChannel(name, si_factor(unit, "s", where=place), 0.0)
 
 
 def _default_names(quantity: Quantity, dof: int) -> list[str]:
@@ -294,9 +360,13 @@ def _under_default_names(
     # Some but not all: keep them all, so that the missing ones are named.
     targets = [si_unit(quantity, linear=slides) for slides in linear]
     where, units = table.header_place, table.units
-    return tuple(
-        Channel(name, si_factor(units.get(name, si), si, where=f"{where}, unit of {name}"), 0.0)
+    scales = [
+        si_factor(units.get(name, si), si, where=f"{where}, unit of {name}")
         for name, si in zip(names, targets, strict=True)
+    ]
+    return tuple(
+        Channel(name, scale, 0.0, turn=2 * math.pi / scale if si == "rad" else 0.0)
+        for name, scale, si in zip(names, scales, targets, strict=True)
     )
 
 
@@ -334,16 +404,17 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
         )
     motor = not linear or column.lead is not None
     target = (_TURNING if motor else _SLIDING)[quantity]
-    factor = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)
+    unit = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)
     travel = column.lead / (2 * math.pi) if column.lead is not None else 1.0
-    factor *= column.gear / travel if quantity == "torque" else travel / column.gear
+    factor = unit * (column.gear / travel if quantity == "torque" else travel / column.gear)
     if not 0 < factor < math.inf:
         raise RecordingError(
             f"unit and gear together make a factor of {factor:g}, which is no number to go on with",
             where=where,
             cure="check unit, gear and torque_constant; gear is motor revolutions per joint's",
         )
-    return Channel(column.column, column.sign * factor, column.zero)
+    turn = 2 * math.pi / unit if target == "rad" else 0.0
+    return Channel(column.column, column.sign * factor, column.zero, turn)
 
 
 def _require_no_dates(picks: list[Pick], where: str) -> None:

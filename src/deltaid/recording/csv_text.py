@@ -15,6 +15,7 @@ from jaxtyping import Int
 from deltaid.errors import RecordingError
 from deltaid.recording.csv_end import is_marked_row
 from deltaid.recording.csv_layout import LONGEST_LINE, CsvLayout
+from deltaid.recording.seconds import is_clock
 from deltaid.recording.source import Rows
 from deltaid.recording.stream import content, skip
 
@@ -216,7 +217,8 @@ class _Decimals:
 
     def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
         """Text as numbers, null where it is none."""
-        self._mark = self._mark or _first_mark(texts)
+        # Fractions of a second have a mark of their own.
+        self._mark = self._mark or _first_mark([x for x in texts if not is_clock(x[0])])
         if self._mark == ",":
             texts = [_with_points(text) for text in texts]
         return [text.cast(pl.Float64, strict=False) for text in texts]

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 Times = Float[np.ndarray, " rows"]
 
 # Jitter [periods, rms] from which single stamps no longer tell a row's place by themselves.
-_SHARP = 0.1
+SHARP = 0.1
 # Jitter from which angles need averaging, and what it is averaged to.
 _BLURRED, _AVERAGED = 0.17, 0.1
 # Rows that share a stamp, on average, from which stamps count as rounded.
@@ -127,14 +127,14 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
     level = place_ - np.arange(len(place_))
     usual = _median(level, 9)
     back = np.diff(place_, prepend=-np.inf)
-    late = (back < 0) & (level < usual - (0.5 if noise < _SHARP else 3 + 6 * noise))
+    late = (back < 0) & (level < usual - (0.5 if noise < SHARP else 3 + 6 * noise))
     if sharing > ROUNDED:
         return late
     low = _median(level, 5)
     # Lowest before and lowest after, so that late stamps which are made up for are no extra rows.
     before, after = _lowest(low, _AGREE)[:-1], _lowest(low[::-1], _AGREE)[::-1][1:]
     falls = np.append(False, after - before < -0.5)
-    return late | (falls & (np.abs(back) < (0.4 if noise < _SHARP else 1e-9)))
+    return late | (falls & (np.abs(back) < (0.4 if noise < SHARP else 1e-9)))
 
 
 def _lowest(x: Times, count: int) -> Times:
@@ -183,7 +183,7 @@ def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.nd
     high = np.minimum(low, np.maximum.accumulate(smooth))
     room = 0.5 + 3 * noise
     level = np.clip(level, high - room, low + room)
-    if noise < _SHARP:
+    if noise < SHARP:
         return np.maximum.accumulate(np.round(level).astype(int))
     from scipy.optimize import isotonic_regression
 

@@ -28,6 +28,7 @@ from deltaid.recording.stale import bridged
 from deltaid.recording.study import study
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
+from deltaid.recording.unwrap import Unwrapping
 
 # Holes that are bridged while the cut-off is not known yet [s].
 _BRIDGED = 0.005
@@ -161,9 +162,11 @@ def open_log(
             f"{kinematics.dof}; is the log of another robot?"
         )
     with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(table.checksum, [channel.column for channel in columns.all])
-        for seen in ordered(survey.look, read_batches(table, columns)):
+        digest = beside.submit(table.checksum, [one.column for one in columns.recorded])
+        unwrapping = Unwrapping(columns)
+        for seen in ordered(survey.look, read_batches(table, columns, unwrapping)):
             survey.add(seen)
+        survey.warnings += unwrapping.told(table)
         clock = _clock(survey)
         survey.finish(clock)
     masks = survey.search.masks if survey.search and not keep_all else ()

@@ -5,28 +5,33 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import Channel
+from deltaid.recording.columns import Channel, Columns
 from deltaid.recording.source import Rows, Table
+from deltaid.recording.unwrap import Unwrapping
 
 
 def to_si(
-    table: Table, channels: tuple[Channel, ...], rows: Rows, row: int
+    table: Table, columns: Columns, rows: Rows, row: int, unwrapping: Unwrapping
 ) -> Float[np.ndarray, "rows channels"]:
     """Consecutive rows in SI units.
 
     Args:
-        table, channels: the log and its columns.
-        rows: the numbers of these columns.
+        table, columns: the log and its columns.
+        rows: the numbers of all of these columns.
         row: the first row.
+        unwrapping: what makes counters and angles go on that start again.
 
     Raises:
         RecordingError: one of them is not finite; names the first such row.
     """
-    values = np.empty((len(rows.numbers[0]), len(channels)), order="F")
+    channels = columns.all
+    values = np.empty((rows.size, len(channels)), order="F")
     with np.errstate(over="ignore", invalid="ignore"):
         for k, (channel, numbers) in enumerate(zip(channels, rows.numbers, strict=True)):
             # A null becomes NaN.
             array = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
+            if unwrapper := unwrapping.of(k):
+                array = unwrapper.add(np.asarray(array, dtype=np.float64), row)
             np.subtract(array, channel.zero, out=values[:, k])
             if channel.scale != 1:
                 values[:, k] *= channel.scale

@@ -15,8 +15,8 @@ from jaxtyping import Float, Int
 from deltaid.recording.clock import Clock
 from deltaid.recording.resampling import interpolate, weights_at
 
-Rows = Float[np.ndarray, "rows channels"]
-Places = Float[np.ndarray, " rows"]
+Rows = Float[np.ndarray, "_ _"]
+Places = Float[np.ndarray, " _"]
 
 # Samples on either side under the polynomial that bridges a hole.
 _SIDE = 4

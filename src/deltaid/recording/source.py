@@ -28,6 +28,11 @@ class Rows:
     numbers: Sequence[Column]
     written: Sequence[Column]
 
+    @property
+    def size(self) -> int:
+        """How many rows."""
+        return len(self.numbers[0])
+
 
 @dataclass(frozen=True)
 class Table:

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.recording.clock import Clock
-from deltaid.recording.grid import ROUNDED, place, usual_step
+from deltaid.recording.grid import ROUNDED, SHARP, place, usual_step
+from deltaid.recording.hole_places import revised
 from deltaid.recording.table import recut
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
@@ -16,9 +17,11 @@ _SIZE, _EDGE = 1 << 16, 1024
 _GAP = 3.0
 # Of two times the one over which positions are rougher by less than this share explains them.
 _CLEAR = 0.7
+# Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
+_SMOOTH, _SHARP = 1e-12, 0.01
 
-Rows = Float[np.ndarray, "rows channels"]
-Places = Int[np.ndarray, " kept"]
+Rows = Float[np.ndarray, "_ _"]
+Places = Int[np.ndarray, " _"]
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
@@ -99,6 +102,8 @@ class _Notes:
             return
         grid = place(time[single])
         kept, reading = single[grid.kept], self.even
+        if np.std(grid.off) > SHARP:
+            grid = revised(grid, block[kept, 1 : 1 + self.dof])
         reading.add(time, kept, grid.lost, own, start)
         inside = (kept >= own.start) & (kept < own.stop)
         off = grid.period * grid.off[inside]
@@ -143,12 +148,13 @@ class _Notes:
     @property
     def is_even(self) -> bool | None:
         """Whether positions follow the grid; None if they do not tell."""
-        if self.rounded:
+        even = self.even
+        if self.rounded or even.squares * even.steps < (_SHARP * even.total) ** 2:
             return True
-        moving = (self.by_grid > 0) & (self.by_stamps > 0)
-        if not moving.any():
+        least = _SMOOTH * self.rows
+        ratio = np.maximum(self.by_stamps, least) / np.maximum(self.by_grid, least)
+        if not ratio.size:
             return None
-        ratio = self.by_stamps[moving] / self.by_grid[moving]
         if ratio.max() > 1 / _CLEAR:
             return True
         return False if ratio.min() < _CLEAR else None

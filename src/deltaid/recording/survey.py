@@ -206,9 +206,10 @@ class Survey:
             name = self.columns.position[drive].column
             raise RecordingError(
                 f"column {name} jumps by {np.rad2deg(steps[i, drive]):.4g} degrees from one row to "
-                "the next; the angle is wrapped to one turn",
+                "the next, which is neither a motion nor a whole turn",
                 where=self._row(row + i),
-                cure="unwrap the column (numpy.unwrap, MATLAB's unwrap) or log turns as well",
+                cure="was the encoder set anew there? Split the log, or declare the column's unit "
+                "and gear with --columns MAPPING.yaml",
             )
 
     def _check_reach(

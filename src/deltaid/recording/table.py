@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import ColumnMapping, Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.numbers import to_si
-from deltaid.recording.source import Table
+from deltaid.recording.seconds import Seconds
+from deltaid.recording.source import Rows, Table
 from deltaid.recording.stream import content
+from deltaid.recording.unwrap import Unwrapping
 
 # Rows of a batch, however the file is read, so that nothing depends on how it is.
 _BATCH_ROWS = 1 << 16
@@ -65,23 +68,51 @@ def _require_known(start: bytes, path: Path) -> None:
             )
 
 
-def read_batches(table: Table, columns: Columns) -> Iterator[Batch]:
+def read_batches(
+    table: Table, columns: Columns, unwrapping: Unwrapping | None = None
+) -> Iterator[Batch]:
     """The rows of a log in SI units, batch by batch.
+
+    Args:
+        unwrapping: takes down which columns start again; a fresh one.
 
     Raises:
         RecordingError: a value is missing, not a number or not finite; names row and column.
     """
     row = table.first_row
-    for values in recut(_in_si(table, columns), _BATCH_ROWS):
+    unwrapping = unwrapping or Unwrapping(columns)
+    for values in recut(_in_si(table, columns, unwrapping), _BATCH_ROWS):
         yield Batch(row, values)
         row += len(values)
 
 
-def _in_si(table: Table, columns: Columns) -> Iterator[Float[np.ndarray, "rows channels"]]:
-    row = table.first_row
-    for rows in table.rows([channel.column for channel in columns.all]):
-        yield to_si(table, columns.all, rows, row)
-        row += len(rows.numbers[0])
+def _in_si(
+    table: Table, columns: Columns, unwrapping: Unwrapping
+) -> Iterator[Float[np.ndarray, "rows channels"]]:
+    row, seconds, time = table.first_row, Seconds(), columns.time
+    for rows in table.rows([channel.column for channel in columns.recorded]):
+        if time.is_absent:
+            count = np.arange(row - table.first_row, row - table.first_row + rows.size, dtype=float)
+            rows = Rows([count, *rows.numbers], [count, *rows.written])
+        else:
+            rows = seconds.numbers(rows)
+        if time.counts:
+            _require_whole(table, time.column, rows, row)
+        yield to_si(table, columns, rows, row, unwrapping)
+        row += rows.size
+
+
+def _require_whole(table: Table, column: str, rows: Rows, row: int) -> None:
+    numbers = rows.numbers[0]
+    values = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
+    broken = np.flatnonzero(np.isfinite(values) & (values != np.round(values)))
+    if broken.size:
+        raise RecordingError(
+            f"column {column} counts no cycles: it is {float(values[broken[0]]):.10g}",
+            where=table.row_place(row + int(broken[0])),
+            cure=f"a column of times has a unit in place of a rate (time: {{column: {column}, "
+            "unit: s}); a rate alone stands for the time of a log without",
+        )
 
 
 def recut(

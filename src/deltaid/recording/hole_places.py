@@ -1,0 +1,71 @@
+"""Where in a run of rows a few are missing, and whether they are: positions know it better than
+stamps that jitter by more than a tenth of a step, or that several rows share.
+
+About each hole that stamps suggest, a polynomial is laid through the positions with the hole before
+each of the rows near by, and without it; log-likelihoods −½ n log s², s² the residual of n rows,
+say which is right.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.grid import Grid
+
+# How far from where stamps suggest it a hole may be: at least so many rows, and so many times the
+# jitter. Rows beside these.
+_NEAR, _REACH, _BESIDE = 8, 4.0, 4
+# Degree of the polynomial.
+_DEGREE = 5
+# Longest hole that is looked at; longer ones show in the stamps.
+_LONGEST = 3
+# By how much the log-likelihood must be better before stamps are overruled.
+_BETTER = 10.0
+
+
+def revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
+    """A grid with its short holes where positions have them, and without those that are none.
+
+    Args:
+        q: positions at the rows that are kept.
+    """
+    lost, rows = grid.lost.copy(), len(grid.lost)
+    near = max(_NEAR, int(_REACH * np.std(grid.off)))
+    side = near + _BESIDE
+    faults = np.flatnonzero(lost)
+    alone = np.diff(faults, prepend=-2 * side, append=rows + 2 * side) > side + near
+    inside = (faults >= side) & (faults <= rows - side)
+    for missing in range(1, _LONGEST + 1):
+        at = faults[alone[:-1] & alone[1:] & inside & (lost[faults] == missing)]
+        if not at.size:
+            continue
+        around = q[at[:, None] + np.arange(-side, side)]
+        likely = _likelihood(around, missing, near)  # of no hole, then of each place
+        best = likely.argmax(axis=1)
+        holes = np.arange(len(at))
+        gain = likely[holes, best] - likely[:, 1 + near]
+        sure = gain > _BETTER
+        lost[at[sure]] = 0
+        moved = sure & (best > 0)
+        lost[at[moved] + best[moved] - 1 - near] = missing
+    return replace(grid, lost=lost)
+
+
+def _likelihood(
+    around: Float[np.ndarray, "holes rows dof"], missing: int, near: int
+) -> Float[np.ndarray, "holes places"]:
+    """Logarithms, for no hole, and for holes before the rows from −near to near."""
+    side = near + _BESIDE
+    x = np.arange(-side, side)
+    places = [side, *range(-near, near + 1)]
+    free = len(x) - _DEGREE - 1
+    found: list[np.ndarray] = []
+    for place in places:
+        basis = np.polynomial.legendre.legvander(
+            (x + missing * (x >= place)) / (side + missing), _DEGREE
+        )
+        rest = np.linalg.svd(basis)[0][:, _DEGREE + 1 :]
+        squares = np.einsum("hrd,rf->hfd", around, rest) ** 2
+        found.append(-0.5 * free * np.log(squares.sum(axis=1) + 1e-20).sum(axis=1))
+    return np.stack(found, axis=1)
