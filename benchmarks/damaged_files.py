@@ -14,7 +14,8 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.insert(0, str(TESTS))
 _AT_ONCE, _LONGEST = 100, 300
-_ENDS = ("refused", "read", "altered", "crash", "hang", "else")
+# Ended: a message, but the process with it, where a library aborts.
+_ENDS = ("refused", "read", "altered", "ended", "crash", "hang", "else")
 
 
 def main() -> None:
@@ -52,8 +53,9 @@ def _opened(kind: str, folder: Path, count: int, seed: int) -> Counter[str]:
         command = [sys.executable, __file__, "--kind", kind, "--open", str(folder), part]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST)
-            text, end = done.stdout, "" if done.returncode == 0 else "crash"
-            reason = done.stderr[-500:]
+            text, reason = done.stdout, done.stderr[-500:]
+            ended = done.returncode == 2 and "error: " in reason
+            end = "" if done.returncode == 0 else "ended" if ended else "crash"
         except subprocess.TimeoutExpired as late:
             text, end, reason = (late.stdout or b"").decode(), "hang", ""
         lines = text.splitlines()

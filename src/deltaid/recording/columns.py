@@ -309,7 +309,17 @@ def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
     """Columns with default names of a drive that the robot does not have."""
     used = {channel.column for channel in columns.all}
     names = [f"{_SHORT[quantity]}{dof + 1}" for quantity in QUANTITIES]
-    return [name for name in names if name in table.header and name not in used]
+    found = [name for name in names if name in table.header and name not in used]
+    arrays = [f"{short}[{dof}]" for short in _SHORT.values() if f"{short}[0]" in used]
+    return found + [name for name in arrays if _is_there(table, columns.time.column, name)]
+
+
+def _is_there(table: Table, *names: str) -> bool:
+    try:
+        table.picks(names)
+    except RecordingError:
+        return False
+    return True
 
 
 def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:

@@ -217,12 +217,30 @@ def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
             raise RecordingError(
                 f"has several columns called {key}", where=name, cure="rename all but one"
             )
-        if column.dtype.kind in "iuf":
-            numbers = column.to_numpy(dtype=np.float64, na_value=math.nan)
-            columns[key] = pl.Series(key, copied(numbers))
-        else:
-            columns[key] = pl.repeat(None, len(column), dtype=pl.String, eager=True)
+        columns[key] = _series(key, column)
     return pl.DataFrame(columns)
+
+
+def _series(key: str, column: Any) -> pl.Series:
+    """A column of pandas: numbers, dates, or a list in each row."""
+    kind = column.dtype.kind
+    if hasattr(column, "cat"):
+        column = column.astype(column.cat.categories.dtype)
+        kind = column.dtype.kind
+    if kind in "iuf":
+        return pl.Series(key, copied(column.to_numpy(dtype=np.float64, na_value=math.nan)))
+    if kind == "M":
+        if getattr(column.dtype, "tz", None) is not None:
+            column = column.dt.tz_convert("UTC").dt.tz_localize(None)
+        return pl.Series(key, column.to_numpy(dtype="datetime64[ns]"))
+    if kind == "m":
+        return pl.Series(key, column.to_numpy(dtype="timedelta64[ns]"))
+    if kind == "O" and len(column) and isinstance(column.iloc[0], list | tuple | np.ndarray):
+        try:
+            return pl.Series(key, np.stack([numbers_of(one, key) for one in column]))
+        except (RecordingError, ValueError):
+            pass  # no numbers, or not as many in each row
+    return pl.repeat(None, len(column), dtype=pl.String, eager=True)
 
 
 def _require_name(name: str) -> None:

@@ -12,7 +12,8 @@ from deltaid.recording.address import Field, Pick
 from deltaid.recording.source import Rows, Table
 
 BATCH_ROWS = 1 << 16
-_SECONDS = {"D": 86400.0, "h": 3600.0, "m": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Units of dates that are finer than the month, whose length is not even.
+_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
 
 
 @runtime_checkable
@@ -62,7 +63,7 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
     elif dtype.subdtype:
         base, inner = dtype.subdtype
         yield from fields_of(name, (*shape, *inner), base)
-    elif dtype.kind == "M" and np.datetime_data(dtype)[0] in _SECONDS:
+    elif dtype.kind == "M" and np.datetime_data(dtype)[0] in _UNITS:
         yield Field(name, shape, is_clock=True)
     elif dtype.kind in "iuf":
         yield Field(name, shape)
@@ -127,8 +128,7 @@ class _Clock:
         """Of consecutive rows; NaN where there is no date."""
         if self._origin is None:
             self._origin = dates[0]
-        unit, count = np.datetime_data(dates.dtype)
         since = dates - self._origin
-        seconds = since.astype(np.int64) * (count * _SECONDS[unit])
+        seconds = since.astype("m8[ns]").astype(np.int64) / 1e9
         seconds[np.isnat(since)] = np.nan
         return seconds

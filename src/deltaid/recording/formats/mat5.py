@@ -58,19 +58,17 @@ class Variable:
         held = data[self.start : self.start + self.size]
         if not self.is_compressed:
             return held
-        unpacker = zlib.decompressobj()
         try:
-            start = unpacker.decompress(held, 8)
+            start = zlib.decompressobj().decompress(held, 8)
             size = 8 + int(np.frombuffer(start, f"{self.order}u4", 2)[1])
             if size > _HEAD + 1100 * len(held):  # no more than deflate can do
                 raise Damaged(f"the variable at byte {self.start} claims {size} bytes")
-            size = min(size, most or size)
-            body = unpacker.decompress(unpacker.unconsumed_tail, size - 8) if size > 8 else b""
-        except (zlib.error, ValueError, IndexError) as error:
+            whole = zlib.decompressobj().decompress(held, min(size, most or size))
+        except (zlib.error, ValueError) as error:
             raise Damaged(f"the variable at byte {self.start} does not unpack: {error}") from None
-        if len(body) < size - 8 and (most is None or len(body) + 8 < most):
+        if len(whole) < min(size, most or size):
             raise Damaged(f"the variable at byte {self.start} is cut off")
-        return memoryview(start + body)
+        return memoryview(whole)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import polars as pl
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.formats.last_words import last_words
 from deltaid.recording.frames import fields_of, rows_of, tops
 from deltaid.recording.source import Rows, Table, first_line, readable
 
@@ -68,15 +69,19 @@ def _decoding(path: Path) -> Generator[None, None, None]:
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        with readable(path):
+        with last_words(str(_damaged(path, "polars cannot go on")), kept), readable(path):
             yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise RecordingError(
-            f"is no Parquet file, or a damaged one: {first_line(error)}",
-            where=str(path),
-            cure="copy or export it again",
-        ) from None
+        raise _damaged(path, first_line(error)) from None
     finally:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
+
+
+def _damaged(path: Path, reason: str) -> RecordingError:
+    return RecordingError(
+        f"is no Parquet file, or a damaged one: {reason}",
+        where=str(path),
+        cure="copy or export it again",
+    )

@@ -1,0 +1,161 @@
+"""Time and memory of reading one recording in every kind of file: python benchmarks/readers.py.
+
+Each file is read in a process of its own, all columns in SI units, once; memory is the largest that
+the process had, less what it had before it opened the file.
+"""
+
+import argparse
+import gzip
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+import h5py
+import numpy as np
+import polars as pl
+import scipy.io
+from _table import leave
+
+DRIVES = 4
+
+
+def frame(samples: int) -> pl.DataFrame:
+    """Numbers with 53 random bits, which no compression makes much smaller."""
+    rng = np.random.default_rng(1)
+    columns = {"t": np.arange(samples) / 1000}
+    for name in ("q", "tau"):
+        columns |= {f"{name}{i + 1}": rng.standard_normal(samples) for i in range(DRIVES)}
+    return pl.DataFrame(columns)
+
+
+def arrays(table: pl.DataFrame) -> dict[str, np.ndarray]:
+    """Arrays t, q and tau, samples by drives."""
+    parts = {
+        name: table.select(pl.col(f"^{name}\\d$")).to_numpy(order="c") for name in ("q", "tau")
+    }
+    return {"t": table["t"].to_numpy(), **parts}
+
+
+def _csv(table: pl.DataFrame, path: Path, change: Callable[[bytes], bytes] = bytes) -> None:
+    path.write_bytes(change(table.write_csv().encode()))
+
+
+def _zstd(data: bytes) -> bytes:
+    import zstandard
+
+    return zstandard.compress(data)
+
+
+def _dated(table: pl.DataFrame, path: Path) -> None:
+    lists = {name: pl.concat_list(f"^{name}\\d$") for name in ("q", "tau")}
+    stamps = (1e6 * pl.col("t")).round().cast(pl.Int64).cast(pl.Datetime("us"))
+    table.select(t=stamps, **lists).write_parquet(path)
+
+
+def _hdf5(table: pl.DataFrame, path: Path, **how: object) -> None:
+    with h5py.File(path, "w") as file:
+        for name, array in arrays(table).items():
+            file.create_dataset(name, data=array, **how)
+
+
+def _matlab_73(table: pl.DataFrame, path: Path) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in arrays(table).items():
+            held = np.atleast_2d(array.T)
+            chunks = (len(held), 1 << 14)
+            file.create_dataset(name, data=held, chunks=chunks, compression="gzip")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+
+
+# Names of kinds, of files, and how these are written.
+WRITERS: dict[str, tuple[str, Callable[[pl.DataFrame, Path], object]]] = {
+    "CSV": ("log.csv", _csv),
+    "CSV, gzip": ("log.csv.gz", lambda f, p: _csv(f, p, lambda d: gzip.compress(d, 6))),
+    "CSV, zstd": ("log.csv.zst", lambda f, p: _csv(f, p, _zstd)),
+    "CSV, UTF-16": ("log.csv", lambda f, p: _csv(f, p, lambda d: d.decode().encode("utf-16"))),
+    "Parquet": ("log.parquet", lambda f, p: f.write_parquet(p)),
+    "Parquet, dates and lists": ("log.parquet", _dated),
+    "npz": ("log.npz", lambda f, p: np.savez(p, **arrays(f))),
+    "npz, compressed": ("log.npz", lambda f, p: np.savez_compressed(p, **arrays(f))),
+    "npz, drives by samples": (
+        "log.npz",
+        lambda f, p: np.savez(p, **{k: np.ascontiguousarray(a.T) for k, a in arrays(f).items()}),
+    ),
+    "npy, structured": (
+        "log.npy",
+        lambda f, p: np.save(p, f.to_numpy(structured=True)),
+    ),
+    "HDF5": ("log.h5", _hdf5),
+    "HDF5, gzip": (
+        "log.h5",
+        lambda f, p: _hdf5(f, p, chunks=True, compression="gzip", shuffle=True),
+    ),
+    "MATLAB 5": ("log.mat", lambda f, p: scipy.io.savemat(p, arrays(f))),
+    "MATLAB 7": ("log.mat", lambda f, p: scipy.io.savemat(p, arrays(f), do_compression=True)),
+    "MATLAB 7.3": ("log.mat", _matlab_73),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=1_000_000)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--read", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.read:
+        print(json.dumps(_read(given.read)))
+        return
+    table, rows = frame(given.samples), []
+    for kind, (name, save) in WRITERS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            save(table, path)
+            command = [sys.executable, __file__, "--read", str(path)]
+            runs = [
+                json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+                for _ in range(given.repeats)
+            ]
+            if any(run["samples"] != given.samples for run in runs):
+                raise RuntimeError(f"{kind}: not all samples were read")
+            size = path.stat().st_size / 1e6
+        cpu, peak = (median(run[key] for run in runs) for key in ("cpu", "megabytes"))
+        rows.append((kind, f"{size:.0f}", f"{cpu:.2f}", f"{peak:.0f}"))
+    note = (
+        f"Reading {given.samples:,} samples of {DRIVES} drives (time, positions, torques: "
+        f"{table.estimated_size() / 1e6:.0f} MB of numbers) once, checks of the recording not "
+        f"included; median of {given.repeats}."
+    )
+    leave(("kind of file", "file, MB", "CPU s", "peak MB"), rows, note)
+
+
+def _read(path: Path) -> dict[str, float]:
+    """Time, memory and samples of reading one file."""
+    import deltaid.recording.recording  # noqa: F401 - loads what every command loads
+    from deltaid.recording.columns import resolve_columns
+    from deltaid.recording.table import open_table, read_batches
+
+    before, start = _peak(), time.process_time()
+    table = open_table(path)
+    columns = resolve_columns(table, (False,) * DRIVES)
+    samples = sum(len(batch.values) for batch in read_batches(table, columns))
+    cpu = time.process_time() - start
+    return {"samples": samples, "cpu": cpu, "megabytes": _peak() - before}
+
+
+def _peak() -> float:
+    """Largest memory of this process so far [MB]."""
+    status = Path("/proc/self/status")
+    if status.exists():  # what `resource` tells there begins with the memory of the parent
+        return int(status.read_text().partition("VmHWM:")[2].split()[0]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20)
+
+
+if __name__ == "__main__":
+    main()
