@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, visible
 from deltaid.recording.csv_end import find_end, is_number
 from deltaid.recording.csv_layout import HeadLines, as_text
 from deltaid.recording.stream import content
@@ -147,7 +147,7 @@ def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[
             break
         cells = _cells(lines[row], separator)
         if cells[0] in _WORDS:
-            rows[cells[0]] = _without_empty_end(cells)
+            rows[cells[0]] = [visible(cell) for cell in _without_empty_end(cells)]
         elif len(cells) > 1 and any(cells) and all(map(is_number, cells)):
             return rows, row
     raise RecordingError(
