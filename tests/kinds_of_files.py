@@ -1,14 +1,18 @@
 """One recording in every kind of file that is read."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
 import polars as pl
 import scipy.io
 
+import bags
+import scopes
 from deltaid.recording.columns import ColumnMapping
 from logs import recorded, write
 
@@ -53,6 +57,26 @@ def structured() -> np.ndarray:
     array = np.zeros(len(T), dtype=[("t", "f8"), ("q", "f8", (3,)), ("tau", "f8", (3,))])
     array["t"], array["q"], array["tau"] = T, Q, TAU
     return array
+
+
+def bag(kind: str) -> Callable[[Path], object]:
+    """How to write a bag of that kind, with three joints."""
+
+    def save(path: Path) -> None:
+        with TemporaryDirectory() as folder:
+            messages = bags.states(
+                T, {"position": Q, "effort": TAU}, ["joint1", "joint2", "joint3"]
+            )
+            shutil.move(bags.KINDS[kind](Path(folder), messages), path)
+
+    return save
+
+
+def scope(**how: bool) -> Callable[[Path], object]:
+    """How to write an export of TwinCAT Scope."""
+    time, names = np.round(1000 * T, 6), FRAME.columns[1:]
+    curves = [scopes.Curve(name, time, ROWS[:, k + 1]) for k, name in enumerate(names)]
+    return lambda path: path.write_text(scopes.scope(curves, **how), encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -110,4 +134,12 @@ KINDS = {
         ),
         in_group("log."),
     ),
+    "ROS 1 bag": Kind("log.bag", bag("ros1")),
+    "ROS 1 bag, lz4": Kind("log.bag", bag("ros1-lz4")),
+    "ROS 2 bag, SQLite": Kind("log.db3", bag("db3")),
+    "ROS 2 bag, SQLite, zstd": Kind("log.db3.zstd", bag("db3-zstd")),
+    "MCAP": Kind("log.mcap", bag("mcap")),
+    "MCAP, lz4": Kind("log.mcap", bag("mcap-lz4")),
+    "TwinCAT Scope": Kind("log.txt", scope()),
+    "TwinCAT Scope, shared times": Kind("log.txt", scope(shared=True)),
 }

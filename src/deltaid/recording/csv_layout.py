@@ -95,7 +95,7 @@ class _Header:
     holds_numbers: bool = False
 
 
-class _Lines:
+class HeadLines:
     """The lines from the start of a file, read as they are asked for."""
 
     def __init__(self, file: io.BufferedReader, path: Path) -> None:
@@ -123,7 +123,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
         RecordingError: it is not text, or its header is missing.
     """
     with content(path) as file:
-        lines = _Lines(file, path)
+        lines = HeadLines(file, path)
         header, warnings = _header(lines, path, mapping)
         first_row, units = mapping.data_row, dict[str, str]()
         if first_row is None:
@@ -167,7 +167,7 @@ def is_comment(line: bytes) -> bool:
     return bool(_COMMENT.match(line.decode("latin-1")))
 
 
-def _header(lines: _Lines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[str]]:
+def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[str]]:
     given = bool({"header_row", "data_row"} & mapping.model_fields_set)
     needed = mapping.needed
     numbered = all(name.isdecimal() for names in needed for name in names)
@@ -202,12 +202,12 @@ def _header(lines: _Lines, path: Path, mapping: ColumnMapping) -> tuple[_Header,
     return _Header(row, separator, names, holds_numbers), warnings
 
 
-def _row_of_names(lines: _Lines, needed: tuple[tuple[str, ...], ...]) -> int | None:
+def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int | None:
     """The first line that holds the names needed, be it as a comment."""
     for row in range(1, _SEARCHED_LINES + 1):
         if not lines[row]:
             return None
-        text = _text(lines[row])
+        text = as_text(lines[row])
         if _holds(text, needed) or _holds(_COMMENT.sub("", text, count=1), needed):
             return row
     return None
@@ -224,7 +224,7 @@ def _are_among(needed: tuple[tuple[str, ...], ...], names: Sequence[str]) -> boo
     return all(any(name in names for name in one_of) for one_of in needed)
 
 
-def _after_comments(lines: _Lines, row: int) -> int:
+def _after_comments(lines: HeadLines, row: int) -> int:
     """The first line from a row on that is no comment."""
     start = row
     while is_comment(lines[row]):
@@ -245,7 +245,7 @@ def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
     return line
 
 
-def _text(line: bytes) -> str:
+def as_text(line: bytes) -> str:
     """A line as text. What is not UTF-8 comes from Windows, where ° is one byte."""
     try:
         text = line.decode("utf-8-sig")
@@ -256,7 +256,7 @@ def _text(line: bytes) -> str:
 
 def _decoded(line: bytes, place: str) -> str:
     """The header as text."""
-    text = _text(line)
+    text = as_text(line)
     if "\r" in text:
         raise RecordingError(
             "has carriage returns alone as line breaks", where=place, cure="convert them to LF"
@@ -312,7 +312,7 @@ def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
 def _units(line: bytes, header: _Header, mapping: ColumnMapping) -> dict[str, str]:
     """The unit of each column that may be used, if the line under the names is a row of units."""
     try:
-        cells = _cells(_text(line), header.separator)
+        cells = _cells(as_text(line), header.separator)
     except csv.Error:
         return {}
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):

@@ -7,6 +7,7 @@ its line number. Fields are read as text, because only then the place of a bad n
 import io
 import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -28,7 +29,7 @@ def read_csv(table: CsvLayout, at: Sequence[int]) -> Iterator[Rows]:
     Raises:
         RecordingError: a line has not the header's fields, or the first one holds no numbers.
     """
-    decimals = _Decimals(table.separator)
+    decimals = Decimals(table.separator)
     for row, block in _blocks(table):
         fields = _fields(table, block, row)
         texts = [fields.to_series(i).str.strip_chars() for i in at]
@@ -41,7 +42,7 @@ def read_csv(table: CsvLayout, at: Sequence[int]) -> Iterator[Rows]:
 def _blocks(table: CsvLayout) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
     row, empty_row, comments = table.first_row, 0, 0
-    for whole in _whole_lines(table):
+    for whole in whole_lines(table.path, table.data_start, table.data_size):
         block, found = _without_comments(whole, table.separator, row)
         # A later pass meets the same comments again.
         for at, line in found[max(0, len(table.comments) - comments) :]:
@@ -91,10 +92,15 @@ def _single_blanks(block: bytes) -> bytes:
     return block.removeprefix(b" ").removesuffix(b" ")
 
 
-def _whole_lines(table: CsvLayout) -> Iterator[bytes]:
-    with content(table.path) as file:
-        skip(file, table.data_start)
-        rest, left = b"", table.data_size
+def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
+    """A part of a file in blocks that end where a line ends.
+
+    Raises:
+        RecordingError: it has no lines of a length that can be.
+    """
+    with content(path) as file:
+        skip(file, start)
+        rest, left = b"", size
         while block := file.read(min(_BLOCK_BYTES, left)):
             left -= len(block)
             cut = block.rfind(b"\n") + 1
@@ -106,7 +112,7 @@ def _whole_lines(table: CsvLayout) -> Iterator[bytes]:
             if len(rest) > LONGEST_LINE + _BLOCK_BYTES:
                 raise RecordingError(
                     "has lines that are too long for CSV",
-                    where=str(table.path),
+                    where=str(path),
                     cure="export the log with a line break after every sample, or as Parquet",
                 )
         if rest:
@@ -158,9 +164,9 @@ def _require_fields(table: CsvLayout, block: bytes, row: int) -> int:
     unclosed = np.zeros(0, dtype=int)
     if b'"' in block:
         quotes = np.flatnonzero(data == ord('"'))
-        unclosed = np.flatnonzero(_per_line(quotes, ends) % 2)
+        unclosed = np.flatnonzero(per_line(quotes, ends) % 2)
         marks = marks[np.searchsorted(quotes, marks) % 2 == 0]
-    fields = _per_line(marks, ends) + 1
+    fields = per_line(marks, ends) + 1
     ragged = np.flatnonzero(fields != len(table.header))
     if unclosed.size and not (ragged.size and ragged[0] < unclosed[0]):
         raise RecordingError(
@@ -176,10 +182,10 @@ def _require_fields(table: CsvLayout, block: bytes, row: int) -> int:
     return len(ends)
 
 
-def _per_line(
+def per_line(
     positions: Int[np.ndarray, " marks"], ends: Int[np.ndarray, " lines"]
 ) -> Int[np.ndarray, " lines"]:
-    """How many of some sorted positions lie in each line."""
+    """How many of some sorted positions lie in each line, by where the lines end."""
     return np.diff(np.searchsorted(positions, ends), prepend=0)
 
 
@@ -206,7 +212,7 @@ def _empty_line(table: CsvLayout, row: int) -> RecordingError:
     )
 
 
-class _Decimals:
+class Decimals:
     """Whether a file has decimal commas, which the first number that is not whole decides.
 
     With commas between the columns there is no question. Numbers written the other way are none.

@@ -7,6 +7,7 @@ from deltaid.recording.formats.matlab import Matlab
 from deltaid.recording.formats.npy import Npy, Npz
 from deltaid.recording.formats.parquet import Parquet
 from deltaid.recording.formats.rosbag import RosBag
+from deltaid.recording.formats.twincat import TwinCat
 
 # In the order in which they are asked; CSV, which has no signature, takes what is left.
 FORMATS: tuple[Format, ...] = (
@@ -16,5 +17,6 @@ FORMATS: tuple[Format, ...] = (
     Npy(),
     Npz(),
     RosBag(),
+    TwinCat(),
     Csv(),
 )

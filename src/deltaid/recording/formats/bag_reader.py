@@ -13,7 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, visible
+from deltaid.recording.formats.library import library
 from deltaid.recording.source import first_line, opened
 from deltaid.recording.stream import content, unzstd
 
@@ -61,12 +62,19 @@ class Bag:
             found: Iterator[Any] = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
             with _told(self.path):
-                chunk = [(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
+                chunk = [_typed(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
                 if chunk and chunk[0][2].startswith(_ZSTD):
                     chunk = [(topic, time, unzstd(raw, self.path)) for topic, time, raw in chunk]
             if not chunk:
                 return
             yield chunk
+
+
+def _typed(topic: str, time: object, raw: object) -> tuple[str, int, bytes]:
+    """A message as it should be; a damaged SQLite file holds things of any type."""
+    if not (isinstance(time, int) and isinstance(raw, bytes) and abs(time) < 1 << 62):
+        raise ValueError(f"a message of {topic} is not one")
+    return topic, time, raw
 
 
 def is_bag(start: bytes, path: Path) -> bool:
@@ -83,21 +91,12 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
     Raises:
         RecordingError: it is damaged, or the library rosbags is not installed.
     """
-    try:
-        from rosbags import rosbag1, rosbag2
-    except ModuleNotFoundError:
-        raise RecordingError(
-            "is a ROS bag, and the library rosbags is not installed",
-            where=str(path),
-            cure="pip install 'deltaid[formats]'",
-        ) from None
+    rosbag1, rosbag2 = (library(f"rosbags.rosbag{k}", "a ROS bag", path) for k in (1, 2))
     with ExitStack() as stack:
         place = stack.enter_context(_as_rosbags_knows_it(path))
         with _told(path):
             cdr = place.suffix != ".bag"
-            reader: Any = stack.enter_context(
-                rosbag2.Reader(place) if cdr else rosbag1.Reader(place)
-            )
+            reader = stack.enter_context((rosbag2 if cdr else rosbag1).Reader(place))
             topics = {one.topic: one.msgtype for one in reader.connections}
         yield Bag(path, topics, cdr, reader)
 
@@ -149,7 +148,7 @@ def _told(path: Path) -> Generator[None, None, None]:
     except RecordingError:
         raise
     except Exception as error:
-        said = first_line(error) or type(error).__name__
+        said = visible(first_line(error)) or type(error).__name__
         raise RecordingError(
             f"cannot be read as a ROS bag: {said}",
             where=str(path),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import Field
 from deltaid.recording.formats.bag_reader import Bag
 from deltaid.recording.formats.ros_messages import TYPES, Decoder, MessageError, Number
@@ -155,7 +155,7 @@ def _topic(bag: Bag, name: str) -> Topic | None:
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:
     """A message is not what its type says; so many of the topic were read before."""
     return RecordingError(
-        f"message {before + error.index + 1} of {topic} {error.what}",
+        f"message {before + error.index + 1} of {visible(topic)} {visible(error.what)}",
         where=str(bag.path),
         cure="the bag is damaged there, or was not written as ROS does; copy or record it again",
     )
@@ -171,4 +171,5 @@ def _by_number(joints: Sequence[str]) -> list[str]:
 
 def _some(names: Sequence[str]) -> str:
     more = f" and {len(names) - 20} more" if len(names) > 20 else ""
-    return ", ".join(name if len(name) <= 60 else f"{name[:57]}…" for name in names[:20]) + more
+    shown = [name if len(name) <= 60 else f"{name[:57]}…" for name in names[:20]]
+    return visible(", ".join(shown)) + more
