@@ -123,6 +123,8 @@ def _columns(
     at = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
     q = map.values(motion.q[at])
     qd, qdd = map.rates(motion.qd[at]), map.rates(motion.qdd[at])
+    p = p.copy()
+    p[dynamics.layout.friction] = 0.0  # its steps have no slope
 
     def torque(q: np.ndarray) -> np.ndarray:
         z, good = dynamics.kinematics.forward_unchecked(q)
