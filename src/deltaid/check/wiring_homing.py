@@ -138,12 +138,12 @@ def _columns(
     z = best.residual.poses.z[at]
     moments = _moments(dynamics, z, p)  # ∂(Σ m r)/∂q
     g = np.array(dynamics.robot.gravity)
-    for axis in _across(g):
+    for axis in across(g):
         slopes.append(-np.einsum("k,skd->ds", np.cross(axis, g), moments))
     return np.stack(slopes)
 
 
-def _across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
+def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
     """Two axes to turn gravity about."""
     if not g.any():
         return np.zeros((0, 3))
