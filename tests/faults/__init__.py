@@ -16,7 +16,7 @@ from faults.case import Case, clean
 from faults.shown import shown
 from faults.tools import KINDS, ImpossibleError
 
-__all__ = ["KINDS", "Case", "behaviour", "clean", "descriptions", "fault", "faulty", "signals",
+__all__ = ["KINDS", "LEAST", "Case", "behaviour", "clean", "descriptions", "fault", "faulty", "signals",
            "wiring"]  # fmt: skip
 
 # Three times the half width of a 95 % interval, in standard deviations.

@@ -82,7 +82,6 @@ class Setting:
         noise = self.noise * self.scale * rng.standard_normal(truth.tau.shape)
         return columns | {"tau": truth.tau + noise}
 
-
     def _differences(self, error: Array) -> Array:
         """What a drive's velocity has of the encoder's error: differences across up to 4 ms."""
         reach = max(1, round(2e-3 * self.rate))
