@@ -1,4 +1,4 @@
-"""A few recordings of the study in `benchmarks/verdicts.py`, and what its generator says of them."""
+"""A few recordings of the study in `benchmarks/verdicts.py`, and what its generator says."""
 
 from dataclasses import replace
 from functools import cache
