@@ -18,7 +18,7 @@ _LASTS, _ROWS = 0.04, 5
 # the drive ever stayed in; over a whole rest within so many times that, or that a second.
 _STEPS, _BANDS, _WANDER = 2.5, 2.0, 3.0
 # A robot at rest is slower than this share of its drives' largest speeds.
-_SLOW = 0.0025
+_SLOW = 0.005
 # Torque is off where for so long [s] and so many rows its mean and its range stay below these
 # shares of the largest torque, or where no torque changes at all.
 _OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2
