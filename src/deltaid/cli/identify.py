@@ -218,6 +218,7 @@ def print_result(
 def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.identification.fit import SOLVERS
+    from deltaid.report.left_out import reversals
 
     fit, model = result.model.fit, result.model
     lines = []
@@ -229,6 +230,7 @@ def summary(result: "Identification") -> list[str]:
         )
         lines.append(
             f"{source.log}: {source.samples} samples at {source.rate_hz:.6g} Hz, {filtered}"
+            f"{reversals(source.left_out)}"
         )
     if fit.duality_gap is None:
         certificate = "no certificate: this regulariser is not convex"

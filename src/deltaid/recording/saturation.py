@@ -56,9 +56,9 @@ class Extreme:
             self._found.clear()
         at = torque == self.level
         elsewhere = new[1:] & ~at[1:] & (torque[1:] > torque.min())
-        stays = np.count_nonzero(elsewhere & (torque[1:] == torque[:-1]))
+        stays = int(np.count_nonzero(elsewhere & (torque[1:] == torque[:-1])))
         self._stayed += stays
-        self._moved += np.count_nonzero(elsewhere) - stays
+        self._moved += int(np.count_nonzero(elsewhere)) - stays
         here = runs_of(at, row)
         if len(here):
             self._found.append(here)
