@@ -1,5 +1,6 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -162,6 +163,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
             for source in model.sources
             for one in source.left_out
         ],
+        "clock": [{"log": one.path.name, **asdict(one.clock)} for one in result.recordings],
         "friction": {
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),

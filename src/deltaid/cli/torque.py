@@ -46,7 +46,7 @@ def torque(
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
         recording = model_filtered(known, surveyed)
-        print_warnings([f"{log}: {text}" for text in surveyed.warnings])
+        print_warnings([f"{log}: {text}" for text in recording.log.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:
             for part in predict(dynamics, known.p, recording):

@@ -32,7 +32,8 @@ def validate(
     model = load(model)
     dynamics = model.dynamics
     surveyed = open_log(log, dynamics.kinematics, columns, keep_all=keep_all)
-    return torque_error(dynamics, model.p, model_filtered(model, surveyed)), surveyed
+    recording = model_filtered(model, surveyed)
+    return torque_error(dynamics, model.p, recording), recording.log
 
 
 def remarks(model: ModelLike, log: Log, error: TorqueError) -> tuple[str, ...]:

@@ -119,6 +119,7 @@ class Log:
         if self.clock.steady:
             return self
         told = told_of_holes(self.clock, self.table, self.bridged(cutoff), shortest)
+        told = [text for text in told if text not in self.warnings]
         return replace(self, warnings=(*self.warnings, *told))
 
 
