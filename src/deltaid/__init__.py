@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from deltaid.check.identified import identify
     from deltaid.check.run import verdicts
     from deltaid.check.verdict import Grade, Proposal, Verdict
     from deltaid.control.simulation import integrate, step_through
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.export.files import write_export
     from deltaid.forces.constraint_forces import ConstraintForces
-    from deltaid.identification.identify import Identification, identify
+    from deltaid.identification.identify import Identification
     from deltaid.identification.validation import validate
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
@@ -62,7 +63,7 @@ _HOME = {
     "Verdict": "deltaid.check.verdict",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
-    "identify": "deltaid.identification.identify",
+    "identify": "deltaid.check.identified",
     "integrate": "deltaid.control.simulation",
     "load": "deltaid.model.model",
     "load_mapping": "deltaid.recording.columns",

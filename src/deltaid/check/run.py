@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.information import checked_information
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
@@ -18,6 +20,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
 Progress = Callable[[str], None]
+Needs = Literal["rows", "survey", "fit"]
 OfRobot = Callable[[RobotDescription], Iterable[Verdict]]
 OfRecording = Callable[[Evidence], Iterable[Verdict]]
 
@@ -29,12 +32,14 @@ class Family:
     Attributes:
         check: gives a verdict for whatever it looked at, a good one too.
         quick: whether `identify` runs it by itself.
-        of_fit: whether it rests on the fit, and so says nothing of data that is wrong.
+        needs: 'rows' looks at data whatever is wrong with it; 'survey' is asked of recordings that
+            can be computed with and in which nothing has been found wrong; 'fit' if there also is
+            a fit.
     """
 
     check: OfRecording
     quick: bool = False
-    of_fit: bool = False
+    needs: Needs = "rows"
 
 
 # One entry a family, in the order of the table of verdicts.
@@ -45,7 +50,7 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
     checked_priors,
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
-OF_RECORDING: tuple[Family, ...] = ()
+OF_RECORDING: tuple[Family, ...] = (Family(checked_information, quick=True, needs="survey"),)
 
 
 def verdicts(
@@ -100,24 +105,24 @@ def of_robot(
     return tuple(found)
 
 
-def of_recording(one: Evidence) -> tuple[Verdict, ...]:
+def of_recording(one: Evidence, families: Iterable[Family] = OF_RECORDING) -> tuple[Verdict, ...]:
     """All verdicts on one recording.
 
-    What is wrong before the fit spoils it, so those that rest on the fit are then not asked. A
-    refusal of the survey or of the fit is said in its own words where no check knows better.
+    A refusal of the survey or of the fit is said in its own words where no check knows better.
     """
-    found = judged(one, OF_RECORDING, of_fit=False)
-    if worst(found) is Grade.WRONG:
+    found = asked(one, families, "rows")
+    if worst(found) is not Grade.WRONG and not isinstance(one.surveyed, DeltaidError):
+        found += asked(one, families, "survey")
+    if worst(found) is Grade.WRONG:  # what rests on it would only repeat it
         return found
     if isinstance(one.fitted, DeltaidError):
         return (*found, refused(one.fitted))
-    return (*found, *judged(one, OF_RECORDING, of_fit=True))
+    return found + asked(one, families, "fit")
 
 
-def judged(one: Evidence, families: Iterable[Family], *, of_fit: bool) -> tuple[Verdict, ...]:
-    """The verdicts of those families that rest on the fit, or of those that do not."""
-    asked = (family for family in families if family.of_fit == of_fit)
-    return tuple(verdict for family in asked for verdict in family.check(one))
+def asked(one: Evidence, families: Iterable[Family], needs: Needs) -> tuple[Verdict, ...]:
+    """The verdicts of those families that need this."""
+    return tuple(v for family in families if family.needs == needs for v in family.check(one))
 
 
 def refused(error: DeltaidError) -> Verdict:

@@ -52,6 +52,18 @@ class Verdict:
     number: float | None = None
     unit: str = ""
 
+    @property
+    def finding(self) -> str:
+        """What was seen and the likeliest cause, as one sentence."""
+        about = f"{self.subject}: " if self.subject else ""
+        cause = f"; likeliest cause: {self.cause}" if self.cause else ""
+        return f"{about}{self.seen}{cause}"
+
+    @property
+    def sentence(self) -> str:
+        """The same with the next step."""
+        return f"{self.finding}; {self.cure}" if self.cure else self.finding
+
 
 def worst(verdicts: "tuple[Verdict, ...] | list[Verdict]") -> Grade:
     """The most severe grade; good if there is none."""

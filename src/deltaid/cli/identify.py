@@ -65,9 +65,13 @@ def identify(
             "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
         ),
     ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Go on with what the checks call wrong.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
+    from deltaid.check.identified import identify as run
     from deltaid.cli.output import (
         console,
         positive,
@@ -78,7 +82,6 @@ def identify(
         require_outputs,
     )
     from deltaid.files import together
-    from deltaid.identification.identify import identify as run
     from deltaid.identification.validation import remarks, validate
     from deltaid.model.model import load
     from deltaid.model.record import Settings
@@ -107,7 +110,7 @@ def identify(
         print_note(f"{model.source} is a model: its robot is identified anew, from its prior")
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
-        result = run(model, logs, columns=mapping, settings=settings, progress=say)
+        result = run(model, logs, columns=mapping, settings=settings, force=force, progress=say)
         verification, log, doubts = None, None, list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")

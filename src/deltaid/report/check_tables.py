@@ -27,11 +27,3 @@ def tally(verdicts: Sequence[Verdict]) -> str:
     """How many verdicts of each grade there are: '1 wrong, 12 good'."""
     grades = [verdict.grade for verdict in verdicts]
     return ", ".join(f"{grades.count(one)} {one}" for one in _ORDER if one in grades)
-
-
-def sentence(verdict: Verdict) -> str:
-    """A verdict on one line, for warnings: 'drive2: seen; likeliest cause: …; next step'."""
-    about = f"{verdict.subject}: " if verdict.subject else ""
-    cause = f"; likeliest cause: {verdict.cause}" if verdict.cause else ""
-    cure = f"; {verdict.cure}" if verdict.cure else ""
-    return f"{about}{verdict.seen}{cause}{cure}"

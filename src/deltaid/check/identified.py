@@ -1,0 +1,123 @@
+"""The identification between its checks: what is wrong is refused before, what is doubtful said."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.information import judged_information
+from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.errors import DeltaidError, DescriptionError, RecordingError
+from deltaid.identification.fit import Progress
+from deltaid.identification.identify import Identification
+from deltaid.identification.identify import identify as fitted
+from deltaid.model.record import Settings
+from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
+
+_QUICK = tuple(family for family in OF_RECORDING if family.quick)
+
+
+@dataclass(frozen=True)
+class Judged(Identification):
+    """An identification with the verdicts that it began and ended with.
+
+    Attributes:
+        verdicts: of the quick checks of `deltaid check`, good ones included.
+    """
+
+    verdicts: tuple[Verdict, ...]
+
+
+def identify(
+    robot: RobotLike,
+    logs: RecordingLike | Sequence[RecordingLike],
+    *,
+    columns: ColumnMapping | None = None,
+    settings: Settings | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> Judged:
+    """Identify a robot's dynamic parameters from recordings of the same machine.
+
+    The quick checks of `deltaid.verdicts` come first: what they call wrong is refused in their
+    words. What is doubtful stands in `model.warnings`, before anything else that is.
+
+    Args:
+        robot: the description with geometry, priors and reductions; or what has one, a catalogue
+            name, a file of a robot or of a model.
+        logs: one recording or a sequence of them: a log file, a table of polars or pandas, or
+            `Recording.from_arrays`.
+        columns: names and units of their columns, if not the default ones; arrays with units of
+            their own keep these.
+        settings: method, regulariser, γ, filter, friction laws.
+        force: go on with what is wrong, which then stands in the model's warnings.
+        progress: called with a sentence before each stage.
+
+    Raises:
+        DescriptionError: the description is wrong.
+        RecordingError: a log cannot be used, or is wrong.
+        IdentificationError: the fit cannot be posed or did not converge.
+    """
+    settings, description = settings or Settings(), described(robot)
+    found = of_robot(description, QUICK_OF_ROBOT)
+    if not force:
+        _refuse(found, description.name, DescriptionError)
+    sources = as_sources(logs)
+    for source in sources:
+        one = evidence(description, source, columns, settings)
+        said = asked(one, _QUICK, "rows")
+        if not force:
+            _refuse(said, str(one.table.path), RecordingError)
+        found += named(one, said, several=len(sources) > 1)
+    result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
+    found += _after(result, description, sources, columns, settings)
+    poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
+    model = result.model.changed(warnings=(*poor, *result.model.warnings))
+    return Judged(model, result.problem, result.recordings, found)
+
+
+def _refuse(found: Iterable[Verdict], where: str, kind: type[DeltaidError]) -> None:
+    """Refuse the first thing that is wrong.
+
+    Raises:
+        DeltaidError: of that kind.
+    """
+    for verdict in found:
+        if verdict.grade is Grade.WRONG:
+            lines = [f"{key}: {value}" for p in verdict.proposals for key, value in p.changes]
+            text = f" ({', '.join(lines[:6])}{', …' if len(lines) > 6 else ''})" if lines else ""
+            raise kind(
+                verdict.finding,
+                where=where,
+                cure=f"{verdict.cure}{text}; `deltaid check` tells more and writes what it "
+                "proposes, --force goes on as it is",
+            )
+
+
+def _after(
+    result: Identification,
+    robot: RobotDescription,
+    sources: Sequence[RecordingLike],
+    columns: ColumnMapping | None,
+    settings: Settings,
+) -> tuple[Verdict, ...]:
+    """Quick verdicts that rest on the fit, of the fit that there is."""
+    several = len(sources) > 1
+    found: tuple[Verdict, ...] = ()
+    if several:  # together they may tell what none of them tells alone
+        found += judged_information(result.problem.dynamics, result.problem.information)
+    for source, recording in zip(sources, result.recordings, strict=True):
+        one = _with_fit(evidence(robot, source, columns, settings), result, recording)
+        said = () if several else asked(one, _QUICK, "survey")
+        found += named(one, said + asked(one, _QUICK, "fit"), several=several)
+    return found
+
+
+def _with_fit(one: Evidence, result: Identification, recording: object) -> Evidence:
+    """Evidence whose survey and fit are those that have been made, and not made again."""
+    one = replace(one, dynamics=result.problem.dynamics)
+    vars(one).update(surveyed=recording, fitted=result.problem)  # where cached properties are kept
+    return one
