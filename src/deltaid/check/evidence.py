@@ -51,7 +51,6 @@ class Evidence:
     Attributes:
         dynamics: of the robot as described.
         table, columns: the log and what of it is what.
-        rows: its beginning, unchecked; of a log of usual length all of it.
         source, mapping: as given.
         settings: of the fit that verdicts on the fit rest on.
     """
@@ -59,7 +58,6 @@ class Evidence:
     dynamics: Dynamics
     table: Table
     columns: Columns
-    rows: Rows
     source: RecordingLike
     mapping: ColumnMapping | None
     settings: Settings
@@ -73,6 +71,15 @@ class Evidence:
     def kinematics(self) -> Kinematics:
         """Of the robot as described."""
         return self.dynamics.kinematics
+
+    @cached_property
+    def rows(self) -> Rows:
+        """The recording's beginning, unchecked; of a log of usual length all of it.
+
+        Raises:
+            RecordingError: it cannot be read at all.
+        """
+        return _rows(self.table, self.columns, _MOST)
 
     @cached_property
     def surveyed(self) -> Recording | RecordingError:
@@ -101,15 +108,22 @@ def evidence(
     mapping: ColumnMapping | None = None,
     settings: Settings | None = None,
 ) -> Evidence:
-    """Read a recording for checks, however wrong its numbers are.
+    """Open a recording for checks, however wrong its numbers are.
 
     Raises:
-        RecordingError: it cannot be read at all.
+        RecordingError: it cannot be opened, or a column is missing.
     """
     dynamics = compiled(robot)
     table, columns, mapping = resolved_table(source, dynamics.kinematics, mapping)
-    rows = _rows(table, columns, _MOST)
-    return Evidence(dynamics, table, columns, rows, source, mapping, settings or Settings())
+    return Evidence(dynamics, table, columns, source, mapping, settings or Settings())
+
+
+def with_fit(one: Evidence, problem: FittedProblem, recording: Recording) -> Evidence:
+    """Evidence whose survey and fit are those that have been made, and are not made again."""
+    known = replace(one, dynamics=problem.dynamics)
+    vars(known).update({key: vars(one)[key] for key in ("rows",) if key in vars(one)})
+    vars(known).update(surveyed=recording, fitted=problem)  # where cached properties are kept
+    return known
 
 
 def changed(rows: Rows, **values: np.ndarray) -> Rows:

@@ -1,9 +1,9 @@
 """The identification between its checks: what is wrong is refused before, what is doubtful said."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdict import Grade, Verdict
@@ -14,7 +14,6 @@ from deltaid.identification.identify import identify as fitted
 from deltaid.model.record import Settings
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.memory import RecordingLike, as_sources
-from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
 _QUICK = tuple(family for family in OF_RECORDING if family.quick)
@@ -65,15 +64,18 @@ def identify(
     found = of_robot(description, QUICK_OF_ROBOT)
     if not force:
         _refuse(found, description.name, DescriptionError)
-    sources = as_sources(logs)
+    sources, opened = as_sources(logs), list[Evidence]()
     for source in sources:
         one = evidence(description, source, columns, settings)
         said = asked(one, _QUICK, "rows")
         if not force:
             _refuse(said, str(one.table.path), RecordingError)
         found += named(one, said, several=len(sources) > 1)
+        if len(sources) > 1:
+            vars(one).pop("rows", None)  # all of them might not fit into memory
+        opened.append(one)
     result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
-    found += _after(result, description, sources, columns, settings)
+    found += _after(result, opened)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *result.model.warnings))
     return Judged(model, result.problem, result.recordings, found)
@@ -97,27 +99,16 @@ def _refuse(found: Iterable[Verdict], where: str, kind: type[DeltaidError]) -> N
             )
 
 
-def _after(
-    result: Identification,
-    robot: RobotDescription,
-    sources: Sequence[RecordingLike],
-    columns: ColumnMapping | None,
-    settings: Settings,
-) -> tuple[Verdict, ...]:
-    """Quick verdicts that rest on the fit, of the fit that there is."""
-    several = len(sources) > 1
+def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict, ...]:
+    """Quick verdicts that rest on the survey or the fit, of those that there are."""
+    problem, several = result.problem, len(opened) > 1
     found: tuple[Verdict, ...] = ()
     if several:  # together they may tell what none of them tells alone
-        found += judged_information(result.problem.dynamics, result.problem.information)
-    for source, recording in zip(sources, result.recordings, strict=True):
-        one = _with_fit(evidence(robot, source, columns, settings), result, recording)
-        said = () if several else asked(one, _QUICK, "survey")
-        found += named(one, said + asked(one, _QUICK, "fit"), several=several)
+        found += judged_information(problem.dynamics, problem.information)
+    for one, recording in zip(opened, result.recordings, strict=True):
+        known = with_fit(one, problem, recording)
+        said = asked(known, _QUICK, "fit")
+        if not several:
+            said = asked(known, _QUICK, "survey") + said
+        found += named(one, said, several=several)
     return found
-
-
-def _with_fit(one: Evidence, result: Identification, recording: object) -> Evidence:
-    """Evidence whose survey and fit are those that have been made, and not made again."""
-    one = replace(one, dynamics=result.problem.dynamics)
-    vars(one).update(surveyed=recording, fitted=result.problem)  # where cached properties are kept
-    return one

@@ -5,8 +5,8 @@ In the base parameters b of any generic motion, rows weighted by each drive's no
     std_k² = ((G + I)⁻¹)_kk,   G = Σ_i F_iᵀ F_i / σ_i²,
 
 in units of the prior's standard deviation is what the recording leaves open of it: 1 where it says
-nothing. The same holds for a motion within the robot's limits (as many samples, same noise), and for
-both together: G adds up. The motion that leaves least open is the one to record.
+nothing. The same holds for a motion within the robot's limits (as many samples, same noise), and
+for both together: G adds up. The motion that leaves least open is the one to record.
 """
 
 from collections.abc import Iterable
@@ -240,7 +240,7 @@ def _norms(Y: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, " columns"
 
 
 def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
-    """√ of the diagonal of (FᵀF + I)⁻¹: what data and a prior of standard deviation 1 leave open."""
+    """√ of the diagonal of (FᵀF + I)⁻¹: what data and a prior of unit size leave open."""
     s, Vt = np.linalg.svd(np.vstack([F, np.eye(F.shape[1])]), full_matrices=False)[1:]
     return np.linalg.norm(Vt.T / s, axis=1)
 

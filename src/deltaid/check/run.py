@@ -90,6 +90,7 @@ def verdicts(
     for source in sources:
         progress(f"checking {source}")
         one = evidence(description, source, columns, settings)
+        _ = one.rows  # what cannot be read at all is an error and no verdict
         found += named(one, of_recording(one), several=len(sources) > 1)
     return tuple(found)
 
