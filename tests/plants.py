@@ -164,11 +164,13 @@ class Plant:
         oracle: without friction.
         friction: viscous and Coulomb coefficients of all joints, (2, joints).
         path: task coordinates.
+        p: all of this as parameters of the description.
     """
 
     oracle: ComposedOracle
     friction: Array
     path: Array
+    p: Array
 
     @cached_property
     def _curves(self) -> CubicSpline:
@@ -244,7 +246,7 @@ def random_plant(
         motion = random_motion(kinematics, rng, period=period, harmonics=harmonics)
         z, _, _ = motion.evaluate(np.arange(GRID) * (period / GRID))
         path = motion.centre + size * (z - motion.centre)
-        plant = Plant(oracle_of(robot, p), friction_of(robot, p), path)
+        plant = Plant(oracle_of(robot, p), friction_of(robot, p), path, p)
         if np.all(np.isfinite(plant.oracle.positions(path))):
             return plant
     raise AssertionError("no path within reach")

@@ -11,13 +11,12 @@ from zlib import crc32
 
 import numpy as np
 
-from faults import behaviour, descriptions, signals, wiring
+from faults import behaviour, descriptions, signals, wiring  # noqa: F401  # they list their kinds
 from faults.case import Case, clean
 from faults.shown import shown
 from faults.tools import KINDS, ImpossibleError
 
-__all__ = ["KINDS", "Case", "behaviour", "clean", "descriptions", "fault", "faulty", "signals",
-           "wiring"]  # fmt: skip
+__all__ = ["KINDS", "LEAST", "Case", "clean", "fault", "faulty"]
 
 # Three times the half width of a 95 % interval, in standard deviations.
 LEAST = 3 * 1.96

@@ -78,11 +78,15 @@ class Setting:
             truth = self.at(self.time + self.jitter)
         columns = {"t": self.time, "q": self.step * np.round(truth.q / self.step)}
         if self.velocity:
-            # A drive differentiates its encoder and smooths it; what is left is white and small.
-            spread = 1e-3 * np.abs(truth.qd).max(axis=0)
-            columns["qd"] = truth.qd + spread * rng.standard_normal(truth.qd.shape)
+            columns["qd"] = self._differences(columns["q"] - truth.q) + truth.qd
         noise = self.noise * self.scale * rng.standard_normal(truth.tau.shape)
         return columns | {"tau": truth.tau + noise}
+
+    def _differences(self, error: Array) -> Array:
+        """What a drive's velocity has of the encoder's error: differences across up to 4 ms."""
+        reach = max(1, round(2e-3 * self.rate))
+        padded = np.pad(error, ((reach, reach), (0, 0)), mode="edge")
+        return (padded[2 * reach :] - padded[: -2 * reach]) * (self.rate / (2 * reach))
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,8 +85,8 @@ def saturation(case: Case, rng: np.random.Generator) -> Case:
     limit = np.where(which, share, 2.0) * np.abs(case.columns["tau"]).max(axis=0)
     tau = np.clip(case.columns["tau"], -limit, limit)
     cut = np.mean(np.abs(case.columns["tau"]) > limit, axis=0)
-    if cut.max() < 0.01:
-        raise ImpossibleError("hardly a sample is cut")
+    if not 0.01 < cut.max() < 0.4:
+        raise ImpossibleError("hardly a sample is cut, or so many that it could not hold itself")
     return replace(case, columns=dict(case.columns) | {"tau": tau}, subject=subject,
                    size=f"at {share:.0%}, {cut.max():.1%} of the rows")  # fmt: skip
 

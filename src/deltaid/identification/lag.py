@@ -14,10 +14,10 @@ dead time and time constants.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.information import active_columns
 from deltaid.identification.scatter import quantile
 from deltaid.identification.traces import Delay, Trace
@@ -44,13 +44,11 @@ class Basis:
         Q: orthonormal columns that span those of Y.
         solution: takes coefficients of Q to p, columns of Y at unit length and p the least.
         scale: what each drive's rows are divided by [N m or N].
-        blocks: which stretch of time each row is of.
     """
 
     Q: Columns
     solution: Float[np.ndarray, "parameters rank"]
     scale: Float[np.ndarray, " dof"]
-    blocks: Int[np.ndarray, " rows"]
 
     def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:
         """Something of every drive as rows."""
@@ -67,6 +65,12 @@ class Basis:
     def without(self, A: np.ndarray) -> np.ndarray:
         """What the columns cannot explain of A."""
         return A - self.Q @ (self.Q.T @ A)
+
+    def extended(self, U: Columns) -> "Basis":
+        """The same with further columns, orthonormal to those, that belong to no parameter."""
+        nothing = np.zeros((len(self.solution), U.shape[1]))
+        solution = np.hstack([self.solution, nothing])
+        return Basis(np.hstack([self.Q, U]), solution, self.scale)
 
     def parameters(self, rows: Rows) -> Parameters:
         """p of least squares for some right-hand side."""
@@ -93,14 +97,16 @@ class Lag:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def basis_of(trace: Trace, scale: Float[np.ndarray, " dof"], *, between: bool = False) -> Basis:
+def basis_of(
+    dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], scale: Float[np.ndarray, " dof"]
+) -> Basis:
     """What parameters explain of a recording's torques.
 
     Args:
+        dynamics: of the robot.
+        Y: the active columns of its regressor, filtered (`Trace.regressor`).
         scale: what each drive's rows are divided by, such as its noise or largest torque.
-        between: see `Trace.regressor`.
     """
-    Y, columns = trace.regressor(between=between), active_columns(trace.dynamics)
     dof, samples, width = Y.shape
     rows = (Y / scale[:, None, None]).reshape(dof * samples, width)
     norms = np.linalg.norm(rows, axis=0)
@@ -108,10 +114,9 @@ def basis_of(trace: Trace, scale: Float[np.ndarray, " dof"], *, between: bool = 
     Q, R = np.linalg.qr(rows / norms)
     U, s, Vt = np.linalg.svd(R)
     kept = s > _DEPENDENT * s[0]
-    solution = np.zeros((len(trace.dynamics.layout.names), int(kept.sum())))
-    solution[columns] = Vt[kept].T / s[kept] / norms[:, None]
-    blocks = np.tile(np.arange(samples) * BLOCKS // samples, dof)
-    return Basis(Q @ U[:, kept], solution, scale, blocks)
+    solution = np.zeros((len(dynamics.layout.names), int(kept.sum())))
+    solution[active_columns(dynamics)] = Vt[kept].T / s[kept] / norms[:, None]
+    return Basis(Q @ U[:, kept], solution, scale)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -173,9 +178,16 @@ def deviations(A: Columns, left: Rows, basis: Basis) -> Float[np.ndarray, " colu
         left: what is left after p and A.
     """
     inverse = np.linalg.pinv(A.T @ A, hermitian=True)
-    scores = np.zeros((BLOCKS, A.shape[1]))
-    np.add.at(scores, basis.blocks, A * left[:, None])
+    scores = block_sums(A * left[:, None], basis)
     scatter = inverse @ (scores.T @ scores) @ inverse * BLOCKS / (BLOCKS - 1)
     freedom = max(len(left) - basis.Q.shape[1] - A.shape[1], 1)
     white = inverse * float(left @ left) / freedom
     return np.sqrt(np.maximum(np.diag(scatter), np.diag(white)))
+
+
+def block_sums(A: Columns, basis: Basis) -> Float[np.ndarray, "blocks columns"]:
+    """Sums over stretches of time, of all drives together."""
+    dof = len(basis.scale)
+    samples = len(A) // dof
+    starts = -(-np.arange(BLOCKS) * samples // BLOCKS)
+    return np.add.reduceat(A.reshape(dof, samples, -1), starts, axis=1).sum(axis=0)

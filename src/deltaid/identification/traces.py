@@ -45,16 +45,6 @@ class Trace:
     stretches: tuple[Samples, ...]
     low_pass: LowPass
 
-    @property
-    def time(self) -> Float[np.ndarray, " thinned"]:
-        """Of the filtered and thinned samples [s]."""
-        low_pass, times = self.low_pass, []
-        middle = low_pass.lead_half + low_pass.stride * low_pass.half
-        for one in self.stretches:
-            count = _outputs(low_pass, len(one.time))
-            times.append(one.time[middle :: low_pass.thinned][:count])
-        return np.concatenate(times)
-
     def filtered(
         self,
         of: Callable[[Samples], Values],
@@ -95,6 +85,22 @@ class Trace:
         Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
         Y[rows, :, np.searchsorted(active, self.dynamics.regressor_pattern[1])] = entries
         return Y
+
+    def model(self, p: Parameters) -> Float[np.ndarray, "dof thinned"]:
+        """Torques of parameters, filtered."""
+        dynamics = self.dynamics
+        return self.filtered(lambda w: dynamics.torque(w.z, w.qd, w.qdd, p).T, np.arange(dynamics.dof))
+
+    def motion(self) -> Samples:
+        """The motion at the filtered and thinned samples, with the weights that are left there."""
+        low_pass, parts = self.low_pass, []
+        middle = low_pass.lead_half + low_pass.stride * low_pass.half
+        for one in self.stretches:
+            count = _outputs(low_pass, len(one.time))
+            parts.append(one.part(slice(middle, None, low_pass.thinned)).part(slice(count)))
+        kept = Samples(*(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(Samples)))
+        ones = self.filtered(lambda w: np.ones_like(w.tau.T), np.arange(self.dynamics.dof))
+        return replace(kept, weights=ones.T)
 
     def _with_steps_between(self, entries: Values) -> Values:
         """Friction's entries averaged over the time about each sample in which they step."""

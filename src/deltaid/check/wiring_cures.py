@@ -1,0 +1,122 @@
+"""Lines of a mapping that undo what is wrong with its columns."""
+
+import numpy as np
+
+from deltaid.check.evidence import Evidence
+from deltaid.check.verdict import Proposal
+from deltaid.recording.columns import AllDrives, DriveColumn, Quantity, si_unit
+
+# What a unit becomes by a factor of its numbers.
+_UNITS = {
+    ("rad", np.pi / 180): "deg",
+    ("rad", 2 * np.pi): "rev",
+    ("deg", 180 / np.pi): "rad",
+    ("m", 1e-3): "mm",
+    ("mm", 1e3): "m",
+    ("rad/s", np.pi / 30): "rpm",
+    ("rad/s", np.pi / 180): "deg/s",
+    ("rpm", 30 / np.pi): "rad/s",
+    ("deg/s", 180 / np.pi): "rad/s",
+    ("m/s", 1e-3): "mm/s",
+    ("mm/s", 1e3): "m/s",
+    ("N m", 1e-3): "mN*m",
+    ("N*m", 1e-3): "mN*m",
+    ("N", 1e-3): "mN",
+}
+
+Values = dict[int, dict[str, object]]
+
+
+class Entries:
+    """What a mapping says of each drive's columns, and how to say it otherwise."""
+
+    def __init__(self, evidence: Evidence) -> None:
+        self._evidence = evidence
+        robot = evidence.robot
+        self._linear = [robot.is_linear(drive) for drive in robot.drives]
+
+    def of(self, quantity: Quantity, drive: int) -> DriveColumn:
+        """The entry of a drive, its default where there is none."""
+        given = getattr(self._evidence.mapping, quantity, None)
+        if isinstance(given, AllDrives):
+            return given.entries(len(self._linear), quantity)[drive]
+        if given is not None:
+            return given[drive]
+        name = self.name(quantity, drive)
+        units = self._evidence.table.units
+        return DriveColumn(
+            column=name, unit=units.get(name, si_unit(quantity, linear=self._linear[drive]))
+        )
+
+    def name(self, quantity: Quantity, drive: int) -> str:
+        """The column's name."""
+        return getattr(self._evidence.columns, quantity)[drive].column
+
+    def recorded(self, quantity: Quantity) -> bool:
+        """Whether the log has the quantity."""
+        return bool(getattr(self._evidence.columns, quantity))
+
+    def scale(self, quantity: Quantity, drive: int) -> float:
+        """Joint value per number."""
+        return getattr(self._evidence.columns, quantity)[drive].scale
+
+    def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
+        """With the other sign."""
+        return {"sign": -self.of(quantity, drive).sign}
+
+    def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
+        """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
+        now = self.of(quantity, drive).unit
+        for (unit, by), named in _UNITS.items():
+            if unit == now and abs(by / factor - 1) < 1e-6:
+                return {"unit": named}
+        return {}
+
+    def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
+        """Of a motor whose numbers must be multiplied by `factor`."""
+        of_torque = quantity == "torque"
+        if self._linear[drive]:
+            lead = 2 * np.pi / factor if of_torque else 2 * np.pi * factor
+            return {"unit": si_unit(quantity, linear=False), "lead": rounded(lead)}
+        gear = self.of(quantity, drive).gear
+        return {"gear": rounded(gear * factor if of_torque else gear / factor)}
+
+    def moved(self, quantity: Quantity, drive: int, source: int) -> dict[str, object]:
+        """All that another drive's entry says."""
+        own, other = (self.of(quantity, i).model_dump() for i in (drive, source))
+        return {key: value for key, value in other.items() if value != own[key]}
+
+    def shifted(self, drive: int, shift: float) -> dict[str, object]:
+        """With a zero at which the joint value is larger by `shift` [rad or m]."""
+        zero = self.of("position", drive).zero - shift / self.scale("position", drive)
+        return {"zero": float(f"{zero:.6g}")}
+
+    def proposal(self, **values: Values) -> tuple[Proposal, ...]:
+        """New values of entries, by quantity, drive and key, as changes of the mapping."""
+        changes: list[tuple[str, object]] = []
+        for quantity, drives in values.items():
+            given = getattr(self._evidence.mapping, quantity, None)
+            if not isinstance(given, AllDrives):
+                changes += [
+                    (f"{quantity}[{i}].{key}", value)
+                    for i, entry in drives.items()
+                    for key, value in entry.items()
+                ]
+                continue
+            for key in dict.fromkeys(key for entry in drives.values() for key in entry):
+                now = [getattr(self.of(quantity, i), key) for i in range(len(self._linear))]
+                each = [drives.get(i, {}).get(key, value) for i, value in enumerate(now)]
+                same = all(value == each[0] for value in each)
+                plural = "columns" if key == "column" else key
+                changes.append((f"{quantity}.{plural}", each[0] if same else each))
+                if key == "column" and given.column is not None:
+                    changes.append((f"{quantity}.column", None))
+        return (Proposal("mapping", tuple(changes)),) if changes else ()
+
+
+def rounded(value: float) -> float:
+    """Three digits, or a whole number that is within 2 %."""
+    whole = round(value)
+    if whole >= 2 and abs(value / whole - 1) < min(0.02, 0.25 / whole):
+        return float(whole)
+    return float(f"{value:.3g}")

@@ -1,0 +1,175 @@
+"""A drive's zero or the direction of gravity: which of them explains what a recording leaves.
+
+Both change torques in a way that has a column of its own, ∂(Y p)/∂q_0 and ∂(Y p)/∂g, beside those
+of Y. Their values are a Gauss–Newton step; how far to trust it, the scatter of their scores between
+blocks of time says, for noise of any colour.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.wiring_motion import Motion
+from deltaid.check.wiring_search import Candidate
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+
+# Blocks of time, step of the slopes [rad or m], and spread of the prior.
+_BLOCKS, _STEP, _SPREAD = 24, 1e-4, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Shifts:
+    """Errors of zeros [rad or m] and of the direction of gravity [rad], as rows tell them.
+
+    Attributes:
+        H: products of their columns, freed of what parameters explain.
+        scores: of each block, (blocks, columns).
+        left: sum of squares without them, freed likewise.
+        drives: number of zeros; two angles of gravity follow.
+    """
+
+    H: Float[np.ndarray, "columns columns"]
+    scores: Float[np.ndarray, "blocks columns"]
+    left: float
+    drives: int
+
+    @property
+    def homing(self) -> list[int]:
+        """Columns of zeros."""
+        return list(range(self.drives))
+
+    @cached_property
+    def tilt(self) -> list[int]:
+        """Columns of the direction of gravity."""
+        return list(range(self.drives, len(self.H)))
+
+    def told(
+        self, which: list[int], beside: list[int] | None = None
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+        """Values of some columns and their covariance, with others free beside them."""
+        at = [*which, *(beside or [])]
+        H, n = self.H[np.ix_(at, at)], len(which)
+        scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9) * np.outer(scale, scale)
+        s = self.scores[:, at]
+        value = inverse @ s.sum(axis=0)
+        own = np.stack([b - share for b, share in zip(s, self._shares(H, value), strict=True)])
+        centred = own - own.mean(axis=0)
+        blocks = len(s)
+        spread = centred.T @ centred * blocks / max(blocks - len(at), 1)
+        covariance = inverse @ spread @ inverse
+        return value[:n], covariance[:n, :n]
+
+    def _shares(self, H: np.ndarray, value: np.ndarray) -> np.ndarray:
+        return np.zeros((len(self.scores), len(value))) + (H @ value) / len(self.scores)
+
+    def certainty(self, which: list[int], beside: list[int] | None = None) -> float:
+        """Wald's distance of some columns from zero, a number of standard deviations each."""
+        value, covariance = self.told(which, beside)
+        values, vectors = np.linalg.eigh(covariance)
+        sure = values > 1e-9 * values[-1]
+        projected = vectors[:, sure].T @ value
+        return float(np.sqrt(np.sum(projected**2 / values[sure]) / max(len(which), 1)))
+
+    def gain(self, which: list[int]) -> float:
+        """Share of what is left that these columns explain."""
+        H, s = self.H[np.ix_(which, which)], self.scores[:, which].sum(axis=0)
+        return float(s @ np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ s / self.left)
+
+
+def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
+    """What a recording says about zeros and gravity, the rest being as a candidate has it."""
+    found = best.residual
+    dof, C = dynamics.dof, len(found.norms)
+    rows = np.arange(dof) * dof + np.array(best.order)
+    tau = best.gains @ found.A[C:][rows]
+    p = _parameters(dynamics, best, tau)
+    D = _columns(dynamics, motion, best, p)
+    D = (D[:, :, found.keep] * found.weights[:, None]).reshape(len(D), -1)
+    Y = found.A[:C]
+    D = D - (D @ Y.T @ found.inverse) @ Y
+    e = tau - (tau @ Y.T @ found.inverse) @ Y
+    count = int(found.keep.sum())
+    edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
+    products = (D * e).reshape(len(D), dof, count).sum(axis=1)
+    scores = np.stack([products[:, a:b].sum(axis=1) for a, b in zip(edges, edges[1:])])
+    return Shifts(D @ D.T, scores, float(e @ e), dof)
+
+
+def _parameters(
+    dynamics: Dynamics, best: Candidate, tau: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, " parameters"]:
+    """All parameters: from the prior as far as the torques ask for it."""
+    found = best.residual
+    prior, C = prior_parameters(dynamics.robot), len(found.norms)
+    scale = np.array([one.scale for one in dynamics.layout.parameters])[found.columns]
+    reach = _SPREAD * scale * found.norms
+    noise = (best.left**2) * float(tau @ tau) / len(tau)
+    G = found.G[:C, :C]
+    right = found.A[:C] @ tau - G @ (prior[found.columns] * found.norms)
+    x = np.linalg.solve(G + np.diag(noise / reach**2), right)
+    prior[found.columns] += x / found.norms
+    return prior
+
+
+def _columns(
+    dynamics: Dynamics, motion: Motion, best: Candidate, p: Float[np.ndarray, " parameters"]
+) -> Float[np.ndarray, "columns drives kept"]:
+    """Slopes of the torques at the kept samples; they are smooth enough to need no filter."""
+    low_pass, map, dof = motion.low_pass, best.map, dynamics.dof
+    at = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
+    q = map.values(motion.q[at])
+    qd, qdd = map.rates(motion.qd[at]), map.rates(motion.qdd[at])
+    p = p.copy()
+    p[dynamics.layout.friction] = 0.0  # its steps have no slope
+
+    def torque(q: np.ndarray) -> np.ndarray:
+        z, good = dynamics.kinematics.forward_unchecked(q)
+        z = np.where(good[:, None], z, dynamics.kinematics.home)
+        return np.where(good[:, None], dynamics.torque(z, qd, qdd, p), 0.0)
+
+    slopes = []
+    for i in range(dof):
+        step = _STEP * np.eye(dof)[i]
+        slopes.append((torque(q + step) - torque(q - step)).T / (2 * _STEP))
+    z = best.residual.poses.z[at]
+    moments = _moments(dynamics, z, p)  # ∂(Σ m r)/∂q
+    g = np.array(dynamics.robot.gravity)
+    for axis in across(g):
+        slopes.append(-np.einsum("k,skd->ds", np.cross(axis, g), moments))
+    return np.stack(slopes)
+
+
+def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
+    """Two axes to turn gravity about."""
+    if not g.any():
+        return np.zeros((0, 3))
+    third = np.argmin(np.abs(g))
+    first = np.cross(g, np.eye(3)[third])
+    first /= np.linalg.norm(first)
+    second = np.cross(g, first)
+    return np.stack([first, second / np.linalg.norm(second)])
+
+
+def _moments(
+    dynamics: Dynamics, z: Float[np.ndarray, "samples dof"], p: Float[np.ndarray, " parameters"]
+) -> Float[np.ndarray, "samples 3 dof"]:
+    """∂(Σ m r)/∂q, by differences along z and ∂z/∂q."""
+    kinematics, layout = dynamics.kinematics, dynamics.layout
+    counts = [body.count for body in kinematics.mechanism.bodies]
+
+    def moment(z: np.ndarray) -> np.ndarray:
+        total = np.zeros((len(z), 3))
+        for body, count in zip(kinematics.poses(z), counts, strict=True):
+            own = p[layout.body(body.name)]
+            total += count * (own[0] * body.r_WB + body.R_WB @ own[1:4])
+        return total
+
+    along = [
+        (moment(z + step) - moment(z - step)) / (2 * _STEP)
+        for step in _STEP * np.eye(dynamics.dof)
+    ]
+    return np.stack(along, axis=2) @ np.linalg.inv(kinematics.jacobian(z))

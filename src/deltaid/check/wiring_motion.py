@@ -1,0 +1,162 @@
+"""A stretch of a recording, filtered once, on which many hypotheses about its columns are tried.
+
+All of them are affine maps and permutations of columns, and the filters are linear, so positions
+are differentiated once and mapped afterwards. Poses and regressors are evaluated at a rate far
+above the cut-off; the same low-pass then goes over regressor and torques, and both are thinned.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.check.evidence import Rows
+from deltaid.recording.filter import (
+    HIGHEST,
+    LOWEST_CUTOFF,
+    LowPass,
+    apply,
+    design_low_pass,
+    samples_needed,
+)
+from deltaid.recording.spectrum import SpectrumEstimate, power_of
+
+# The highest cut-off [Hz]: enough to tell columns apart.
+_HIGHEST_CUTOFF = 30.0
+# Rows missing in a row that are bridged by straight lines; more end a stretch.
+_BRIDGED = 10
+
+Values = Float[np.ndarray, "samples _"]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Filtered positions with derivatives and filtered torques of one stretch.
+
+    Attributes:
+        q, qd, qdd: (samples, drives) as mapped, evenly spaced.
+        load: τ at these samples, for friction that depends on it.
+        tau: (kept, drives) torques that passed the low-pass, thinned.
+        low_pass: what makes kept ones of samples.
+        time: of the rows as they are [s].
+        raw_q, raw_qd: of the same rows, unfiltered.
+        full: the low-pass for these.
+    """
+
+    q: Values
+    qd: Values
+    qdd: Values
+    load: Values
+    tau: Values
+    low_pass: LowPass
+    time: Float[np.ndarray, " rows"]
+    raw_q: Values
+    raw_qd: Values
+    full: LowPass
+
+    def filtered(self, x: Float[np.ndarray, "channels samples"]) -> Values:
+        """The low-pass over something that follows from samples, thinned: (channels, kept)."""
+        return apply(self.low_pass.smooth, x, self.low_pass.decimation)[:, : len(self.tau)]
+
+    @cached_property
+    def moves(self) -> Bool[np.ndarray, " drives"]:
+        """Which drives move at all."""
+        return np.ptp(self.q, axis=0) > 1e-9 * (1 + np.abs(self.q).max(axis=0))
+
+
+def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> Motion | None:
+    """The liveliest stretch of a recording; None where there is too little of it, or no torque.
+
+    Args:
+        longest: that it lasts [s].
+        oversampled: samples that a regressor is evaluated at, as a multiple of the cut-off:
+            friction's steps fall on their grid.
+    """
+    even = _even(rows, longest)
+    if even is None:
+        return None
+    time, q, qd, tau = even
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    cutoff = _cutoff(q, rate)
+    if not tau.shape[1] or len(time) < samples_needed(cutoff, rate):
+        return None
+    full = design_low_pass(cutoff, rate, single=True)
+    every = max(1, int(rate / (oversampled * cutoff)))
+    again = design_low_pass(cutoff, rate / every, single=True)
+    inner = slice(full.margin - full.half, len(time) - (full.margin - full.half))
+    x = q.T
+    lost = again.half * every  # of the second filter, at either end
+    # The torques pass once, by a filter that is centred on the samples that the second one keeps.
+    wide = tau[full.margin - full.half + lost : len(tau) - (full.margin - full.half)].T
+    smoothed = apply(full.smooth, wide, every * again.decimation)
+    samples = apply(full.smooth, x[:, inner], every).T
+    count = -(-(len(samples) - len(again.smooth) + 1) // again.decimation)
+    return Motion(
+        q=samples,
+        qd=apply(full.first, x, every).T,
+        qdd=apply(full.second, x, every).T,
+        load=apply(full.smooth, tau.T[:, inner], every).T,
+        tau=smoothed.T[:count],
+        low_pass=again,
+        time=time,
+        raw_q=q,
+        raw_qd=qd,
+        full=full,
+    )
+
+
+def _cutoff(q: Values, rate: float) -> float:
+    spectrum = SpectrumEstimate(q.shape[1])
+    spectrum.add(power_of(q))
+    found = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
+    return float(np.clip(found, LOWEST_CUTOFF, min(HIGHEST * rate, _HIGHEST_CUTOFF)))
+
+
+def _even(
+    rows: Rows, longest: float
+) -> tuple[np.ndarray, Values, Values, Values] | None:
+    """Time, q, q̇ and τ of the liveliest stretch without a gap, evenly spaced."""
+    finite = np.isfinite(rows.time)
+    for values in (rows.q, rows.qd, rows.tau):
+        finite &= np.isfinite(values).all(axis=1)
+    keep = np.flatnonzero(finite)
+    if len(keep) < SpectrumEstimate.SHORTEST or not rows.q.shape[1]:
+        return None
+    forward = np.diff(np.maximum.accumulate(rows.time[keep]), prepend=-np.inf) > 0
+    keep = keep[forward]
+    time = rows.time[keep]
+    if len(keep) < SpectrumEstimate.SHORTEST:
+        return None
+    step = float(np.median(np.diff(time)))
+    ends = np.flatnonzero(np.diff(time) > _BRIDGED * step)
+    starts, stops = np.append(0, ends + 1), np.append(ends + 1, len(time))
+    start, stop = _liveliest(rows.q[keep], starts, stops, int(longest / step))
+    part = keep[start:stop]
+    t = rows.time[part]
+    if len(part) < SpectrumEstimate.SHORTEST:
+        return None
+    values = (rows.q[part], rows.qd[part], rows.tau[part])
+    if np.diff(t).max() < 1.5 * step:
+        return (t, *values)
+    grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step) + 1)
+    return (grid, *(np.column_stack([np.interp(grid, t, x) for x in v.T])
+                    if v.shape[1] else v[: len(grid)] for v in values))  # fmt: skip
+
+
+def _liveliest(
+    q: Values, starts: np.ndarray, stops: np.ndarray, most: int
+) -> tuple[int, int]:
+    """First row and end of the stretch with the longest way of all drives."""
+    spread = np.ptp(q, axis=0)
+    steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)
+    way = np.append(0.0, np.cumsum(steps.sum(axis=1)))
+    best, found = -1.0, (0, 0)
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        first = np.arange(start, max(start + 1, stop - most + 1), max(1, most // 20))
+        last = np.minimum(first + most, stop)
+        gone = way[last] - way[first]
+        k = int(np.argmax(gone))
+        if gone[k] > best:
+            best, found = float(gone[k]), (int(first[k]), int(last[k]))
+    return found

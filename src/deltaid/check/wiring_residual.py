@@ -1,0 +1,173 @@
+"""What least squares leaves of torques, for every order, sign and gain of their columns at once.
+
+With the columns [Y, E_11, E_12, …], E_ij the torque column j in the rows of drive i, their products
+give S = Eᵀ(1 − Y Y⁺)E: the residual of any assignment u of torque columns to drives, with signs and
+gains, is uᵀS u, and its share of the torques uᵀS u / uᵀD u with D = diag ‖E_ij‖². A residual of 1e-6
+of the torques is all that this has to see, so normal equations do.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.check.wiring_motion import Motion
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.mechanism.regularity import SINGULAR_CONDITION
+
+# Singular values below this share of the largest are zero.
+_DEPENDENT = 1e-6
+
+
+@dataclass(frozen=True)
+class Map:
+    """How joint values follow from position columns: q_i = scale_i · column order_i + shift_i."""
+
+    scale: tuple[float, ...]
+    order: tuple[int, ...]
+    shift: tuple[float, ...]
+
+    @classmethod
+    def identity(cls, dof: int) -> "Map":
+        """As the mapping says."""
+        return cls((1.0,) * dof, tuple(range(dof)), (0.0,) * dof)
+
+    def values(self, q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "samples dof"]:
+        """q of columns."""
+        return q[:, list(self.order)] * self.scale + self.shift
+
+    def rates(self, qd: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "samples dof"]:
+        """q̇ or q̈ of columns."""
+        return qd[:, list(self.order)] * self.scale
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses of a stretch under a map.
+
+    Attributes:
+        z: (samples, dof).
+        good: where the loops close, in a regular pose on the branch of most of the samples.
+        worst: condition number there.
+    """
+
+    z: Float[np.ndarray, "samples dof"]
+    good: Bool[np.ndarray, " samples"]
+    worst: Float[np.ndarray, " samples"]
+
+    @property
+    def share(self) -> float:
+        """Of the samples that are good."""
+        return float(np.mean(self.good))
+
+
+def poses(dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]) -> Poses:
+    """Where the loops close."""
+    z, closed = dynamics.kinematics.forward_unchecked(q)
+    z = np.where(closed[:, None], z, dynamics.kinematics.home)
+    regular = dynamics.kinematics.regularity(z)
+    good = closed & (regular.worst < SINGULAR_CONDITION)
+    sign = np.sign(regular.determinant)
+    good &= sign == (1 if sign[good].sum() >= 0 else -1)
+    return Poses(z, good, np.where(good, regular.worst, np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """Least squares of all torque columns under one map of the positions.
+
+    Attributes:
+        map: of the positions.
+        poses: of the samples.
+        G: products of [Y, E], columns of Y scaled by `norms`.
+        inverse: (YᵀY)⁺.
+        S: residual of E, (drives², drives²), by drive i and column j.
+        D: squares of E's columns, (drives, drives).
+        weights: of the rows of each drive.
+        along: correlation of drive i's torque at the prior with column j, (drives, drives).
+        prior: root mean square of the torque at the prior.
+        keep: which of the kept samples are used.
+        A: weighted rows of [Y, E], (columns + drives², drives · samples); Y scaled by `norms`.
+    """
+
+    map: Map
+    poses: Poses
+    G: Float[np.ndarray, "n n"]
+    inverse: Float[np.ndarray, "columns columns"]
+    norms: Float[np.ndarray, " columns"]
+    columns: np.ndarray
+    S: Float[np.ndarray, "pairs pairs"]
+    D: Float[np.ndarray, "dof dof"]
+    weights: Float[np.ndarray, " dof"]
+    along: Float[np.ndarray, "dof dof"]
+    prior: Float[np.ndarray, " dof"]
+    keep: Bool[np.ndarray, " kept"]
+    A: Float[np.ndarray, "n rows"]
+
+    def of(self, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """S and D of one order of the torque columns, for their gains."""
+        n = len(order)
+        at = np.arange(n) * n + np.array(order)
+        return self.S[np.ix_(at, at)], self.D.ravel()[at]
+
+    def share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
+        """What is left of the torques, as a share of their root mean square."""
+        S, D = self.of(order)
+        return float(np.sqrt(max(gains @ S @ gains, 0.0) / (gains**2 @ D)))
+
+    def parameters(self, order: tuple[int, ...], gains: np.ndarray) -> np.ndarray:
+        """The least-squares parameters of the visible columns, of least norm."""
+        n, at = len(order), len(self.norms)
+        u = np.zeros(n * n)
+        u[np.arange(n) * n + np.array(order)] = gains
+        return self.inverse @ (self.G[:at, at:] @ u) / self.norms
+
+
+def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
+    """None where too few samples have poses."""
+    found = poses(dynamics, map.values(motion.q))
+    if found.share < 0.2:
+        return None
+    return residual_at(dynamics, motion, map, found)
+
+
+def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> Residual | None:
+    dof = dynamics.dof
+    qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
+    sparse = dynamics.sparse_regressor(found.z, qd, qdd, motion.load)
+    values = np.where(found.good, sparse.values, 0.0)
+    Y = motion.filtered(values)
+    keep = np.ones(Y.shape[1], bool)
+    if not found.good.all():
+        keep = motion.filtered(found.good[None].astype(float))[0] > 1 - 1e-6
+    if keep.sum() < 50:
+        return None
+    Y, tau = Y[:, keep], motion.tau[keep].T
+    rows, entries = dynamics.regressor_pattern
+    columns = np.unique(entries)
+    p = prior_parameters(dynamics.robot)
+    expected = np.stack([(p[entries[rows == i]] @ Y[rows == i]) for i in range(dof)])
+    prior = np.sqrt(np.mean(expected**2, axis=1))
+    weights = 1 / np.maximum(prior, 1e-3 * prior.max())
+    C, k = len(columns), Y.shape[1]
+    A = np.zeros((C + dof * dof, dof, k))
+    for i in range(dof):
+        A[np.searchsorted(columns, entries[rows == i]), i] = weights[i] * Y[rows == i]
+        A[C + i * dof : C + (i + 1) * dof, i] = weights[i] * tau
+    A = A.reshape(len(A), -1)
+    norms = np.linalg.norm(A[:C], axis=1)
+    norms[norms == 0] = 1.0
+    A[:C] /= norms[:, None]
+    G = A @ A.T
+    values, vectors = np.linalg.eigh(G[:C, :C])
+    shown = values > _DEPENDENT**2 * values[-1]
+    inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T
+    S = G[C:, C:] - G[C:, :C] @ inverse @ G[:C, C:]
+    D = np.diag(G)[C:].reshape(dof, dof)
+    sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
+    along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
+    return Residual(
+        map, found, G, inverse, norms, columns, S, D, weights, along, prior, keep, A
+    )

@@ -1,0 +1,89 @@
+"""How large torques are beside those of the prior: the only yardstick for a scale that all share."""
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.wiring_motion import Motion
+from deltaid.check.wiring_search import TURNING, Candidate
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+
+# Below this share of the largest of a drive's torques a component is too small to be compared.
+_SMALL = 0.1
+# A speed at which only steps of friction are left, as a share of the usual one.
+_CREEP = 1e-6
+# Inertia, gravity, viscous and Coulomb friction.
+INERTIA, GRAVITY, VISCOUS, COULOMB = range(4)
+
+
+def ratios(
+    dynamics: Dynamics, motion: Motion, best: Candidate
+) -> Float[np.ndarray, "drives components"]:
+    """Torques of inertia, gravity, viscous and Coulomb friction, estimated over expected.
+
+    NaN for components that are small.
+    """
+    found = best.residual
+    p = found.parameters(best.order, best.gains)
+    prior = prior_parameters(dynamics.robot)[found.columns]
+    speeds = np.sqrt(np.mean(best.map.rates(motion.qd) ** 2, axis=0))
+    accelerations = np.sqrt(np.mean(best.map.rates(motion.qdd) ** 2, axis=0))
+    out = np.full((dynamics.dof, 4), np.nan)
+    for i in range(dynamics.dof):
+        rows = _components(dynamics, i, found.columns, speeds[i], accelerations[i])
+        told, expected = rows @ p, rows @ prior
+        large = np.abs(expected) > _SMALL * np.abs(expected).max()
+        out[i, large] = told[large] / expected[large]
+    return out
+
+
+def overall(found: Float[np.ndarray, "drives components"]) -> float:
+    """The usual ratio: a prior may be wrong, but hardly most of its components alike."""
+    return float(np.exp(np.median(_logs(found))))
+
+
+def unit_of(found: Float[np.ndarray, " components"], linear: bool) -> float:
+    """The unit of an angle, as a factor, that makes a drive's components agree with the prior best.
+
+    1 where the torque's scale, or nothing, explains them as well. Angles that are too large by a
+    factor make inertia and viscous friction too small by it, and leave Coulomb friction.
+    """
+    if linear:
+        return 1.0
+    usual = _logs(found)
+    best, factor = float(np.abs(usual - np.median(usual)).sum()) + 0.3, 1.0
+    best = min(best, float(np.abs(usual).sum()))
+    for unit in TURNING:
+        moved = found.copy()
+        moved[[INERTIA, VISCOUS]] /= unit
+        left = float(np.abs(_logs(moved)).sum()) + 0.3
+        if left < best:
+            best, factor = left, unit
+    return factor
+
+
+def _logs(found: np.ndarray) -> np.ndarray:
+    told = found[np.isfinite(found)]
+    return np.log(np.maximum(told, 1e-9)) if told.size else np.zeros(1)
+
+
+def _components(
+    dynamics: Dynamics, i: int, columns: np.ndarray, speed: float, acceleration: float
+) -> Float[np.ndarray, "4 columns"]:
+    """Rows c with c p = torque of drive i at home."""
+    zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
+
+    def row(qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        home = dynamics.kinematics.home[None]
+        sparse = dynamics.sparse_regressor(home, qd[None], qdd[None], np.zeros_like(home))
+        drives, entries = dynamics.regressor_pattern
+        full, own = np.zeros(len(dynamics.layout.names)), drives == i
+        full[entries[own]] = sparse.values[own, 0]
+        return full[columns]
+
+    def friction(speed: float) -> np.ndarray:
+        return 0.5 * (row(speed * e, zero) - row(-speed * e, zero))  # Coriolis forces are even
+
+    still, creep = row(zero, zero), friction(_CREEP * speed)
+    inertia = row(zero, e) - still
+    return np.stack([acceleration * inertia, still, friction(speed) - creep, creep])

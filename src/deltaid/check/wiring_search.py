@@ -1,0 +1,321 @@
+"""Hypotheses about columns of positions and torques, and which of them explains a recording."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import eigh
+
+from deltaid.check.wiring_motion import Motion
+from deltaid.check.wiring_residual import Map, Residual, poses, residual
+from deltaid.dynamics.dynamics import Dynamics
+
+# A gain so far from the others' is no error of calibration.
+GAIN = 2.5
+# Share of the samples whose loops must close, and at which a hypothesis is looked at at all.
+CLOSED, _CLOSED, _LOOKED_AT = 0.98, 0.9, 0.3
+# Samples that closing is tried on first.
+_FEW = 40
+# Torques that go with the prior's like this, and gains that show like this, need no search.
+_ALONG, _SURE, _SHOWN = 0.85, 0.9, 4.0
+# Hypotheses that leave so much more than the best one are as good as it.
+_AS_GOOD = 1.2
+# A hypothesis must leave so much less than the mapping does.
+_BETTER = 1.4
+# Twice the logarithm of a likelihood ratio beyond which a factor of positions is not as good as
+# another: noise that is not white counts several times.
+_CERTAIN = 25.0
+# Factors that positions of a motor are looked for by, and how many.
+_SMALLEST, _LARGEST, _GRID, _HALVINGS = 1 / 3000, 1 / 1.5, 16, 9
+
+# Units that numbers may really be in, by the factor to the joint's own.
+TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
+SLIDING = {1e-3: "millimetres", 1e3: "metres"}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One assignment of columns, and what it leaves of the torques.
+
+    Attributes:
+        residual: under its map of the positions.
+        order: the torque column of each drive.
+        gains: of these, with sign: drive torque = gain · number; ±1, or a gain far from 1.
+        loose: drives whose gain does not show beside those of the others.
+        left: share of the torques that is not explained, raised by samples that do not close.
+        shown: how many times more the next worse gains leave.
+    """
+
+    residual: Residual
+    order: tuple[int, ...]
+    gains: Float[np.ndarray, " drives"]
+    loose: np.ndarray
+    left: float
+    shown: float
+
+    @property
+    def map(self) -> Map:
+        """Of the positions."""
+        return self.residual.map
+
+    @property
+    def along(self) -> Float[np.ndarray, " drives"]:
+        """Correlation of each drive's torque with that of the prior."""
+        n = len(self.order)
+        return np.sign(self.gains) * self.residual.along[np.arange(n), list(self.order)]
+
+    @property
+    def closes(self) -> bool:
+        """Whether the loops close along the recording."""
+        return self.residual.poses.share >= CLOSED
+
+    @property
+    def clear(self) -> bool:
+        """Whether nothing better can be hoped for."""
+        return self.closes and bool(self.along.min() > _ALONG) and self.shown > _SHOWN
+
+    @property
+    def changes(self) -> int:
+        """How many columns are not what the mapping says."""
+        m, plain = self.map, range(len(self.order))
+        moved = sum(a != b for a, b in zip(m.order, plain, strict=True))
+        moved += sum(a != b for a, b in zip(self.order, plain, strict=True))
+        return moved + _distinct(np.array(m.scale)) + _distinct(self.gains)
+
+
+    @property
+    def scaled(self) -> bool:
+        """Whether some positions are in another unit or of another shaft."""
+        return any(abs(factor) != 1 for factor in self.map.scale)
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether they are in no unit that has a name."""
+        return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
+
+    def as_likely_as(self, best: "Candidate") -> bool:
+        """Whether noise can have made the difference to what leaves least."""
+        rows = self.residual.A.shape[1]
+        return rows * np.log(self.left**2 / best.left**2) < _CERTAIN
+
+
+def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
+    """Drives with a factor, or 1 where all have the same."""
+    odd = int(np.sum(factors != 1))
+    return 1 if odd == len(factors) and np.ptp(factors) == 0 else odd
+
+
+def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candidate, ...]:
+    """The hypotheses that explain a recording as well as the best one, simplest first.
+
+    The first is the mapping itself where none is clearly better; none if no loops close.
+
+    Args:
+        fine: what is decided on.
+        coarse: a part of it, to look for hypotheses.
+    """
+    identity = Map.identity(dynamics.dof)
+    plain = next(tried(dynamics, fine, [identity], least=_LOOKED_AT), None)
+    if plain is not None and plain.clear and plain.changes == 0:
+        return (plain,)
+    found = _ranked(tried(dynamics, coarse, _maps(dynamics)))
+    if not found or not found[0].clear or found[0].scaled:
+        found = _ranked([*found, *_of_motors(dynamics, coarse)])
+        if found and found[0].scaled:
+            found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
+    maps = dict.fromkeys(one.map for one in found if one.left < 2 * found[0].left)
+    decided = _ranked(tried(dynamics, fine, list(maps)[:6]))
+    if plain is not None:
+        decided = _ranked([*(one for one in decided if one.map != identity), plain])
+    if not decided:
+        return ()
+    best = decided[0]
+    good = [one for one in decided if one.left < _AS_GOOD * best.left]
+    if best.scaled:
+        good = [one for one in good if one.as_likely_as(best)]
+    good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))
+    if plain is not None and plain.changes == 0 and plain.left < _BETTER * best.left:
+        good = [plain, *(one for one in good if one is not plain)]
+    return tuple(good)
+
+
+def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
+    return sorted(found, key=lambda one: one.left)
+
+
+def tried(
+    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], least: float = _CLOSED, *, as_is: bool = False
+) -> Iterator[Candidate]:
+    """Candidates of those maps whose loops close; with torque columns in their order, if `as_is`."""
+    few = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+    for one in maps:
+        if poses(dynamics, one.values(motion.q[few])).share < least:
+            continue
+        found = residual(dynamics, motion, one)
+        if found is not None:
+            plain = tuple(range(dynamics.dof))
+            yield assigned(found, plain) if as_is else best_of(found)
+
+
+def _maps(dynamics: Dynamics) -> Iterator[Map]:
+    dof = dynamics.dof
+    plain = Map.identity(dof)
+    yield plain
+    for i in range(dof):
+        yield replace(plain, scale=_only(dof, [i], -1.0))
+    if dof > 1:
+        yield replace(plain, scale=(-1.0,) * dof)
+    for order in permutations(range(dof)):
+        if order != plain.order:
+            yield replace(plain, order=order)
+    for drives in groups(dynamics):
+        linear = dynamics.robot.is_linear(f"drive{drives[0] + 1}")
+        for factor in SLIDING if linear else TURNING:
+            yield replace(plain, scale=_only(dof, drives, factor))
+
+
+def groups(dynamics: Dynamics) -> Iterator[list[int]]:
+    """Drives that may have a fault in common: all of a kind, or each alone.
+
+    A drive that turns a telescope shows no unit by its loops, so it is not tried alone.
+    """
+    robot = dynamics.robot
+    linear = [robot.is_linear(drive) for drive in robot.drives]
+    for kind in sorted(set(linear)):
+        same = [i for i, slides in enumerate(linear) if slides == kind]
+        if len(same) > 1:
+            yield same
+    limbs = dynamics.dof if robot.telescope is None else 3
+    yield from ([i] for i in range(limbs))
+
+
+def _only(dof: int, drives: list[int], factor: float) -> tuple[float, ...]:
+    return tuple(factor if i in drives else 1.0 for i in range(dof))
+
+
+def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
+    """Positions of motors, by the factor that explains the torques best."""
+    for drives in groups(dynamics):
+        best = _best_factor(dynamics, motion, drives)
+        if best is not None:
+            yield best
+        if best is not None and best.clear and best.along.min() > _SURE:
+            return
+
+
+def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candidate | None:
+    dof, plain = dynamics.dof, Map.identity(dynamics.dof)
+    few = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+
+    def at(factor: float) -> Map:
+        return replace(plain, scale=_only(dof, drives, factor))
+
+    def closes(factor: float) -> bool:
+        return poses(dynamics, at(factor).values(motion.q[few])).share >= CLOSED
+
+    low, high = _SMALLEST, _LARGEST
+    if not closes(high):
+        if not closes(low):
+            return None
+        for _ in range(_HALVINGS):
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if closes(middle) else (low, middle)
+        high = low
+        low = max(_SMALLEST, high / 30)
+    grid = np.geomspace(low, high, _GRID)
+    found = [next(tried(dynamics, motion, [at(float(f))], as_is=True), None) for f in grid]
+    left = np.array([np.inf if one is None else one.left for one in found])
+    k = int(np.argmin(left))
+    if not np.isfinite(left[k]):
+        return None
+    one = found[k]
+    return None if one is None else _narrowed(dynamics, motion, one, float(grid[1] / grid[0]))
+
+
+def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[Candidate]:
+    """The same drives in a unit that has a name, and by the best factor near the rough one."""
+    scale = rough.map.scale
+    drives = [i for i, factor in enumerate(scale) if abs(factor) != 1]
+    linear = dynamics.robot.is_linear(f"drive{drives[0] + 1}")
+    best = _narrowed(dynamics, motion, rough, 1.04)
+    yield best
+    factor = abs(best.map.scale[drives[0]])
+    near = [unit for unit in (SLIDING if linear else TURNING) if 0.7 < unit / factor < 1.4]
+    signs = np.sign(scale)
+    for unit in near:
+        named = tuple(float(s) * (unit if i in drives else 1.0) for i, s in enumerate(signs))
+        yield from tried(dynamics, motion, [replace(rough.map, scale=named)])
+
+
+def _narrowed(dynamics: Dynamics, motion: Motion, rough: Candidate, step: float) -> Candidate:
+    """The factor of the scaled positions that leaves least, from a rough one, by parabolas."""
+    best = rough
+    for _ in range(3):
+        beside = [_times(dynamics, motion, best, by) for by in (1 / step, step)]
+        lower, higher = ((np.inf if one is None else one.left**2) for one in beside)
+        if np.isfinite(lower + higher) and lower + higher > 2 * best.left**2:
+            bend = lower + higher - 2 * best.left**2
+            shift = float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))
+            beside.append(_times(dynamics, motion, best, step**shift))
+        best = min((best, *(one for one in beside if one is not None)), key=lambda one: one.left)
+        step = float(np.sqrt(step))
+    return best
+
+
+def _times(dynamics: Dynamics, motion: Motion, one: Candidate, by: float) -> Candidate | None:
+    """The same with the scaled positions times a factor more."""
+    scale = tuple(f if abs(f) == 1 else float(f * by) for f in one.map.scale)
+    return next(tried(dynamics, motion, [replace(one.map, scale=scale)], as_is=True), None)
+
+
+def best_of(found: Residual) -> Candidate:
+    """The best order, signs and gains of torque columns."""
+    plain = assigned(found, tuple(range(len(found.weights))))
+    others = [assigned(found, order) for order in permutations(range(len(found.weights)))]
+    best = min(others, key=lambda one: one.left)
+    return best if best.left < 0.7 * plain.left else plain
+
+
+def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
+    """The best signs and gains of one order of the torque columns."""
+    S, D = found.of(order)
+    n = len(order)
+    loose = np.array([n == 1 or _loose(S, D, i) for i in range(n)])
+    values, vectors = eigh(S, np.diag(D))
+    u = vectors[:, 0]
+    tied = np.flatnonzero(~loose)
+    shown = np.inf
+    if len(tied) > 1:
+        values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
+        u[tied] = vectors[:, 0]
+        shown = float(np.sqrt(values[1] / max(values[0], 1e-30)))
+    gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    raised = 1 + 3 * (1 - found.poses.share)
+    return Candidate(found, order, gains, loose, raised * found.share(order, gains), shown)
+
+
+def _loose(S: np.ndarray, D: np.ndarray, i: int) -> bool:
+    """Whether the gain of drive i does not show: its rows alone are explained as well as all."""
+    rest = [j for j in range(len(D)) if j != i]
+    alone = S[i, i] / D[i]
+    others = eigh(S[np.ix_(rest, rest)], np.diag(D[rest]), eigvals_only=True)[0]
+    return bool(alone < 4 * max(others, 1e-12) and alone < 0.02)
+
+
+def _settled(
+    along: Float[np.ndarray, " drives"], u: Float[np.ndarray, " drives"], loose: np.ndarray
+) -> Float[np.ndarray, " drives"]:
+    """Signs and gains: 1 but where a gain is far from those of the others.
+
+    Signs of drives that hang together are one another's; which of both ways, and the sign of a
+    loose drive, the prior says.
+    """
+    sign, tied = np.where(u < 0, -1.0, 1.0), ~loose
+    if np.sum(sign[tied] * along[tied]) < 0:
+        sign[tied] *= -1
+    sign[loose] = np.where(along[loose] < 0, -1.0, 1.0)
+    size = np.abs(u) / np.median(np.abs(u[tied])) if tied.sum() > 1 else np.ones(len(u))
+    far = tied & ((size > GAIN) | (size < 1 / GAIN))
+    return np.where(far, sign * size, sign)

@@ -1,0 +1,186 @@
+"""Verdicts on zeros of drives and the direction of gravity."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from deltaid.check.evidence import Evidence
+from deltaid.check.verdict import Grade, Proposal, Verdict
+from deltaid.check.wiring_cures import Entries
+from deltaid.check.wiring_homing import Shifts, across, shifts
+from deltaid.check.wiring_motion import Motion
+from deltaid.check.wiring_residual import residual
+from deltaid.check.wiring_search import CLOSED, Candidate, assigned
+
+# Standard deviations from zero that are said, and that leave no doubt; one that needs both is out.
+_SEEN, _CLEAR, _NEEDED = 5.0, 8.0, 3.5
+# Share of what is unexplained that they explain: below the first something else is to be looked
+# for, above the second nothing else is.
+_LITTLE, _MUCH = 0.005, 0.3
+# Gauss–Newton steps for a zero.
+_STEPS = 3
+
+
+def zero_verdicts(
+    evidence: Evidence, motion: Motion, best: Candidate, entries: Entries
+) -> Iterator[Verdict]:
+    """Homing, tilt, one of both, or neither."""
+    told = shifts(evidence.dynamics, motion, best)
+    drives = [i for i in told.homing if _sure(told, [i]) > 0]
+    if not drives:
+        return
+    one = max(drives, key=lambda i: told.gain([i]))
+    tilted = _sure(told, told.tilt) if told.tilt else 0.0
+    zeroed = _sure(told, [one])
+    closes = best.residual.poses.share >= CLOSED
+    explains = max(told.gain([one]), told.gain(told.tilt) if told.tilt else 0.0)
+    if max(zeroed, tilted) < _SEEN or explains < _LITTLE:
+        if closes:
+            yield _good(evidence, told)
+        else:
+            yield _open(best)
+        return
+    beside = _sure(told, [one], told.tilt) if told.tilt else zeroed
+    instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
+    grade = Grade.WRONG if not closes else Grade.DOUBTFUL
+    if max(zeroed, tilted) > _CLEAR and explains > _MUCH:
+        grade = Grade.WRONG
+    zero = instead < _NEEDED and (beside >= _NEEDED or zeroed >= tilted)
+    tilt = beside < _NEEDED and (instead >= _NEEDED or tilted >= zeroed)
+    either = instead < _NEEDED and beside < _NEEDED
+    if told.tilt and instead >= _NEEDED and beside >= _NEEDED:
+        # Neither alone: zeros of several drives mimic any tilt.
+        tilt = told.gain(told.tilt) > told.gain([one])
+        zero, either = not tilt, True
+    names, several = evidence.robot.drives, _several(told, one)
+    way = _zero(evidence, motion, best, told, one)
+    yield _verdict(
+        evidence, told, entries, one, way,
+        grade=grade, zero=zero, tilt=tilt, either=either, name=names[one], several=several,
+    )  # fmt: skip
+
+
+def _several(told: Shifts, one: int) -> bool:
+    others = [i for i in told.homing if i != one]
+    return bool(others) and _sure(told, others, [one]) > _SEEN
+
+
+def _sure(told: Shifts, which: list[int], beside: list[int] | None = None) -> float:
+    """Standard deviations from zero; 0 where the recording does not show these at all."""
+    if not all(told.H[i, i] > 0 for i in which):
+        return 0.0
+    return told.certainty(which, beside)
+
+
+def _zero(
+    evidence: Evidence, motion: Motion, best: Candidate, told: Shifts, one: int
+) -> tuple[float, float]:
+    """The zero's error of one drive and half its interval, by Gauss–Newton steps."""
+    map = best.map
+    for _ in range(_STEPS):
+        step, covariance = told.told([one])
+        shift = list(map.shift)
+        shift[one] += float(np.clip(step[0], -0.2, 0.2))
+        trial = replace(map, shift=tuple(shift))
+        found = residual(evidence.dynamics, motion, trial)
+        if found is None or found.poses.share < best.residual.poses.share:
+            break
+        map = trial
+        told = shifts(evidence.dynamics, motion, assigned(found, best.order))
+        if abs(step[0]) < np.sqrt(covariance[0, 0]):
+            break
+    _, covariance = told.told([one])
+    return map.shift[one], 2 * float(np.sqrt(covariance[0, 0]))
+
+
+def _verdict(
+    evidence: Evidence,
+    told: Shifts,
+    entries: Entries,
+    one: int,
+    way: tuple[float, float],
+    *,
+    grade: Grade,
+    zero: bool,
+    tilt: bool,
+    either: bool,
+    name: str,
+    several: bool,
+) -> Verdict:
+    linear = evidence.robot.is_linear(name)
+    unit = "mm" if linear else "mrad"
+    number = 1e3 * way[0]
+    of_zero = f"a zero of {name} that is {abs(number):.3g} ± {1e3 * way[1]:.1g} {unit} off"
+    angle, by = _tilt(told)
+    of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
+    share = told.gain([one]) if zero else told.gain(told.tilt)
+    shifted = entries.proposal(position={one: entries.shifted(one, way[0])})
+    turned = _gravity(evidence, told) if told.tilt else ()
+    seen = f"torques repeat with the pose what {of_zero if zero else of_tilt} would do"
+    seen += f", which explains {100 * share:.0f} % of what is left of them"
+    if either:
+        first, second = (of_zero, of_tilt) if zero else (of_tilt, of_zero)
+        cause = f"one of both, the motion does not tell which: {first}, or {second}"
+        cure = "home the drives anew and check the level of the base; then mend what was wrong"
+        proposals = shifted if zero else turned
+    elif zero:
+        cause = f"homing: {of_zero}" + (", and of other drives" if several else "")
+        cure, proposals = "home the drive anew, or declare its zero", shifted
+    else:
+        cause = f"a tilted base: {of_tilt}"
+        cure, proposals = "level the base, or describe gravity as it is", turned
+    return Verdict(
+        "homing-or-tilt",
+        grade,
+        seen,
+        name if zero and not tilt else "" if not zero else name,
+        cause,
+        cure,
+        proposals,
+        number=number if zero else 1e3 * angle,
+        unit=unit if zero else "mrad",
+    )
+
+
+def _tilt(told: Shifts) -> tuple[float, float]:
+    """Angle between gravity and its direction as described, and half its interval [rad]."""
+    if not told.tilt:
+        return 0.0, 0.0
+    value, covariance = told.told(told.tilt)
+    angle = float(np.linalg.norm(value))
+    direction = value / max(angle, 1e-12)
+    return angle, 2 * float(np.sqrt(direction @ covariance @ direction))
+
+
+def _gravity(evidence: Evidence, told: Shifts) -> tuple[Proposal, ...]:
+    g = np.array(evidence.robot.gravity)
+    value, _ = told.told(told.tilt)
+    turned = g + sum(v * np.cross(a, g) for v, a in zip(value, across(g), strict=True))
+    turned *= np.linalg.norm(g) / np.linalg.norm(turned)
+    return (Proposal("robot", (("gravity", [float(f"{x:.5g}") for x in turned]),)),)
+
+
+def _good(evidence: Evidence, told: Shifts) -> Verdict:
+    angle, by = _tilt(told)
+    return Verdict(
+        "homing-or-tilt",
+        Grade.GOOD,
+        "zeros and gravity go with the torques"
+        + (f": a tilt of {1e3 * angle:.2g} ± {1e3 * by:.1g} mrad" if told.tilt else ""),
+        number=1e3 * angle,
+        unit="mrad",
+    )
+
+
+def _open(best: Candidate) -> Verdict:
+    share = best.residual.poses.share
+    return Verdict(
+        "homing-or-tilt",
+        Grade.WRONG,
+        f"the loops close at {100 * share:.0f} % of the samples only, and no unit, gear, sign or "
+        "order of the drives makes them close at all",
+        cause="a zero far off, or lengths of the description that are not the robot's",
+        cure="check the drives' zeros and the robot's lengths",
+        number=share,
+    )

@@ -1,0 +1,138 @@
+"""Which patterns a residual has: those that explain more of it than chance, the best first."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaincc, gammaln
+
+from deltaid.identification.lag import Basis, Rows, block_sums
+from deltaid.identification.patterns import Pattern
+
+# Directions of columns shorter than this share of their length have been taken by parameters.
+_TAKEN = 1e-3
+# A pattern is seen where chance gives one like it once in so many decades of recordings.
+_SEEN = 4.5
+# Of so many candidates the scatter is looked at, and so many patterns are taken at most.
+_CLOSE, _ROUNDS = 4, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What a pattern explains of a residual.
+
+    Attributes:
+        pattern: which.
+        gain: how much of the sum of squares.
+        surprise: minus the decimal logarithm of the probability that noise explains as much to one
+            of all that were tried.
+        directions: orthonormal columns of what parameters leave of it.
+    """
+
+    pattern: Pattern
+    gain: float
+    surprise: float
+    directions: Float[np.ndarray, "rows rank"]
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """All patterns of a residual, in the order they were found.
+
+    Attributes:
+        found: each with what it adds to those before.
+        basis: of parameters and patterns.
+        left: what remains.
+        first: how surprising each pattern is on its own, the best first.
+    """
+
+    found: tuple[Explained, ...]
+    basis: Basis
+    left: Rows
+    first: tuple[Explained, ...]
+
+
+def account(
+    patterns: Sequence[Pattern],
+    searched: Callable[[Rows], Iterable[Pattern]],
+    basis: Basis,
+    left: Rows,
+) -> Account:
+    """Take the most surprising pattern, and again of what it leaves, until none is.
+
+    Args:
+        patterns: with columns that are known beforehand.
+        searched: those that depend on what is left.
+        basis: what parameters explain.
+        left: what they leave.
+    """
+    found: list[Explained] = []
+    first: tuple[Explained, ...] = ()
+    bare = [basis.without(_scaled(one.columns)) for one in patterns]
+    for _ in range(_ROUNDS):
+        more = tuple(searched(left))
+        columns = [*bare, *(basis.without(_scaled(one.columns)) for one in more)]
+        tried = zip([*patterns, *more], columns, strict=True)
+        ranked = _ranked([(one, F) for one, F in tried], basis, left)
+        first = first or tuple(ranked)
+        if not ranked or ranked[0].surprise < _SEEN:
+            break
+        best = ranked[0]
+        found.append(best)
+        U = best.directions
+        left = left - U @ (U.T @ left)
+        bare = [F - U @ (U.T @ F) for F in bare]
+        basis = basis.extended(U)
+    return Account(tuple(found), basis, left, first)
+
+
+def _ranked(
+    candidates: Sequence[tuple[Pattern, Float[np.ndarray, "rows columns"]]],
+    basis: Basis,
+    left: Rows,
+) -> list[Explained]:
+    """The candidates that explain anything, the most surprising first.
+
+    The noise is that of what they leave or, for the first few, its scatter between stretches of
+    time if that is larger.
+    """
+    count, total = len(candidates), float(left @ left)
+    judged = []
+    for pattern, F in candidates:
+        values, vectors = np.linalg.eigh(F.T @ F)
+        kept = values > _TAKEN**2
+        if not kept.any():
+            continue
+        by = vectors[:, kept] / np.sqrt(values[kept])
+        gain, rank = float(np.sum((by.T @ (F.T @ left)) ** 2)), by.shape[1]
+        freedom = max(len(left) - basis.Q.shape[1] - rank, 1)
+        noise = max(total - gain, 1e-12 * total, 1e-300) / freedom
+        judged.append((_surprise(gain / noise, rank, pattern, count), gain, pattern, F, by, noise))
+    judged.sort(key=lambda one: -one[0])
+    close = []
+    for surprise, gain, pattern, F, by, noise in judged[:_CLOSE]:
+        U = F @ by
+        scores = block_sums(U * (left - U @ (U.T @ left))[:, None], basis)
+        level = float(np.sum(scores**2)) / U.shape[1]
+        if level > noise:
+            surprise = _surprise(gain / level, U.shape[1], pattern, count)
+        close.append(Explained(pattern, gain, surprise, U))
+    return sorted(close, key=lambda one: -one.surprise)
+
+
+def _scaled(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
+    norms = np.linalg.norm(columns, axis=0)
+    return columns / np.where(norms > 0, norms, 1.0)
+
+
+def _surprise(x: float, freedom: int, pattern: Pattern, tried: int) -> float:
+    """−log₁₀ of the probability that χ² exceeds x in one of all tries, also where that is tiny."""
+    a, half = 0.5 * freedom, 0.5 * x
+    tail = float(gammaincc(a, half))
+    alone = (
+        -float(np.log10(tail))
+        if tail > 1e-280
+        else float((half - (a - 1) * np.log(half) + gammaln(a)) / np.log(10))
+    )
+    return alone - float(np.log10(tried)) - pattern.tries

@@ -1,0 +1,136 @@
+"""Patterns that are searched for: ripples over the position, and steps of load over time."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.identification.lag import Rows
+from deltaid.identification.patterns import Pattern, Scene
+
+# Waves of a ripple over a drive's stroke.
+_WAVES = np.arange(1.0, 81.0, 0.5)
+# Windows in which a load is looked at [s], and at most so many.
+_WINDOW, _WINDOWS = 0.1, 4000
+_ROUNDS = 6
+
+
+def ripples(scene: Scene, left: Rows) -> Iterator[Pattern]:
+    """For each drive the ripple over its position that is seen best in what is left.
+
+    A ripple of k waves over the stroke passes the filter as far as its frequency, k q̇ / stroke,
+    does.
+    """
+    w, low_pass = scene.motion, scene.trace.low_pass
+    q = scene.trace.dynamics.kinematics.inverse(w.z)
+    response = low_pass.response
+    frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
+    passed = np.abs(np.fft.rfft(response, 1 << 14))
+    residual = (left.reshape(len(scene.drives), -1) * scene.basis.scale[:, None]).copy()
+    for i, drive in enumerate(scene.drives):
+        stroke = np.ptp(q[:, i])
+        if stroke == 0:
+            continue
+        turns = np.outer(_WAVES, (q[:, i] - q[:, i].min()) / stroke)
+        speeds = np.abs(np.outer(_WAVES, w.qd[:, i] / stroke))
+        size = np.interp(speeds, frequency, passed) * w.weights[:, i]
+        pair = np.stack([size * np.sin(2 * np.pi * turns), size * np.cos(2 * np.pi * turns)])
+        u = pair @ residual[i]
+        power = np.sum(pair**2, axis=(0, 2))
+        k = int(np.argmax(np.sum(u**2, axis=0) / np.maximum(power, 1e-300)))
+        columns = [scene.basis.own(_only(x, i, len(scene.drives)))[:, i] for x in pair[:, k]]
+        waves = float(_WAVES[k])
+        yield Pattern(
+            "geometry-or-cogging",
+            drive,
+            np.stack(columns, axis=1),
+            f"a ripple of {waves:.3g} waves over the stroke",
+            float(np.log10(len(_WAVES))),
+            (float(stroke / waves),),
+        )
+
+
+def _only(x: np.ndarray, i: int, dof: int) -> np.ndarray:
+    full = np.zeros((dof, len(x)))
+    full[i] = x
+    return full
+
+
+def load_steps(scene: Scene, left: Rows) -> Iterator[Pattern]:
+    """Masses at the platform or tool that change between two values, at the times seen best."""
+    dynamics = scene.trace.dynamics
+    robot, layout = dynamics.robot, dynamics.layout
+    limbs = 0 if robot.limbs is None else robot.limbs.count
+    arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
+    for body in layout.bodies:
+        name = f"{body}.m"
+        if body in arms or layout.names.index(name) not in scene_columns(scene):
+            continue
+        column = scene.basis.stack(scene.column(name))
+        if not np.any(column):
+            continue
+        found = _two_levels(scene, column, left)
+        if found is None:
+            continue
+        held, switches = found
+        per_sample = np.tile(held, len(scene.drives))
+        times = tuple(scene.motion.time[np.flatnonzero(np.diff(held))].tolist())
+        tries = float(np.log10(len(held))) * switches
+        yield Pattern("load-change", "", (column * per_sample)[:, None], body, tries, times)
+
+
+def scene_columns(scene: Scene) -> set[int]:
+    """Parameters that the columns of Y are."""
+    from deltaid.identification.information import active_columns
+
+    return set(active_columns(scene.trace.dynamics).tolist())
+
+
+def _two_levels(
+    scene: Scene, column: Rows, left: Rows
+) -> tuple[Float[np.ndarray, " samples"], int] | None:
+    """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
+
+    Means of two levels by turns with the most likely course between them (Viterbi), where each
+    change costs as much as chance makes of one.
+    """
+    time, dof = scene.motion.time, len(scene.drives)
+    step = float(np.median(np.diff(time)))
+    length = max(round(_WINDOW / step), 1, -(-len(time) // _WINDOWS))
+    window = np.arange(len(time)) // length
+    count = int(window[-1]) + 1
+    u = np.bincount(window, (column * left).reshape(dof, -1).sum(axis=0), count)
+    d = np.bincount(window, (column**2).reshape(dof, -1).sum(axis=0), count)
+    noise = float(left @ left) / len(left)
+    value = u / np.maximum(d, 1e-300)
+    order = np.argsort(value)
+    half = np.searchsorted(np.cumsum(d[order]), 0.5 * d.sum())
+    low, high = (
+        float(np.sum(u[part]) / max(np.sum(d[part]), 1e-300))
+        for part in (order[: half + 1], order[half + 1 :])
+    )
+    cost = 4.0 * noise * np.log(count)
+    course = np.zeros(count, dtype=int)
+    for _ in range(_ROUNDS):
+        errors = np.stack([d * level**2 - 2 * u * level for level in (low, high)])
+        course = _course(errors, cost)
+        if not 0 < course.sum() < count:
+            return None
+        low, high = (float(u[course == k].sum() / d[course == k].sum()) for k in (0, 1))
+    return course[window].astype(float), int(np.sum(np.diff(course) != 0))
+
+
+def _course(errors: Float[np.ndarray, "2 windows"], cost: float) -> Int[np.ndarray, " windows"]:
+    """The course of least error between two levels, each change of which costs something."""
+    count = errors.shape[1]
+    came = np.zeros((2, count), dtype=int)
+    total = errors[:, 0].copy()
+    for k in range(1, count):
+        change = total[::-1] + cost
+        came[:, k] = np.where(change < total, [1, 0], [0, 1])
+        total = np.minimum(total, change) + errors[:, k]
+    course = np.empty(count, dtype=int)
+    course[-1] = int(np.argmin(total))
+    for k in range(count - 1, 0, -1):
+        course[k - 1] = came[course[k], k]
+    return course
