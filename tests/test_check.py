@@ -15,7 +15,7 @@ from deltaid.check.evidence import evidence
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import as_written, changes, mended
 from deltaid.check.run import OF_ROBOT, of_robot, verdicts
-from deltaid.check.verdict import Grade, Proposal, Verdict, worst
+from deltaid.check.verdict import KEYS, Grade, Proposal, Verdict, worst
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.motion.random_motion import random_motion
@@ -65,9 +65,7 @@ def of(found: tuple[Verdict, ...], key: str) -> Verdict:
     return matches[0]
 
 
-def moved(
-    name: str, pace: float = 1.0, which: tuple[int, ...] = (0, 1, 2, 3)
-) -> deltaid.Recording:
+def moved(name: str, pace: float = 1.0, which: tuple[int, ...] = (0, 1, 2, 3)) -> deltaid.Recording:
     """Ten seconds of a random motion, slowed down, of some of the task coordinates."""
     dynamics, rng = compiled(load_robot(name)), np.random.default_rng(3)
     time = np.arange(2500) / 250
@@ -340,7 +338,9 @@ def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -
     from ruamel.yaml import YAML
 
     pasted = YAML(typ="safe", pure=True).load(lines)
-    assert pasted == {"bodies": {"P": {"prior": as_written("clavel-delta3")["bodies"]["P"]["prior"]}}}
+    assert pasted == {
+        "bodies": {"P": {"prior": as_written("clavel-delta3")["bodies"]["P"]["prior"]}}
+    }
     assert max(map(len, outcome.out.splitlines())) <= width
 
 
@@ -382,15 +382,22 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
 # The page.
 
 
-def keys_in_code() -> set[str]:
-    """First arguments of all verdicts that are made."""
-    folder = ROOT / "src" / "deltaid" / "check"
-    texts = [path.read_text(encoding="utf-8") for path in folder.glob("*.py")]
-    return {key for text in texts for key in re.findall(r'Verdict\(\s*"([a-z-]+)"', text)}
+CODE = "\n".join(
+    path.read_text(encoding="utf-8") for path in (ROOT / "src/deltaid/check").glob("*.py")
+    if path.name != "verdict.py"
+)  # fmt: skip
 
 
 def test_the_page_lists_every_key_and_no_other() -> None:
     page = (ROOT / "docs" / "check.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^### `([a-z-]+)`", page, re.M)
-    assert sorted(listed) == sorted(set(listed))
-    assert set(listed) == keys_in_code()
+    keys = [key for group in KEYS.values() for key in group]
+    assert re.findall(r"^### `([a-z-]+)`", page, re.M) == keys
+    assert re.findall(r"^## About (.*)$", page, re.M) == list(KEYS)
+    for section in page.split("\n### ")[1:]:
+        assert "```" in section, f"no example: {section[:30]}"
+
+
+def test_every_key_is_said_somewhere_and_no_other() -> None:
+    keys = {key for group in KEYS.values() for key in group}
+    assert set(re.findall(r'Verdict\(\s*"([a-z-]+)"', CODE)) <= keys
+    assert {key for key in keys if f'"{key}"' not in CODE} == set()
