@@ -276,11 +276,13 @@ def test_identify_begins_with_what_is_doubtful(tmp_path: Path) -> None:
 
 
 def test_two_recordings_are_judged_together() -> None:
-    """Each rests one part; together they tell everything."""
+    """What one does not move, the other does."""
     name = "irb360-6-1600"
     logs = [moved(name, which=(0, 1, 2)), moved(name, which=(3,))]
     result = deltaid.identify(name, logs)
-    assert of(result.verdicts, "base-parameters").grade is Grade.GOOD
+    told = of(result.verdicts, "base-parameters")
+    assert "drive4" not in told.seen + told.cure
+    assert of(result.verdicts, "excitation").subject != "drive4"
 
 
 # The command.

@@ -11,7 +11,6 @@ from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
 from deltaid.check.verdict import Grade, Verdict, worst
-from deltaid.check.wiring import wiring
 from deltaid.check.workspace import checked_workspace
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.record import Settings
@@ -52,7 +51,6 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
-    Family(wiring),
     Family(checked_information, quick=True, needs="survey"),
 )
 

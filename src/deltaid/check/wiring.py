@@ -423,9 +423,7 @@ def _all_torques(case: Case, size: float) -> Verdict:
         cause += f" of about {1 / size:.2g}" if not case.linear(0) else " or spindle"
         cause += ", or currents without their torque_constant"
         if grade is Grade.DOUBTFUL:
-            cause = (
-                f"a gear that is not declared, or a prior that is {1 / size:.2g} times too heavy"
-            )
+            cause = f"a gear that is not declared, or a prior that is {1 / size:.2g} times too heavy"
         return Verdict("gear", grade, seen, "", cause,
                        "declare gear (or lead) and torque_constant of the torque columns",
                        number=size)  # fmt: skip

@@ -169,6 +169,7 @@ def _moments(
         return total
 
     along = [
-        (moment(z + step) - moment(z - step)) / (2 * _STEP) for step in _STEP * np.eye(dynamics.dof)
+        (moment(z + step) - moment(z - step)) / (2 * _STEP)
+        for step in _STEP * np.eye(dynamics.dof)
     ]
     return np.stack(along, axis=2) @ np.linalg.inv(kinematics.jacobian(z))

@@ -113,7 +113,9 @@ def _cutoff(q: Values, rate: float) -> float:
     return float(np.clip(found, LOWEST_CUTOFF, min(HIGHEST * rate, _HIGHEST_CUTOFF)))
 
 
-def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Values] | None:
+def _even(
+    rows: Rows, longest: float
+) -> tuple[np.ndarray, Values, Values, Values] | None:
     """Time, q, q̇ and τ of the liveliest stretch without a gap, evenly spaced."""
     finite = np.isfinite(rows.time)
     for values in (rows.q, rows.qd, rows.tau):
@@ -142,7 +144,9 @@ def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Value
                     if v.shape[1] else v[: len(grid)] for v in values))  # fmt: skip
 
 
-def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, most: int) -> tuple[int, int]:
+def _liveliest(
+    q: Values, starts: np.ndarray, stops: np.ndarray, most: int
+) -> tuple[int, int]:
     """First row and end of the stretch with the longest way of all drives."""
     spread = np.ptp(q, axis=0)
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)

@@ -7,6 +7,7 @@ of the torques is all that this has to see, so normal equations do.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -167,4 +168,6 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     D = np.diag(G)[C:].reshape(dof, dof)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
     along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
-    return Residual(map, found, G, inverse, norms, columns, S, D, weights, along, prior, keep, A)
+    return Residual(
+        map, found, G, inverse, norms, columns, S, D, weights, along, prior, keep, A
+    )

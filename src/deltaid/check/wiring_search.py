@@ -84,6 +84,7 @@ class Candidate:
         moved += sum(a != b for a, b in zip(self.order, plain, strict=True))
         return moved + _distinct(np.array(m.scale)) + _distinct(self.gains)
 
+
     @property
     def scaled(self) -> bool:
         """Whether some positions are in another unit or of another shaft."""
@@ -145,12 +146,7 @@ def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
 
 
 def tried(
-    dynamics: Dynamics,
-    motion: Motion,
-    maps: Iterable[Map],
-    least: float = _CLOSED,
-    *,
-    as_is: bool = False,
+    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], least: float = _CLOSED, *, as_is: bool = False
 ) -> Iterator[Candidate]:
     """Candidates of those maps whose loops close; with torque columns in their order, if `as_is`."""
     few = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)

@@ -39,9 +39,7 @@ def velocity_verdicts(
     if swapped:
         yield _order(names, swapped, entries)
         return
-    scaled = [
-        one for one in found if one.own > _TOGETHER and not 1 / _DOUBTFUL < one.scale < _DOUBTFUL
-    ]
+    scaled = [one for one in found if one.own > _TOGETHER and not 1 / _DOUBTFUL < one.scale < _DOUBTFUL]
     lost = [one for one in found if one.own <= _TOGETHER]
     yield from _scales(evidence, scaled, entries)
     for one in lost:
