@@ -86,7 +86,11 @@ class Evidence:
         """The recording as an identification takes it, or why none can."""
         try:
             return open_recordings(
-                self.source, self.kinematics, self.mapping, self.settings.cutoff
+                self.source,
+                self.kinematics,
+                self.mapping,
+                self.settings.cutoff,
+                keep_all=self.settings.keep_all,
             )[0]
         except RecordingError as error:
             return error

@@ -7,7 +7,7 @@ from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdict import Grade, Verdict
-from deltaid.errors import DeltaidError, DescriptionError, RecordingError
+from deltaid.errors import DeltaidError, DescriptionError, IdentificationError, RecordingError
 from deltaid.identification.fit import Progress
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
@@ -74,7 +74,12 @@ def identify(
         if len(sources) > 1:
             vars(one).pop("rows", None)  # all of them might not fit into memory
         opened.append(one)
-    result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
+    try:
+        result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
+    except (RecordingError, IdentificationError):
+        for one in opened:  # a check may know why
+            _refuse(asked(one, OF_RECORDING, "rows"), str(one.table.path), RecordingError)
+        raise
     found += _after(result, opened)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *result.model.warnings))

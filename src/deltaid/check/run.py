@@ -31,7 +31,7 @@ class Family:
 
     Attributes:
         check: gives a verdict for whatever it looked at, a good one too.
-        quick: whether `identify` runs it by itself.
+        quick: whether `identify` runs it by itself; the others only tell it why it cannot go on.
         needs: 'rows' looks at data whatever is wrong with it; 'survey' is asked of recordings that
             can be computed with and in which nothing has been found wrong; 'fit' if there also is
             a fit.
@@ -50,7 +50,9 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
     checked_priors,
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
-OF_RECORDING: tuple[Family, ...] = (Family(checked_information, quick=True, needs="survey"),)
+OF_RECORDING: tuple[Family, ...] = (
+    Family(checked_information, quick=True, needs="survey"),
+)
 
 
 def verdicts(

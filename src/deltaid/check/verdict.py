@@ -4,6 +4,27 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+# Every key that a verdict may have, in the order of docs/check.md, by what it is about.
+KEYS = {
+    "the description": (
+        "millimetres", "friction-missing", "limits-missing", "prior-scale", "workspace-cut",
+        "torque-limit",
+    ),
+    "units and wiring": (
+        "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",
+        "drive-order", "homing-or-tilt", "velocity",
+    ),
+    "the signals": (
+        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
+        "resonance", "torque-lag",
+    ),
+    "the information": ("base-parameters", "excitation"),
+    "the fit": (
+        "friction-law", "geometry-or-cogging", "drift", "load-change", "drive-gain", "residual",
+    ),
+    "what cannot be used": ("refused",),
+}  # fmt: skip
+
 
 class Grade(StrEnum):
     """How a thing looks; the order is that of severity."""

@@ -27,7 +27,7 @@ _HIGHEST_CUTOFF = 30.0
 # Rows missing in a row that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 
-Values = Float[np.ndarray, "samples _"]
+Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -180,7 +180,7 @@ class Ranges:
     def __init__(self, given: Evidence, known: Determinacy, p: Parameters) -> None:
         self._noise, self._known, self._p = given.estimate.noise, known, p
         information, unknown = given.information, known.unknowns
-        factor = information.weighted(information.torque_max**-2.0)
+        factor = information.weighted(information.drive_weights)
         at, Y, tau = information.columns, factor[:, :-1], factor[:, -1]
         rows = np.column_stack([Y @ unknown.A[at], tau - Y @ unknown.p_0[at]])
         self._data = triangle(rows)

@@ -131,7 +131,7 @@ def prepare(
     friction = [*range(layout.friction.start, layout.friction.stop)]
     friction += range(own, own + len(terms))
     at = [*(np.searchsorted(together.columns, rigid + friction)), len(together.columns)]
-    weights = together.torque_max**-2.0
+    weights = together.drive_weights
     factors = [triangle(block.weighted(weights)[:, at]) for block in blocks]
     size = len(at)
 
@@ -170,7 +170,7 @@ def first_look(
     """
     dynamics = compiled(robot)
     information = merge([block for one in recordings for block in gather(dynamics, one)])
-    factor = information.weighted(information.torque_max**-2.0)
+    factor = information.weighted(information.drive_weights)
     p = np.zeros(len(dynamics.layout.names))
     p[information.columns], *_ = np.linalg.lstsq(factor[:, :-1], factor[:, -1])
     norms = np.sqrt(np.sum(information.factors**2, axis=(0, 1)))

@@ -113,11 +113,13 @@ def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
         return np.sqrt(np.sum(share * np.array(squares), axis=0))
 
     rms = together([e.rms**2 for e in errors])
-    torque = together([(e.rms / e.nrmse) ** 2 for e in errors])
+    torque = together([(e.rms / np.where(e.nrmse > 0, e.nrmse, 1.0)) ** 2 for e in errors])
     covariance = np.einsum("i,ijk->jk", share[:, 0], np.array([e.covariance for e in errors]))
     raw = together([e.rms_unfiltered**2 for e in errors])
     turning = np.einsum("i,ij->j", share[:, 0], np.array([e.turning for e in errors]))
-    return TorqueError(rms, rms / torque, raw, covariance, turning, errors[0].cutoff)
+    return TorqueError(
+        rms, rms / np.where(torque > 0, torque, 1.0), raw, covariance, turning, errors[0].cutoff
+    )
 
 
 def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[str, ...]) -> Source:

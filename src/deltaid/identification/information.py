@@ -54,6 +54,12 @@ class Information:
         """s, the number of samples in the mean over the drives."""
         return float(self.samples.mean())
 
+    @property
+    def drive_weights(self) -> Float[np.ndarray, " dof"]:
+        """W_τ = diag(τ_max)⁻²; 0 for a drive of which nothing is used, such as one at rest."""
+        used = self.torque_max > 0
+        return np.where(used, np.where(used, self.torque_max, 1.0) ** -2.0, 0.0)
+
     def weighted(
         self, weights: Float[np.ndarray, " dof"]
     ) -> Float[np.ndarray, "augmented augmented"]:

@@ -99,7 +99,7 @@ def estimate_base(
     the noise is taken to be white: Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
     """
     dof = len(information.factors)
-    weights = np.ones(dof) if method == "ordinary" else information.torque_max**-2.0
+    weights = np.ones(dof) if method == "ordinary" else information.drive_weights
     sums = groups.weighted(weights) if groups else {}
     return _least_squares(base, information, information.weighted(weights), method, sums)
 

@@ -56,7 +56,7 @@ class Objective:
 
 def data_term(information: Information, reduction: Reduction) -> DataTerm:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
-    factor = information.weighted(information.torque_max**-2.0)
+    factor = information.weighted(information.drive_weights)
     Y, tau = factor[:, :-1], factor[:, -1]
     at = information.columns
     reduced = np.column_stack([Y @ reduction.A[at], tau - Y @ reduction.p_0[at]])
@@ -71,7 +71,7 @@ def noise_level(information: Information) -> float:
 
     The residual of the unconstrained least squares over all columns, with its degrees of freedom.
     """
-    factor = information.weighted(information.torque_max**-2.0)
+    factor = information.weighted(information.drive_weights)
     Y, tau = factor[:, :-1], factor[:, -1]
     norms = np.linalg.norm(Y, axis=0)
     scaled = Y / np.where(norms > 0, norms, 1.0)

@@ -111,10 +111,12 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         for total, part in zip(totals, one, strict=True):
             total += part
     covariance, power, raw, (samples, raw_samples, turning, all_samples) = totals
+    # Of a drive that rests all the time nothing is left, and nothing is wrong.
+    samples, raw_samples = np.maximum(samples, 1.0), np.maximum(raw_samples, 1.0)
     rms = np.sqrt(np.diag(covariance) / samples)
     return TorqueError(
         rms=rms,
-        nrmse=rms / np.sqrt(power / samples),
+        nrmse=rms / np.sqrt(np.where(power > 0, power, 1.0) / samples),
         rms_unfiltered=np.sqrt(raw / raw_samples),
         covariance=covariance / np.sqrt(np.outer(samples, samples)),
         turning=turning / all_samples,
