@@ -37,8 +37,9 @@ _CUTOFF = 30.0
 # A cause counts if it explains this share of all that is explained, and this share of the largest
 # torque; what is smaller may be what the first-order columns of another one leave.
 _SHARE, _LEAST = 0.15, 3e-4
-# A cause is wrong, and not only doubtful, where it spoils an inertia by this share.
-_SPOILT = 0.05
+# A lag is wrong, and not only doubtful, where it spoils an inertia by this share; another cause
+# where it makes this share of a drive's torque.
+_SPOILT, _MUCH = 0.05, 0.1
 # What is left of a drive's torque at least, as a share of its largest, to be compared with; and the
 # share that a single drive explains of what all do, where it is about this one.
 _FLOOR, _MOSTLY = 1e-5, 0.7
@@ -89,9 +90,10 @@ def _studied(evidence: Evidence) -> _Study | None:
     cutoff = recording.cutoff or log.suggested_cutoff
     if cutoff is None:
         return None
+    cutoff = min(cutoff, _CUTOFF)
     load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
     try:
-        record = trace(dynamics, log, load, cutoff=min(cutoff, _CUTOFF), reach=REACH)
+        record = trace(dynamics, log, load, cutoff=cutoff, reach=REACH)
     except RecordingError:
         return None
     rough = record.regressor(between=True)
@@ -115,7 +117,10 @@ def _studied(evidence: Evidence) -> _Study | None:
     if late < SEEN or (first != "torque-lag" and late < max(others, default=0.0)):
         return _Study(scene, tau, account, common, each, 0.0, alike, plain)
     lag = common if alike else each
-    put_back = _accounted(record, rough, between, lag.values)
+    reach = np.abs(lag.values).max() + 1.0 / log.rate
+    record = trace(dynamics, log, load, cutoff=cutoff, reach=float(reach), reversals=False)
+    exact = record.regressor()
+    put_back = _accounted(record, exact, basis_of(dynamics, exact, scale), lag.values)
     return _Study(*put_back, common, each, late, alike, plain)
 
 
@@ -243,11 +248,11 @@ class _Cause:
     coefficients: tuple[Float[np.ndarray, " columns"], ...]
 
 
-def _causes(study: _Study) -> tuple[list[_Cause], Parameters]:
-    """The causes that count, and the parameters without what they add."""
+def _causes(study: _Study) -> list[_Cause]:
+    """The causes that count."""
     found, basis = study.account.found, study.scene.basis
     if not found:
-        return [], study.scene.p
+        return []
     columns = np.hstack([one.pattern.columns for one in found])
     norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     bare = basis.without(columns / norms)
@@ -265,34 +270,28 @@ def _causes(study: _Study) -> tuple[list[_Cause], Parameters]:
         if gain > _SHARE * total and np.any(rms > _LEAST * largest):
             mine = tuple(found[k] for k in own)
             causes.append(_Cause(kind, mine, rms, tuple(parts[k] for k in own)))
-    return causes, basis.parameters(study.tau - columns @ theta)
+    return causes
 
 
 def _of_patterns(study: _Study) -> Iterator[Verdict]:
-    causes, p = _causes(study)
-    spoilt = _spoilt(study, p)
+    causes = _causes(study)
     for cause in causes:
         if (words := _WORDS.get(cause.kind)) is not None:
-            yield _verdict(study, cause, words, spoilt)
+            yield _verdict(study, cause, words)
     if not causes:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
         yield Verdict("residual", Grade.GOOD, seen)
 
 
-def _verdict(study: _Study, cause: _Cause, words: "_Words", spoilt: np.ndarray) -> Verdict:
+def _verdict(study: _Study, cause: _Cause, words: "_Words") -> Verdict:
     scene = study.scene
-    rms = scene.model.std(axis=1)
-    share = cause.rms / np.maximum(rms, 1e-300)
+    share = cause.rms / np.maximum(scene.model.std(axis=1), 1e-300)
     subject = _subject(study, cause)
     worst = int(np.argmax(share)) if subject not in scene.drives else scene.drives.index(subject)
     number, unit, seen = words.seen(study, cause, subject, share[worst])
-    inertia = int(np.argmax(np.abs(spoilt)))
-    wrong = abs(spoilt[inertia]) > _SPOILT
-    if wrong:
-        seen += f"; the inertia of {scene.drives[inertia]} comes out {_changed(spoilt[inertia])}"
     return Verdict(
         cause.kind,
-        Grade.WRONG if wrong else Grade.DOUBTFUL,
+        Grade.WRONG if share[worst] > _MUCH else Grade.DOUBTFUL,
         seen,
         subject=subject,
         cause=words.cause(cause),

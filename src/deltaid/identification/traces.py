@@ -131,7 +131,13 @@ class Trace:
 
 
 def trace(
-    dynamics: Dynamics, log: Log, load: Parameters, *, cutoff: float | None, reach: float
+    dynamics: Dynamics,
+    log: Log,
+    load: Parameters,
+    *,
+    cutoff: float | None,
+    reach: float,
+    reversals: bool = True,
 ) -> Trace:
     """The beginning of a log in memory; of a log of usual length all of it.
 
@@ -143,13 +149,15 @@ def trace(
         cutoff: of the filter [Hz]; None for the log's own.
         reach: how far [s] torques will be shifted; weights leave out what would come from beyond
             the ends and from samples that do not count.
+        reversals: whether samples count at which a joint turns round. Steps of friction tell a lag
+            best, but in torques that have been shifted they are known to half a sample only.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
     """
     columns = replace(log.columns, velocity=(), acceleration=())
-    # Reversals stay in: steps of friction are what tells a lag best.
-    recording = with_filter(replace(log, columns=columns, keep_all=True), cutoff)
+    # What a log masks stays masked either way; this is about its reversals only.
+    recording = with_filter(replace(log, columns=columns, keep_all=reversals), cutoff)
     assert recording.low_pass is not None  # positions alone are always filtered
     held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
     joined = _joined(held)
