@@ -14,6 +14,8 @@ from deltaid.identification.patterns import Pattern
 _TAKEN = 1e-3
 # A pattern is seen where chance gives one like it once in so many decades of recordings.
 SEEN = 4.5
+# Where one of these explains nearly as much as the best, it is taken: others know better of it.
+_ELSEWHERE, _NEARLY = ("homing-or-tilt", "friction-missing"), 0.9
 # Of so many candidates the scatter is looked at, and so many patterns are taken at most.
 _CLOSE, _ROUNDS = 4, 5
 
@@ -111,12 +113,17 @@ def _ranked(
         tries = pattern.tries + float(np.log10(count))
         judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
     judged.sort(key=lambda one: -one[0])
+    if judged:
+        enough = _NEARLY * judged[0][1]
+        judged.sort(key=lambda one: one[4].kind not in _ELSEWHERE or one[1] < enough)
     close = []
     for _, gain, noise, tries, pattern, F, by in judged[:_CLOSE]:
         U = F @ by
         scores = block_sums(U * (left - U @ (U.T @ left))[:, None], basis)
         level = max(noise, float(np.sum(scores**2)) / U.shape[1])
         close.append(Explained(pattern, gain, surprise(gain / level, U.shape[1]) - tries, U))
+    if close and close[0].pattern.kind in _ELSEWHERE and close[0].surprise > SEEN:
+        return close
     return sorted(close, key=lambda one: -one.surprise)
 
 

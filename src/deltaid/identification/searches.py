@@ -107,15 +107,12 @@ def _two_levels(
     share = np.cumsum(d[order]) / max(float(d.sum()), 1e-300)
     cost, best, lowest = 4.0 * noise * np.log(count), None, np.inf
     for split in _SPLITS:
-        levels, errors = (
-            [_mean(u, d, order[part]) for part in (share <= split, share > split)],
-            np.zeros((2, count)),
-        )
-        course = np.zeros(count, dtype=int)
+        levels = [_mean(u, d, order[part]) for part in (share <= split, share > split)]
+        course, errors = np.zeros(count, dtype=int), np.zeros((2, count))
         for _ in range(_ROUNDS):
             errors = np.stack([d * level**2 - 2 * u * level for level in levels])
             course = _course(errors, cost)
-            levels, errors = [_mean(u, d, course == k) for k in (0, 1)]
+            levels = [_mean(u, d, course == k) for k in (0, 1)]
         changes = int(np.sum(np.diff(course) != 0))
         total = float(errors[course, np.arange(count)].sum()) + cost * changes
         if changes and total < lowest:
