@@ -174,7 +174,8 @@ def test_objects_of_matlab(tmp_path: Path) -> None:
     parts = tagged(6, flags) + b"".join(tagged(1, t) for t in (b"logs", b"MCOS", b"timeseries"))
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     path = write(tmp_path / "log.mat", header + tagged(14, parts))
-    message = refusal(read, path)
+    named = ColumnMapping.model_validate({"time": {"column": "t"}})
+    message = refusal(read, path, named)
     assert "its columns are logs (a MATLAB object of class timeseries)" in message
     assert "in MATLAB: x = logs; s.t = x.Time; s.q = squeeze(x.Data); save(" in message
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -183,7 +184,7 @@ def test_objects_of_matlab(tmp_path: Path) -> None:
         file["logs"].attrs["MATLAB_object_decode"] = np.int32(3)
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    assert "x = logs; s.t = seconds(x.Time - x.Time(1))" in refusal(read, path)
+    assert "x = logs; s.t = seconds(x.Time - x.Time(1))" in refusal(read, path, named)
 
 
 def test_what_else_matlab_keeps(tmp_path: Path) -> None:

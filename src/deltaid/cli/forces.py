@@ -24,7 +24,7 @@ def forces(
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
     motion: Annotated[
-        Path, typer.Argument(help="A planned motion or a recording, CSV or Parquet.")
+        Path, typer.Argument(help="A planned motion or a recording, in any kind of file.")
     ],
     logs: Annotated[
         list[Path] | None,

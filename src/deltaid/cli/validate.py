@@ -23,7 +23,7 @@ def validate(
     model: Annotated[
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
-    log: Annotated[Path, typer.Argument(help="A recording, CSV or Parquet.")],
+    log: Annotated[Path, typer.Argument(help="A recording, in any kind of file.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,

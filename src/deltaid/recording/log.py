@@ -134,7 +134,7 @@ def open_log(
     """Survey a recording: read every row once and check it, before anything is computed from it.
 
     Args:
-        source: a CSV or Parquet file, or a recording in memory.
+        source: a file of any kind in `FORMATS`, or a recording in memory.
         kinematics: of the robot that was recorded.
         mapping: names and units of the columns, if not the default ones; arrays with units of
             their own keep these.

@@ -113,7 +113,7 @@ def open_recordings(
     sources = as_sources(logs)
     if not sources:
         raise RecordingError(
-            "no log was given", where="logs", cure="give at least one recording, CSV or Parquet"
+            "no log was given", where="logs", cure="give at least one recording: a file or a table"
         )
     recordings: list[Recording] = []
     for source in sources:

@@ -36,6 +36,7 @@ class Npy:
 
     name = "a NumPy file"
     suffixes = (".npy",)
+    unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By its signature."""
