@@ -48,7 +48,7 @@ def scope(
     preamble: bool = True,
     end: str = "EOF\n",
     started: int = 0,
-    fill: bool = False,
+    align: str = "",
 ) -> str:
     """The text of an export.
 
@@ -56,7 +56,8 @@ def scope(
         shared: whether neighbours of one period have one column of times (For each sampletime).
         words: rows about the channels.
         started: FILETIME of the start, for full time stamps.
-        fill: whether slow channels repeat their last sample (Fill with previous value).
+        align: "shift" if samples of one instant stand in one line (Shift value), "fill" if slow
+            channels also repeat their last sample (Fill with previous value).
     """
     groups: list[list[Curve]] = []
     for curve in curves:
@@ -84,8 +85,8 @@ def scope(
         cells: list[str] = []
         for group in groups:
             time = group[0].time
-            i = int(np.searchsorted(time, every[k], side="right")) - 1 if fill else k
-            if i < len(time):
+            i = int(np.searchsorted(time, every[k], side="right")) - 1 if align else k
+            if i < len(time) and (align != "shift" or time[i] == every[k]):
                 cells += [instant(time[i]), *(number(one.values[i]) for one in group)]
             else:
                 cells += [" "] * (1 + len(group))

@@ -200,15 +200,18 @@ FOREIGN = {
     ),
     "UTF-16 cut off": (GOOD.encode("utf-16")[:-41], f"row {ROWS + 1}: "),
     "Excel": (b"PK\x03\x04" + bytes(100), "is an Excel workbook"),
-    "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a MATLAB file"),
-    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is an HDF5 file"),
+    "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a damaged MATLAB file"),
+    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is a damaged HDF5 file"),
     "gzip damaged": (b"\x1f\x8b\x07" + bytes(100), "is a damaged gzip file"),
     "gzip cut off": (gzip.compress(GOOD.encode())[:-20], "is a gzip file that is cut off"),
     "gzip with a wrong checksum": (
         gzip.compress(GOOD.encode())[:-8] + bytes(8),
         "is a damaged gzip file",
     ),
-    "gzip of MATLAB": (gzip.compress(b"MATLAB 5.0 MAT-file" + bytes(200)), "is a MATLAB file"),
+    "gzip of MATLAB": (
+        gzip.compress(b"MATLAB 5.0 MAT-file" + bytes(200)),
+        "is a MATLAB file inside gzip\n  → unpack it",
+    ),
     "gzip with a bad field": (
         gzip.compress(with_field(150, "q2", "x").encode()),
         "row 150: column q2 is 'x'",

@@ -172,7 +172,7 @@ def test_a_drive_is_badly_predicted_by_both_measures(
     friction changes with temperature, and some drives are hardly known."""
     model = IdentifiedModel.load(Path(__file__).parent / "data" / "model-format-1.yaml")
     rms = np.array(model.fit.rms) * [1.0, times, 1.0]
-    error = TorqueError(rms, np.array([0.01, share, 0.01]), rms, np.eye(3), None)
+    error = TorqueError(rms, np.array([0.01, share, 0.01]), rms, np.eye(3), np.zeros(3), None)
     assert [("drive2" in text) for text in misfit(model, error)] == ([True] if told else [])
 
 

@@ -22,7 +22,17 @@ from sessions import ROOT, SKIPPED, blocks
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.glob("*.md"))
-_RUN = ("tutorial", "mechanisms", "conventions", "theory", "cli", "api", "forces", "simulation")
+_RUN = (
+    "tutorial",
+    "recordings",
+    "mechanisms",
+    "conventions",
+    "theory",
+    "cli",
+    "api",
+    "forces",
+    "simulation",
+)
 RUNNABLE = [DOCS / f"{name}.md" for name in _RUN]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")

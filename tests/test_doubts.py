@@ -43,8 +43,15 @@ def test_a_drive_that_friction_pushes_is_of_no_robot(warnings) -> None:
     assert "the torque error that is possible without physical consistency" in told
 
 
-def test_masses_that_no_torque_shows_and_had_to_grow_are_named(warnings) -> None:
-    told = warnings(lambda tau, _: 30 * tau)
-    grown = [warning.split(" ")[0] for warning in told if "had to grow from" in warning]
-    assert "U.m" in grown
-    assert set(grown) <= {"U.m", "S.m"}
+def test_torques_of_another_scale_are_told_with_it_and_not_by_what_had_to_grow(warnings) -> None:
+    (told,) = warnings(lambda tau, _: 30 * tau)
+    assert float(re.search(r"torques are ([\d.]+) times", told)[1]) == pytest.approx(30, rel=0.3)
+    assert "unit, torque constant or gear" in told
+    assert "had to grow" not in told
+
+
+def test_a_mass_that_had_to_grow_is_named_where_nothing_better_is_known() -> None:
+    robot = load_robot("clavel-delta3")
+    data = robot.model_dump(mode="json", exclude_none=True)
+    truth = prior_parameters(robot)
+    heavy = compiled(robot).layout.names.index("U.Izz")

@@ -208,7 +208,9 @@ def _same(a: object, b: object) -> bool:
     if dataclasses.is_dataclass(a):
         fields = (field.name for field in dataclasses.fields(a) if field.compare)
         return all(_same(getattr(a, name), getattr(b, name)) for name in fields)
-    return np.allclose(a, b, rtol=1e-12, atol=0) if isinstance(a, np.ndarray) else a == b
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.allclose(a, b, rtol=1e-12, atol=0)
+    return a == b
 
 
 def test_survey_over_several_batches(tmp_path, clavel: Dynamics, monkeypatch) -> None:

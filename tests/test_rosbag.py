@@ -14,6 +14,7 @@ import pytest
 from bags import KINDS, State, states
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
+from deltaid.recording.columns import load_mapping, resolve_columns
 from deltaid.recording.formats.ros_messages import Decoder, MessageError
 from deltaid.recording.formats.rosbag import BagTable
 from deltaid.recording.log import open_log
@@ -191,6 +192,7 @@ def test_topics_that_share_their_stamps_stay_as_they_are(tmp_path: Path) -> None
     columns = [address("effort", joint, "/torques") for joint in JOINTS]
     assert np.array_equal(read(table, ["t", *columns, "q1"]), ALL[:, [0, 7, 8, 9, 1]])
     assert not table.doubts
+    assert np.array_equal(read(table, ["t", "tau3"]), ALL[:, [0, 9]])
 
 
 NOT_NUMBERED = {
@@ -202,15 +204,19 @@ NOT_NUMBERED = {
 
 
 @pytest.mark.parametrize("joints", NOT_NUMBERED.values(), ids=NOT_NUMBERED)
-def test_joints_without_a_clear_order_are_not_guessed(
-    joints: list[str], clavel: Dynamics, tmp_path: Path
-) -> None:
+def test_joints_without_a_clear_order_are_not_guessed(joints: list[str], tmp_path: Path) -> None:
     """The message has a mapping that can be pasted, with joints in the order of their names."""
     path = KINDS["mcap"](tmp_path, states(TIME, COLUMNS, joints[::-1]))
     with pytest.raises(RecordingError) as caught:
-        open_log(path, clavel.kinematics)
-    quoted = ", ".join(f'"{address("effort", joint)}"' for joint in sorted(joints))
-    assert f"torque: {{columns: [{quoted}], unit: N*m}}" in str(caught.value)
+        resolve_columns(open_table(path), (False,) * 3)
+    lines = str(caught.value).split("\n")
+    (tmp_path / "columns.yaml").write_text("\n".join(line.strip() for line in lines[2:]))
+    columns = load_mapping(tmp_path / "columns.yaml")
+    table = open_table(path)
+    found = [channel.column for channel in resolve_columns(table, (False,) * 3, columns).all]
+    order = [joints[::-1].index(joint) for joint in sorted(joints)]
+    expected = [part[:, order] for part in COLUMNS.values()]
+    assert np.array_equal(read(table, found), np.column_stack([TIME, *expected]))
 
 
 NUMBERED = {

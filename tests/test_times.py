@@ -124,6 +124,12 @@ def test_fast_encoders_do_not_start_again(tmp_path) -> None:
     np.testing.assert_array_equal(values[:, 2], counts)
 
 
+def test_recorded_speeds_do_not_hide_that_time_stands_still(tmp_path, clavel: Dynamics) -> None:
+    frame = recorded(ROWS, derivatives=True).with_columns(t=pl.lit(0.5))
+    message = refusal(open_log, write(tmp_path / "log.csv", frame), clavel.kinematics)
+    assert "column t is 0.5 s in all rows: it does not run" in message
+
+
 @pytest.mark.parametrize(
     ("time", "parts"),
     [

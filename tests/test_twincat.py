@@ -94,16 +94,16 @@ def wave(t: np.ndarray, k: int) -> np.ndarray:
     return np.sin(0.02 * t + k)
 
 
-@pytest.mark.parametrize("fill", [False, True])
+@pytest.mark.parametrize("align", ["", "shift", "fill"])
 @pytest.mark.parametrize("shared", [False, True])
 def test_periods_of_their_own_are_brought_together(
-    fill: bool, shared: bool, tmp_path: Path
+    align: str, shared: bool, tmp_path: Path
 ) -> None:
     """Torques every 4 ms, positions every 1 ms: no line is one instant."""
     fast, slow = np.arange(1000) * 1.0, np.arange(250) * 4.0
     curves = [Curve(f"q{k + 1}", fast, wave(fast, k)) for k in range(3)]
     curves += [Curve(f"tau{k + 1}", slow, wave(slow, 5 + k)) for k in range(3)]
-    table = opened(tmp_path, scope(curves, shared=shared, fill=fill))
+    table = opened(tmp_path, scope(curves, shared=shared, align=align))
     found = read(table, ["t", *NAMES])
     assert np.array_equal(found[:, 0], fast[:997] / 1000)
     assert np.array_equal(found[:, 1:4], np.column_stack([wave(fast, k) for k in range(3)])[:997])
@@ -111,7 +111,7 @@ def test_periods_of_their_own_are_brought_together(
     assert found[:, 4:] == pytest.approx(expected, abs=1e-7)
     assert "interpolated to those of q1, q2, q3" in table.doubts[0]
     alone = read(table, ["t", "tau2"])
-    if not fill:
+    if align != "fill":
         assert np.array_equal(alone, np.column_stack([slow / 1000, wave(slow, 6)]))
         assert not table.doubts
 

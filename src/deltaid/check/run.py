@@ -10,6 +10,8 @@ from deltaid.check.information import checked_information
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
+from deltaid.check.residual import checked_residual
+from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.workspace import checked_workspace
 from deltaid.errors import DeltaidError, DescriptionError
@@ -51,7 +53,9 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
+    Family(checked_signals),
     Family(checked_information, quick=True, needs="survey"),
+    Family(checked_residual, needs="fit"),
 )
 
 

@@ -24,7 +24,7 @@ def forces(
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
     motion: Annotated[
-        Path, typer.Argument(help="A planned motion or a recording, CSV or Parquet.")
+        Path, typer.Argument(help="A planned motion or a recording, in any kind of file.")
     ],
     logs: Annotated[
         list[Path] | None,
@@ -84,10 +84,11 @@ def forces(
         say(f"checking {motion}")
         surveyed = open_log(motion, computed.kinematics, mapping, need_torque=False)
         viewers = _viewers(computed, surveyed.samples, output, report, files)
+        recording = model_filtered(known, surveyed)
         result = study(
             known,
             computed,
-            model_filtered(known, surveyed),
+            recording,
             recordings=tuple(logs or ()),
             columns=log_mapping,
             viewers=tuple(viewers),
@@ -95,7 +96,7 @@ def forces(
         )
         if report is not None:
             _write_report(known, computed, motion.name, result, viewers, report)
-    print_warnings([f"{motion}: {text}" for text in surveyed.warnings])
+    print_warnings([f"{motion}: {text}" for text in recording.log.warnings])
     print_warnings([computed.note] if computed.note else [])
     if as_json:
         print_json(as_dictionary(computed, motion.name, result))

@@ -1,5 +1,6 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,7 +28,7 @@ def register(app: typer.Typer) -> None:
 
 def identify(
     robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
-    logs: Annotated[list[Path], typer.Argument(help="Recordings, CSV or Parquet.")],
+    logs: Annotated[list[Path], typer.Argument(help="Recordings: CSV, Parquet, MATLAB, HDF5, NumPy, bags.")],
     output: Annotated[
         Path | None, output_file("--output", "-o", help="Where to save the model (YAML).")
     ] = None,
@@ -162,6 +163,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
             for source in model.sources
             for one in source.left_out
         ],
+        "clock": [{"log": one.path.name, **asdict(one.clock)} for one in result.recordings],
         "friction": {
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),
@@ -218,6 +220,7 @@ def print_result(
 def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.identification.fit import SOLVERS
+    from deltaid.report.left_out import reversals
 
     fit, model = result.model.fit, result.model
     lines = []
@@ -229,6 +232,7 @@ def summary(result: "Identification") -> list[str]:
         )
         lines.append(
             f"{source.log}: {source.samples} samples at {source.rate_hz:.6g} Hz, {filtered}"
+            f"{reversals(source.left_out)}"
         )
     if fit.duality_gap is None:
         certificate = "no certificate: this regulariser is not convex"

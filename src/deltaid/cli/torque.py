@@ -17,7 +17,7 @@ def torque(
     model: Annotated[
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
-    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, CSV or Parquet.")],
+    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, in any kind of file.")],
     output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
@@ -46,7 +46,7 @@ def torque(
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
         recording = model_filtered(known, surveyed)
-        print_warnings([f"{log}: {text}" for text in surveyed.warnings])
+        print_warnings([f"{log}: {text}" for text in recording.log.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:
             for part in predict(dynamics, known.p, recording):

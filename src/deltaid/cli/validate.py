@@ -1,5 +1,6 @@
 """`deltaid validate`: how well a model predicts a recording."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +23,7 @@ def validate(
     model: Annotated[
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
-    log: Annotated[Path, typer.Argument(help="A recording, CSV or Parquet.")],
+    log: Annotated[Path, typer.Argument(help="A recording, in any kind of file.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,
@@ -48,7 +49,7 @@ def validate(
         shown,
     )
     from deltaid.identification.left_out import left_out
-    from deltaid.identification.validation import remarks
+    from deltaid.identification.validation import model_filtered, remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
     from deltaid.recording.columns import load_mapping
@@ -70,7 +71,9 @@ def validate(
     missing = left_out(surveyed, known.robot.drives, error)
     if as_json:
         told = {"left_out": [one.model_dump() for one in missing]}
-        print_json({"log": log.name, "sha256": surveyed.sha256} | error_dictionary(error) | told)
+        clock = asdict(model_filtered(known, surveyed).clock)
+        about = {"log": log.name, "sha256": surveyed.sha256, "clock": clock}
+        print_json(about | error_dictionary(error) | told)
     else:
         console.print(shown(error_table(known, error)))
         if (table := left_out_table([(log.name, missing)])) is not None:

@@ -111,7 +111,8 @@ def open_trajectory(
         RecordingError: the file cannot be used, or has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
-    windows = with_filter(log).windows(kinematics)
+    recording = with_filter(log)
+    windows = recording.windows(kinematics)
     parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in windows]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
     if len(time) <= _DEGREE:
@@ -121,4 +122,4 @@ def open_trajectory(
             cure="give a longer one; without velocities and accelerations the filter's length is "
             "lost at either end",
         )
-    return SampledTrajectory(kinematics, time, q), log
+    return SampledTrajectory(kinematics, time, q), recording.log

@@ -16,39 +16,73 @@ _APART = 3.0
 
 
 def doubts(problem: FittedProblem) -> tuple[str, ...]:
-    """A sentence for each contradiction, with what to check."""
-    return (*_misfit(problem), *_grown(problem))
+    """A sentence for each contradiction: what was seen, the likeliest cause, the next step.
+
+    That a mass had to grow only follows from something else, so it is said where that is not known.
+    """
+    if known := (*_misfit(problem), *_contradictions(problem)):
+        return known[:1]
+    return tuple(_grown(problem))
 
 
 def _misfit(problem: FittedProblem) -> list[str]:
-    """Torques that no consistent parameters explain, with their cause if the data tells it; else
-    base parameters that the fit misses."""
+    """Torques that no consistent parameters explain, with their cause if the data tells it."""
     found = against_motion(problem.dynamics, problem.information)
     if found:
         return [f"{told(found, problem.dynamics.robot)}; {CURE}"]
     noise = max(problem.noise, NOISE_FLOOR)
     rows = len(problem.information.torque_max)
     left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
-    if left > max(_WORSE * noise, _SHARE):
-        return [
-            f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
-            "without physical consistency: check sign, unit, torque constant and gear of torques "
-            "and positions, and the robot's lengths"
-        ]
-    return _contradictions(problem)
+    if left <= max(_WORSE * noise, _SHARE):
+        return []
+    seen = f"the consistent fit leaves {left / noise:.3g} times the torque error"
+    if np.isfinite(scale := _scale(problem)) and not 1 / _GREW < scale < _GREW:
+        return [f"{seen} that is possible without physical consistency, {_scaled(scale)}"]
+    return [
+        f"{seen} that is possible without physical consistency: only negative masses or friction "
+        "would explain these torques. Likeliest a torque or position is not that of its drive, or "
+        "something drives the robot beside its motors; deltaid check tries signs, orders and gears"
+    ]
 
 
 def _grown(problem: FittedProblem) -> list[str]:
     """Entries that no torque shows and that consistency has made much larger than the prior."""
     reduction, p = problem.reduction, problem.p
     held = ~np.any(reduction.A, axis=1)
-    grown = held & (reduction.p_reg > 0) & (p > _GREW * reduction.p_reg)
+    grown = np.flatnonzero(held & (reduction.p_reg > 0) & (p > _GREW * reduction.p_reg))
+    if not grown.size:
+        return []
+    first, names = grown[0], ", ".join(reduction.layout.names[i] for i in grown)
+    seen = f"{names} had to grow to keep {'their' if grown.size > 1 else 'its'} body consistent"
+    if grown.size == 1:
+        seen = (
+            f"{names} had to grow from {reduction.p_reg[first]:.3g} to {p[first]:.3g} "
+            f"{reduction.layout.units[first]} to keep its body consistent"
+        )
+    scale = _scale(problem)
+    if np.isfinite(scale) and scale > _GREW:
+        return [f"{names}: {_scaled(scale)}"]
     return [
-        f"{reduction.layout.names[i]} had to grow from {reduction.p_reg[i]:.3g} to {p[i]:.3g} "
-        f"{reduction.layout.units[i]} to keep its body consistent: check the scale of torques and "
-        "the prior"
-        for i in np.flatnonzero(grown)
+        f"{seen}: the moments that torques show are too large for the described mass. Likeliest "
+        "the prior of this body is too light or too small; weigh it, or describe its size"
     ]
+
+
+def _scale(problem: FittedProblem) -> float:
+    """How many times the prior's torques the measured ones are, by least squares."""
+    weights = problem.information.torque_max**-2.0
+    factor = problem.information.weighted(weights)
+    prior = factor[:, :-1] @ problem.reduction.p_reg[problem.information.columns]
+    square = float(prior @ prior)
+    return float(prior @ factor[:, -1]) / square if square > 0 else np.nan
+
+
+def _scaled(scale: float) -> str:
+    return (
+        f"torques are {scale:.3g} times what the described robot would need. Likeliest their unit, "
+        "torque constant or gear is not declared, else masses and lengths of the description are "
+        "those of another robot; deltaid check compares units and gears"
+    )
 
 
 def _contradictions(problem: FittedProblem) -> list[str]:
@@ -70,7 +104,8 @@ def _contradictions(problem: FittedProblem) -> list[str]:
         f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
         f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: prior, entries that 'free' "
         "leaves out or consistency contradict the recording, and other parameters of these bodies "
-        "may lie outside of their intervals; check the prior and what is free"
+        "may lie outside of their intervals. Likeliest the prior of this body is too far off: "
+        "correct it, or free more of its entries"
     ]
 
 

@@ -13,7 +13,9 @@ from deltaid.identification.patterns import Pattern
 # Directions of columns shorter than this share of their length have been taken by parameters.
 _TAKEN = 1e-3
 # A pattern is seen where chance gives one like it once in so many decades of recordings.
-_SEEN = 4.5
+SEEN = 4.5
+# Where one of these explains nearly as much as the best, it is taken: others know better of it.
+_ELSEWHERE, _NEARLY = ("homing-or-tilt", "friction-missing"), 0.9
 # Of so many candidates the scatter is looked at, and so many patterns are taken at most.
 _CLOSE, _ROUNDS = 4, 5
 
@@ -76,7 +78,7 @@ def account(
         tried = zip([*patterns, *more], columns, strict=True)
         ranked = _ranked([(one, F) for one, F in tried], basis, left)
         first = first or tuple(ranked)
-        if not ranked or ranked[0].surprise < _SEEN:
+        if not ranked or ranked[0].surprise < SEEN:
             break
         best = ranked[0]
         found.append(best)
@@ -108,16 +110,20 @@ def _ranked(
         gain, rank = float(np.sum((by.T @ (F.T @ left)) ** 2)), by.shape[1]
         freedom = max(len(left) - basis.Q.shape[1] - rank, 1)
         noise = max(total - gain, 1e-12 * total, 1e-300) / freedom
-        judged.append((_surprise(gain / noise, rank, pattern, count), gain, pattern, F, by, noise))
+        tries = pattern.tries + float(np.log10(count))
+        judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
     judged.sort(key=lambda one: -one[0])
+    if judged:
+        enough = _NEARLY * judged[0][1]
+        judged.sort(key=lambda one: one[4].kind not in _ELSEWHERE or one[1] < enough)
     close = []
-    for surprise, gain, pattern, F, by, noise in judged[:_CLOSE]:
+    for _, gain, noise, tries, pattern, F, by in judged[:_CLOSE]:
         U = F @ by
         scores = block_sums(U * (left - U @ (U.T @ left))[:, None], basis)
-        level = float(np.sum(scores**2)) / U.shape[1]
-        if level > noise:
-            surprise = _surprise(gain / level, U.shape[1], pattern, count)
-        close.append(Explained(pattern, gain, surprise, U))
+        level = max(noise, float(np.sum(scores**2)) / U.shape[1])
+        close.append(Explained(pattern, gain, surprise(gain / level, U.shape[1]) - tries, U))
+    if close and close[0].pattern.kind in _ELSEWHERE and close[0].surprise > SEEN:
+        return close
     return sorted(close, key=lambda one: -one.surprise)
 
 
@@ -126,13 +132,10 @@ def _scaled(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "ro
     return columns / np.where(norms > 0, norms, 1.0)
 
 
-def _surprise(x: float, freedom: int, pattern: Pattern, tried: int) -> float:
-    """−log₁₀ of the probability that χ² exceeds x in one of all tries, also where that is tiny."""
+def surprise(x: float, freedom: int) -> float:
+    """−log₁₀ of the probability that χ² exceeds x, also where that is too small for a number."""
     a, half = 0.5 * freedom, 0.5 * x
     tail = float(gammaincc(a, half))
-    alone = (
-        -float(np.log10(tail))
-        if tail > 1e-280
-        else float((half - (a - 1) * np.log(half) + gammaln(a)) / np.log(10))
-    )
-    return alone - float(np.log10(tried)) - pattern.tries
+    if tail > 1e-280:
+        return -float(np.log10(tail)) if a > 0 else 0.0
+    return float((half - (a - 1) * np.log(half) + gammaln(a)) / np.log(10))

@@ -83,22 +83,29 @@ class Lag:
 
     Attributes:
         values: of each drive [s]; positive where torques come late.
-        interval: half widths of their 95 % intervals [s].
+        deviation: their standard deviations [s].
         p: the parameters that go with them, of least squares.
         tau: torques without their lags, as rows.
         left: what p leaves of them.
     """
 
     values: Delay
-    interval: Delay
+    deviation: Delay
     p: Parameters
     tau: Rows
     left: Rows
 
+    @property
+    def interval(self) -> Delay:
+        """Half widths of their 95 % intervals [s]."""
+        return quantile(np.full(len(self.deviation), BLOCKS - 1.0)) * self.deviation
+
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def basis_of(
-    dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], scale: Float[np.ndarray, " dof"]
+    dynamics: Dynamics,
+    Y: Float[np.ndarray, "dof samples columns"],
+    scale: Float[np.ndarray, " dof"],
 ) -> Basis:
     """What parameters explain of a recording's torques.
 
@@ -156,9 +163,8 @@ def estimate_lag(trace: Trace, basis: Basis, start: Delay, *, common: bool) -> L
         if settled:
             break
     left = basis.without(tau)
-    spread = deviations(slopes, left, basis)
-    half = share @ (quantile(np.full(len(spread), BLOCKS - 1.0)) * spread)
-    return Lag(delay, half, basis.parameters(tau), tau, left)
+    spread = share @ deviations(slopes, left, basis)
+    return Lag(delay, spread, basis.parameters(tau), tau, left)
 
 
 def model_slope(trace: Trace, p: Parameters) -> Float[np.ndarray, "dof thinned"]:

@@ -31,23 +31,12 @@ def left_out(log: Log, drives: Sequence[str], error: TorqueError) -> tuple[LeftO
         )
         for (reason, which), masks in groups.items()
     ]
-    found += [
-        LeftOut(reason=REVERSAL, why=WHY_REVERSAL, drives=(drives[i],), share=float(share))
-        for i, share in enumerate(error.turning)
-        if share > 0
-    ]
-    return _alike(found)
-
-
-def _alike(found: Sequence[LeftOut]) -> tuple[LeftOut, ...]:
-    """Drives that lose the same for the same reason together."""
-    together: dict[tuple[object, ...], LeftOut] = {}
-    for one in found:
-        key = one.reason, one.share, one.spans
-        before = together.get(key)
-        drives = (*before.drives, *one.drives) if before else one.drives
-        together[key] = one.changed(drives=drives)
-    return tuple(together.values())
+    turning = {drives[i]: share for i, share in enumerate(error.turning.tolist()) if share > 0}
+    if turning:
+        mean = sum(turning.values()) / len(turning)
+        every = tuple(turning)
+        found.append(LeftOut(reason=REVERSAL, why=WHY_REVERSAL, drives=every, share=mean))
+    return tuple(found)
 
 
 def _span(mask: Mask) -> Span:

@@ -117,7 +117,7 @@ class Scene:
         yield Pattern("drive-gain", "", own)
 
     def _friction(self) -> Iterator[Pattern]:
-        """Per joint and for all together: other friction near rest, at speed, by direction, by load."""
+        """Of each joint and of all: other friction near rest, at speed, by direction, by load."""
         joints = self._joints
         laws = [f"near {share:g}" for share in _SLOW] + ["square", "root"]
         values = {joint.name: self._laws(joint) for joint in joints}
@@ -169,7 +169,7 @@ class Scene:
         return result
 
     def _drifts(self) -> Iterator[Pattern]:
-        """Friction that falls or rises with time, of one joint or all alike; an offset that does."""
+        """Friction that changes with time, of one joint or all alike; an offset that does."""
         time = self.motion.time
         share = (time - time[0]) / (time[-1] - time[0])
         courses = [("steadily", share - 0.5)]
@@ -206,7 +206,7 @@ class Scene:
         yield Pattern("homing-or-tilt", "", np.stack(columns, axis=1))
 
     def _positions(self) -> Iterator[Pattern]:
-        """Torques that bend with the place of the platform, alone and times what the drive gives."""
+        """Torques that bend with the platform's place, alone and times what the drive gives."""
         w = self.motion
         middle, reach = w.z.mean(axis=0), np.maximum(np.ptp(w.z, axis=0), 1e-12)
         x = (w.z - middle) / reach

@@ -12,7 +12,8 @@ from deltaid.identification.patterns import Pattern, Scene
 _WAVES = np.arange(1.0, 81.0, 0.5)
 # Windows in which a load is looked at [s], and at most so many.
 _WINDOW, _WINDOWS = 0.1, 4000
-_ROUNDS = 6
+# Shares of the windows that the search begins with as the lower level, and how often it goes round.
+_SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
 
 
 def ripples(scene: Scene, left: Rows) -> Iterator[Pattern]:
@@ -102,22 +103,26 @@ def _two_levels(
     u = np.bincount(window, (column * left).reshape(dof, -1).sum(axis=0), count)
     d = np.bincount(window, (column**2).reshape(dof, -1).sum(axis=0), count)
     noise = float(left @ left) / len(left)
-    value = u / np.maximum(d, 1e-300)
-    order = np.argsort(value)
-    half = np.searchsorted(np.cumsum(d[order]), 0.5 * d.sum())
-    low, high = (
-        float(np.sum(u[part]) / max(np.sum(d[part]), 1e-300))
-        for part in (order[: half + 1], order[half + 1 :])
-    )
-    cost = 4.0 * noise * np.log(count)
-    course = np.zeros(count, dtype=int)
-    for _ in range(_ROUNDS):
-        errors = np.stack([d * level**2 - 2 * u * level for level in (low, high)])
-        course = _course(errors, cost)
-        if not 0 < course.sum() < count:
-            return None
-        low, high = (float(u[course == k].sum() / d[course == k].sum()) for k in (0, 1))
-    return course[window].astype(float), int(np.sum(np.diff(course) != 0))
+    order = np.argsort(u / np.maximum(d, 1e-300))
+    share = np.cumsum(d[order]) / max(float(d.sum()), 1e-300)
+    cost, best, lowest = 4.0 * noise * np.log(count), None, np.inf
+    for split in _SPLITS:
+        levels = [_mean(u, d, order[part]) for part in (share <= split, share > split)]
+        course, errors = np.zeros(count, dtype=int), np.zeros((2, count))
+        for _ in range(_ROUNDS):
+            errors = np.stack([d * level**2 - 2 * u * level for level in levels])
+            course = _course(errors, cost)
+            levels = [_mean(u, d, course == k) for k in (0, 1)]
+        changes = int(np.sum(np.diff(course) != 0))
+        total = float(errors[course, np.arange(count)].sum()) + cost * changes
+        if changes and total < lowest:
+            best, lowest = (course[window].astype(float), changes), total
+    return best
+
+
+def _mean(u: np.ndarray, d: np.ndarray, part: np.ndarray) -> float:
+    """A level, of some windows."""
+    return float(np.sum(u[part]) / max(float(np.sum(d[part])), 1e-300))
 
 
 def _course(errors: Float[np.ndarray, "2 windows"], cost: float) -> Int[np.ndarray, " windows"]:

@@ -19,7 +19,10 @@ from deltaid.robot.description import RobotDescription
 _CERTAIN = 5.0
 _DEPENDENT = 1e-9  # singular values below this share of the largest are zero
 
-CURE = "check the sign of these torques and positions, and the order of the columns"
+CURE = (
+    "likeliest a column counts the other way: check the sign of these torques and positions, then "
+    "the order of the columns; deltaid check finds which"
+)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ time, with further columns. So a stretch of a recording that fits into memory is
 everything formed from it goes through the same low-pass and is thinned alike.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import islice
 
@@ -89,7 +89,9 @@ class Trace:
     def model(self, p: Parameters) -> Float[np.ndarray, "dof thinned"]:
         """Torques of parameters, filtered."""
         dynamics = self.dynamics
-        return self.filtered(lambda w: dynamics.torque(w.z, w.qd, w.qdd, p).T, np.arange(dynamics.dof))
+        return self.filtered(
+            lambda w: dynamics.torque(w.z, w.qd, w.qdd, p).T, np.arange(dynamics.dof)
+        )
 
     def motion(self) -> Samples:
         """The motion at the filtered and thinned samples, with the weights that are left there."""
@@ -98,7 +100,9 @@ class Trace:
         for one in self.stretches:
             count = _outputs(low_pass, len(one.time))
             parts.append(one.part(slice(middle, None, low_pass.thinned)).part(slice(count)))
-        kept = Samples(*(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(Samples)))
+        kept = Samples(
+            *(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(Samples))
+        )
         ones = self.filtered(lambda w: np.ones_like(w.tau.T), np.arange(self.dynamics.dof))
         return replace(kept, weights=ones.T)
 
@@ -127,7 +131,13 @@ class Trace:
 
 
 def trace(
-    dynamics: Dynamics, log: Log, load: Parameters, *, cutoff: float | None, reach: float
+    dynamics: Dynamics,
+    log: Log,
+    load: Parameters,
+    *,
+    cutoff: float | None,
+    reach: float,
+    reversals: bool = True,
 ) -> Trace:
     """The beginning of a log in memory; of a log of usual length all of it.
 
@@ -139,15 +149,18 @@ def trace(
         cutoff: of the filter [Hz]; None for the log's own.
         reach: how far [s] torques will be shifted; weights leave out what would come from beyond
             the ends and from samples that do not count.
+        reversals: whether samples count at which a joint turns round. Steps of friction tell a lag
+            best, but in torques that have been shifted they are known to half a sample only.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
     """
     columns = replace(log.columns, velocity=(), acceleration=())
-    recording = with_filter(replace(log, columns=columns), cutoff)
+    # What a log masks stays masked either way; this is about its reversals only.
+    recording = with_filter(replace(log, columns=columns, keep_all=reversals), cutoff)
     assert recording.low_pass is not None  # positions alone are always filtered
     held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
-    joined = Samples(*(np.concatenate([getattr(w, f.name) for w in held]) for f in fields(Samples)))
+    joined = _joined(held)
     step, time = 1.0 / log.rate, joined.time
     ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
     stretches: list[Samples] = []
@@ -158,6 +171,12 @@ def trace(
     if not stretches:
         raise RecordingError("is too short to be filtered", where=str(log.path))
     return Trace(dynamics, load, tuple(stretches), recording.low_pass)
+
+
+def _joined(parts: Sequence[Samples]) -> Samples:
+    """One after the other."""
+    names = [field.name for field in fields(Samples)]
+    return Samples(*(np.concatenate([getattr(w, name) for w in parts]) for name in names))
 
 
 def _eroded(

@@ -12,6 +12,8 @@ from deltaid.recording.recording import Recording, with_filter
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.
 _WORSE, _SHARE = 3.0, 0.1
+# Errors beyond these shares of the torque have other causes than friction and load.
+_WORSE_THAN_NOTHING, _MOSTLY = 1.2, 0.5
 
 
 def validate(
@@ -32,7 +34,8 @@ def validate(
     model = load(model)
     dynamics = model.dynamics
     surveyed = open_log(log, dynamics.kinematics, columns, keep_all=keep_all)
-    return torque_error(dynamics, model.p, model_filtered(model, surveyed)), surveyed
+    recording = model_filtered(model, surveyed)
+    return torque_error(dynamics, model.p, recording), recording.log
 
 
 def remarks(model: ModelLike, log: Log, error: TorqueError) -> tuple[str, ...]:
@@ -71,8 +74,25 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     return (
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, and was {100 * then:.2g} % in the identification; "
-        "check sign, unit and order of these columns, and whether robot, load and speeds are "
-        "those of the identification",
+        f"{_likeliest(float(now))}",
+    )
+
+
+def _likeliest(error: float) -> str:
+    """Cause and next step, by the error as a share of the torque."""
+    if error > _WORSE_THAN_NOTHING:
+        return (
+            "worse than no model at all, so likeliest sign, unit or order of its columns are not "
+            "those of the identification; deltaid check finds which"
+        )
+    if error > _MOSTLY:
+        return (
+            "most of it is missed, so likeliest it is another robot, or its gear or torque "
+            "constant is another one; deltaid check compares them"
+        )
+    return (
+        "what is missed is a part of it, so likeliest load, temperature or speeds are not those of "
+        "the identification; identify from both recordings, or record under the same conditions"
     )
 
 

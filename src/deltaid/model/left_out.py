@@ -20,7 +20,8 @@ class LeftOut(Part):
     """Rows that were left out of a recording for one reason, alike for some drives.
 
     `share` is that of the recording's rows. Of many spans the first ones are listed, and `more`
-    says how many there are beside them; reversals have a share only.
+    says how many there are beside them. Reversals have no spans, and a share in the mean over their
+    drives.
     """
 
     reason: str

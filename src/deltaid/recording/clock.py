@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import lowest_rate
+from deltaid.recording.grid import usual_step
 from deltaid.recording.source import Table
 from deltaid.recording.table import Batch
 
@@ -81,6 +82,60 @@ class Clock:
         bridged = np.bincount(np.cumsum(cuts), np.where(cuts, 0, self.lost), len(rows))
         return rows + bridged.astype(int)
 
+    def report(self, longest: int, shortest: int) -> "ClockReport":
+        """What was seen and done, in numbers.
+
+        Args:
+            longest: rows missing that are bridged.
+            shortest: samples that a segment must have to be of use.
+        """
+        cuts, restarts = self.cuts(longest), self.lost < 0
+        gaps, sizes = cuts & ~restarts, self.segments(longest)
+        return ClockReport(
+            rate_hz=self.rate,
+            steady=self.steady,
+            even=self.even,
+            jitter_s=self.jitter,
+            doubled=self.doubled,
+            out_of_place=len(self.extra) - self.doubled,
+            bridged=int(self.lost[~cuts].sum()),
+            gaps=tuple(zip(self.since[gaps].tolist(), self.until[gaps].tolist(), strict=True)),
+            restarts=int(restarts.sum()),
+            segments=int((sizes >= shortest).sum()),
+            too_short=float(sizes[sizes < shortest].sum() / max(1, sizes.sum())),
+        )
+
+
+@dataclass(frozen=True)
+class ClockReport:
+    """The time of a recording, for programs.
+
+    Attributes:
+        rate_hz: samples a second.
+        steady: whether all rows are there and stamped evenly, so that nothing had to be done.
+        even: whether samples were taken evenly, however they are stamped; None if the motion is
+            too slow to show it. If not, they are interpolated.
+        jitter_s: of the stamps against the even grid, rms.
+        doubled, out_of_place: rows left out, because they repeat the row before, or are late.
+        bridged: rows that are missing in short holes, made up for by the motion about them.
+        gaps: from and to, in seconds, of those that no filter reaches across.
+        restarts: how often time starts again.
+        segments: that are long enough for the filter.
+        too_short: share of the samples in those that are not.
+    """
+
+    rate_hz: float
+    steady: bool
+    even: bool | None
+    jitter_s: float
+    doubled: int
+    out_of_place: int
+    bridged: int
+    gaps: tuple[tuple[float, float], ...]
+    restarts: int
+    segments: int
+    too_short: float
+
 
 @dataclass
 class ClockCheck:
@@ -90,6 +145,7 @@ class ClockCheck:
         table, column: the log, and which of its columns is the time.
         samples: rows so far.
         step: the usual time between two rows, a median [s].
+        period: the same, if several rows share a stamp as well.
         first_time, last_time: of the rows so far [s].
         uneven, backward, forward: steps that are uneven, negative, positive.
     """
@@ -98,6 +154,7 @@ class ClockCheck:
     column: str
     samples: int = 0
     step: float = 0.0
+    period: float = 0.0
     first_time: float = np.nan
     last_time: float = np.nan
     uneven: int = 0
@@ -122,6 +179,7 @@ class ClockCheck:
         known = steps[~np.isnan(steps)]
         if not self.step and known.size:
             self.step = float(np.median(known))
+            self.period = self.step if self.step > 0 else usual_step(time)[0]
             self._apart = _APART * max(self.step, float(np.quantile(known, 0.95)))
         if not self.samples:
             self.first_time = float(time[0])

@@ -330,7 +330,8 @@ def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:
     if "column" not in declared:
         name = next((one for one in TIMES if find(table.fields, one)), name)
     found = find(table.fields, name)
-    if found is None and "column" not in declared:
+    positions = (any(find(table.fields, one) for one in names) for names in mapping.needed[1:])
+    if found is None and "column" not in declared and all(positions):
         raise RecordingError(
             f"has no time: no column {' or '.join(TIMES)}; its columns are {listing(table.fields)}",
             where=table.header_place,

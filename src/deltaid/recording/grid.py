@@ -23,6 +23,9 @@ ROUNDED = 1.05
 # A step of this many periods and of as many shared stamps may be a gap, within which the phase of
 # the grid need not go on; rows at either side that must agree on it.
 _GAP, _AGREE = 20.0, 64
+# Rows about a place whose median shows its level, up to so much jitter; how often rows that are too
+# many are looked for.
+_ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
 # Fewest rows from which a phase is taken, and rows of a stretch of constant phase at least.
 _FEWEST, _STRETCH = 16, 256
 
@@ -97,17 +100,38 @@ def _placed(time: Times, period: float, sharing: float) -> Grid:
         return Grid(period, rows, steps, level - level[0] - np.cumsum(steps))
     noise = _noise(time / period, sharing)
     kept = np.flatnonzero(~_extra(time / period, noise, sharing))
+    period, level, width = _level(time[kept], period, noise, sharing)
+    for _ in range(_TRIES):
+        falls = _falls(level, noise, sharing)
+        if not falls.size or len(kept) - len(falls) < _FEWEST:
+            break
+        kept = np.delete(kept, falls)
+        period, level, width = _level(time[kept], period, noise, sharing)
     time = time[kept]
-    width = _width(noise, sharing, len(time))
-    level = time / period - np.arange(len(time))
-    period *= 1 + _slope(level, width)
-    level = (time - time[0]) / period - np.arange(len(time))
-    level -= _phase(level, width)
     stairs = _stairs(level, noise, sharing, width)
     lost = np.diff(stairs, prepend=stairs[:1])
     index = np.arange(len(time)) + stairs
     index = index - index.mean()
     return Grid(float(index @ time / (index @ index)), kept, lost, level - stairs)
+
+
+def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[float, Times, int]:
+    """Period, what the rows stand above an even grid with whole steps only, and the rows over
+    which angles were averaged for it."""
+    width = _width(noise, sharing, len(time))
+    level = time / period - np.arange(len(time))
+    period *= 1 + _slope(level, width)
+    level = (time - time[0]) / period - np.arange(len(time))
+    return period, level - _phase(level, width), width
+
+
+def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " falls"]:
+    """Rows at which the level falls for good by one, as it does where a row is one too many."""
+    if sharing > ROUNDED or noise > _CLEAR or len(level) < 2 * _ABOUT:
+        return np.zeros(0, dtype=int)
+    stairs = np.round(_median(level, _ABOUT))
+    # Below all before it: what was late only comes back.
+    return np.flatnonzero(stairs[1:] < _lowest(stairs, _AGREE)[:-1]) + 1
 
 
 def _noise(place_: Times, sharing: float) -> float:

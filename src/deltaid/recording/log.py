@@ -119,6 +119,7 @@ class Log:
         if self.clock.steady:
             return self
         told = told_of_holes(self.clock, self.table, self.bridged(cutoff), shortest)
+        told = [text for text in told if text not in self.warnings]
         return replace(self, warnings=(*self.warnings, *told))
 
 
@@ -133,7 +134,7 @@ def open_log(
     """Survey a recording: read every row once and check it, before anything is computed from it.
 
     Args:
-        source: a CSV or Parquet file, or a recording in memory.
+        source: a file of any kind in `FORMATS`, or a recording in memory.
         kinematics: of the robot that was recorded.
         mapping: names and units of the columns, if not the default ones; arrays with units of
             their own keep these.

@@ -115,11 +115,13 @@ def _told_apart(resting: Runs, off: Runs, short: int) -> tuple[Runs, Runs]:
     for first, last in resting:
         here = off[(off[:, 1] >= first) & (off[:, 0] <= last)]
         here = joined(np.clip(here, first, last), short)
-        brakes.append(here[here[:, 1] - here[:, 0] >= min(short, last - first)])
+        here = here[here[:, 1] - here[:, 0] >= min(short, last - first)]
+        if len(here):
+            here[0, 0] = first if here[0, 0] - first <= short else here[0, 0]
+            here[-1, 1] = last if last - here[-1, 1] <= short else here[-1, 1]
+        brakes.append(here)
     on_brakes = np.concatenate([NONE, *brakes])
-    control = without(resting, on_brakes)
-    # A few rows of control between brakes and motion are the edge of either.
-    return on_brakes, control
+    return on_brakes, without(resting, on_brakes)
 
 
 def _stops(off: Runs, on_brakes: Runs, longest: int) -> Runs:

@@ -17,7 +17,7 @@ Reason = Literal["standing still", "on brakes", "emergency stop", "saturated tor
 # Why such rows say nothing, or something wrong, about the drives' torques.
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",
-    "on brakes": "at rest without torque of the drives; the brakes hold the robot",
+    "on brakes": "at rest with the torque off or constant; the brakes hold the robot",
     "emergency stop": "brakes slow the robot down, the drives are without torque",
     "saturated torque": "on the largest or smallest number of its channel; the torque went on",
     "stale rows": "the logger repeated a row while the robot moved",

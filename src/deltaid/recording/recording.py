@@ -10,6 +10,7 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
+from deltaid.recording.clock import ClockReport
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
@@ -52,6 +53,12 @@ class Recording:
     def thinned(self) -> int:
         """Every how many samples of the log are kept in the end."""
         return self.low_pass.thinned if self.low_pass else 1
+
+    @property
+    def clock(self) -> ClockReport:
+        """What was seen and done about its time."""
+        shortest = reach(self.low_pass) + 1 if self.low_pass else 1
+        return self.log.clock.report(self.log.bridged(self.cutoff), shortest)
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]
@@ -106,7 +113,7 @@ def open_recordings(
     sources = as_sources(logs)
     if not sources:
         raise RecordingError(
-            "no log was given", where="logs", cure="give at least one recording, CSV or Parquet"
+            "no log was given", where="logs", cure="give at least one recording: a file or a table"
         )
     recordings: list[Recording] = []
     for source in sources:

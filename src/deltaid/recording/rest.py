@@ -16,9 +16,9 @@ from deltaid.recording.runs import NONE, Runs, joined, rolling, runs_of
 _LASTS, _ROWS = 0.04, 5
 # In that time positions stay within so many encoder steps and so many times the narrowest band that
 # the drive ever stayed in; over a whole rest within so many times that, or that a second.
-_STEPS, _BANDS, _WANDER = 2.5, 2.0, 3.0
+_STEPS, _BANDS, _WANDER = 1.5, 2.0, 3.0
 # A robot at rest is slower than this share of its drives' largest speeds.
-_SLOW = 0.0025
+_SLOW = 0.005
 # Torque is off where for so long [s] and so many rows its mean and its range stay below these
 # shares of the largest torque, or where no torque changes at all.
 _OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2

@@ -56,6 +56,13 @@ def content(path: Path) -> Generator[io.BufferedReader, None, None]:
         yield stream
 
 
+def packed_by(path: Path) -> str:
+    """What a file is compressed by; empty if it is not."""
+    with opened(path) as file:
+        start = file.peek(4)
+    return "gzip" if start.startswith(_GZIP) else "zstd" if start.startswith(_ZSTD) else ""
+
+
 def skip(stream: io.BufferedReader, size: int) -> None:
     """Go on by a number of bytes."""
     if stream.seekable():

@@ -17,6 +17,8 @@ _SIZE, _EDGE = 1 << 16, 1024
 _GAP = 3.0
 # Of two times the one over which positions are rougher by less than this share explains them.
 _CLEAR = 0.7
+# Rows on either side of one that may be there twice.
+_ABOUT = 12
 # Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
 _SMOOTH, _SHARP = 1e-12, 0.01
 
@@ -189,9 +191,14 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
         return equal
     usual, sharing = usual_step(block[:, 0])
     doubled = equal & (np.diff(block[:, 0], prepend=-np.inf) < 0.5 * usual)
+    alone = equal & ~(np.append(equal[1:], False) | np.append(False, equal[:-1]))
     if sharing > ROUNDED:
-        beside = np.append(equal[1:], False) | np.append(False, equal[:-1])
-        doubled &= ~beside
+        return doubled & alone
+    # Stamped anew: as many rows more in the same time.
+    time = block[:, 0] / usual - np.arange(len(block))
+    for row in np.flatnonzero(alone & ~doubled).tolist():
+        before, after = time[max(0, row - _ABOUT) : row], time[row + 1 : row + 1 + _ABOUT]
+        doubled[row] = len(after) > 0 and bool(np.median(after) - np.median(before) < -0.5)
     return doubled
 
 

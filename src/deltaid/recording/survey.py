@@ -119,15 +119,16 @@ class Survey:
         batch, values = seen.batch, seen.batch.values
         apart = self.clock.add(batch)
         if self.search is not None:
-            self.search.add(values, self.clock.step)
+            self.search.add(values, self.clock.period)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
         self._check_angles(q, batch.row)
         self._check_jumps(q, batch.row, apart)
         self._check_reach(values[:, 0], q, seen, apart)
-        self.spectrum.add(seen.power)
-        self._compare_derivatives(values)
+        if self.clock.steady:
+            self.spectrum.add(seen.power)
+            self._compare_derivatives(values)
 
     def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
         """Take in the samples of a segment for what holds for evenly spaced ones only."""

@@ -15,7 +15,7 @@ from deltaid.recording.formats import FORMATS
 from deltaid.recording.numbers import to_si
 from deltaid.recording.seconds import Seconds
 from deltaid.recording.source import Rows, Table
-from deltaid.recording.stream import content
+from deltaid.recording.stream import content, packed_by
 from deltaid.recording.unwrap import Unwrapping
 
 # Rows of a batch, however the file is read, so that nothing depends on how it is.
@@ -53,6 +53,8 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
         if not start:
             raise RecordingError("is empty", where=str(path), cure="copy or export it again")
     found = next((one for one in FORMATS if one.claims(start, path)), None)
+    if found and b"\0" in start and (packing := packed_by(path)):
+        raise RecordingError(f"is {found.name} inside {packing}", where=str(path), cure="unpack it")
     if found is None:
         _require_known(start, path)
         suffix = path.suffix.lower()

@@ -11,7 +11,7 @@ _SHOWN = 3
 
 
 def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | None:
-    """Reason, share and times; None where nothing was left out.
+    """Reason, share and times; None where nothing was left out but reversals.
 
     Args:
         logs: names of recordings, and what was left out of them.
@@ -29,7 +29,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
         for name, found in logs
         for one in found
     )
-    if not rows:
+    if not any(one.spans for _, found in logs for one in found):
         return None
     why = {one.reason: one.why for _, found in logs for one in found}
     words = "; ".join(f"{reason}: {text}" for reason, text in why.items())
@@ -44,10 +44,17 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
 
 def _named(drives: Sequence[str]) -> str:
     numbers = [drive.removeprefix("drive") for drive in drives]
-    return f"{', '.join(numbers)}"
+    return ", ".join(numbers)
 
 
 def _when(spans: Sequence[Span], more: int) -> str:
     shown = ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in spans[:_SHOWN])
     rest = len(spans) + more - _SHOWN
     return f"{shown} and {rest} more" if rest > 0 else shown
+
+
+def reversals(found: Sequence[LeftOut]) -> str:
+    """What was left out at reversals, as the end of a sentence; empty if nothing was."""
+    return "".join(
+        f", {percent(one.share)} left out at reversals" for one in found if not one.spans
+    )

@@ -86,12 +86,12 @@ def default_columns(topics: Sequence[Topic]) -> dict[str, tuple[str, Number]]:
     """
     topic = _main(topics)
     joints = in_order(topic.joints["position"]) if topic else None
-    if not topic or not joints:
+    if not joints:
         return {}
     return {
-        f"{short}{i + 1}": (topic.name, (quantity, joint))
+        f"{short}{i + 1}": (teller.name, (quantity, joint))
         for quantity, (_, _, short) in _QUANTITIES.items()
-        if set(joints) <= set(topic.joints.get(quantity, ()))
+        if (teller := _teller(topics, quantity, joints))
         for i, joint in enumerate(joints)
     }
 
@@ -111,13 +111,21 @@ def in_order(joints: Sequence[str]) -> list[str] | None:
 def mapping_lines(topics: Sequence[Topic]) -> str:
     """A mapping with all joints of the topic of positions, to be put into the order of q."""
     topic = _main(topics) or next((one for one in topics if "position" in one.joints), topics[0])
+    joints = _by_number(topic.joints.get("position") or next(iter(topic.joints.values()), ()))
     lines: list[str] = []
     for quantity, (key, unit, _) in _QUANTITIES.items():
-        joints = _by_number(topic.joints.get(quantity, ()))
-        columns = [json.dumps(f"{topic.name}.{quantity}[{joint}]") for joint in joints]
-        if columns:
+        if teller := _teller(topics, quantity, joints):
+            columns = [json.dumps(f"{teller.name}.{quantity}[{joint}]") for joint in joints]
             lines.append(f"{key}: {{columns: [{', '.join(columns)}], unit: {unit}}}")
     return "\n    ".join(lines)
+
+
+def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> Topic | None:
+    """The topic that tells a quantity of these joints: that of their positions, or the only one."""
+    able = [topic for topic in topics if set(joints) <= set(topic.joints.get(quantity, ()))]
+    plain = [topic for topic in able if topic.type == _JOINT_STATE]
+    main = [topic for topic in able if topic is _main(topics)]
+    return next((one[0] for one in (main, plain, able) if len(one) == 1), None)
 
 
 def _main(topics: Sequence[Topic]) -> Topic | None:

@@ -96,8 +96,9 @@ class BagTable(Table):
         told = [topic for topic in self.topics.values() if "position" in topic.joints]
         several = f" ({'; '.join(map(str, told))})" if len(told) > 1 else ""
         return (
-            f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q:"
-            f"\n    {mapping_lines(list(self.topics.values()))}"
+            f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q "
+            "(units of drives that slide are m, m/s and N):\n    "
+            f"{mapping_lines(list(self.topics.values()))}"
         )
 
     @property

@@ -1,0 +1,83 @@
+"""What checks of signals measure: bandwidth of a motion, white noise, steps of a number, lines."""
+
+import numpy as np
+from jaxtyping import Float
+
+# Rows that a spectrum is made of at most.
+_MOST = 1 << 16
+# A line of a motion stands so far above the noise; this share of the acceleration is below its
+# highest frequency.
+_ABOVE, _BELOW = 30.0, 0.98
+# Numbers lie on a grid where so many of their distances are multiples of the least, within so much.
+_ON_GRID, _OFF = 0.98, 0.05
+# A grid of more steps over the whole range is not told from floating point.
+_FINEST = 1e7
+# Distances are compared with the least one as long as they are so many times larger at most.
+_FEW = 20.0
+
+_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
+
+Signals = Float[np.ndarray, "rows channels"]
+
+
+def bandwidth(q: Signals, rate: float) -> float:
+    """The frequency [Hz] below which nearly all of a motion's acceleration is; 0 at rest."""
+    x = q[:_MOST]
+    n = len(x)
+    if n < 16:
+        return 0.0
+    line = np.linspace(0.0, 1.0, n)[:, None]
+    level = x - x[0] - line * (x[-1] - x[0])
+    turn = 2 * np.pi * np.arange(n) / n
+    window = (
+        0.35875 - 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn) - 0.01168 * np.cos(3 * turn)
+    )
+    power = np.abs(np.fft.rfft((level - level.mean(axis=0)) * window[:, None], axis=0)) ** 2
+    frequency = np.fft.rfftfreq(n, 1 / rate)
+    floor = np.median(power[3 * len(power) // 4 :], axis=0)
+    power[power < _ABOVE * floor] = 0.0
+    size = np.maximum(np.ptp(x, axis=0), 1e-300) ** 2
+    bending = np.sum(power / size, axis=1) * frequency**4
+    total = np.cumsum(bending)
+    if total[-1] == 0:
+        return 0.0
+    return float(frequency[np.searchsorted(total, _BELOW * total[-1])])
+
+
+def density(x: Signals, rate: float, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and one-sided power densities [1/Hz], one column a channel (Welch)."""
+    length = min(length, len(x))
+    window = np.hanning(length + 2)[1:-1]
+    starts = range(0, len(x) - length + 1, max(1, length // 2))
+    total = np.zeros((length // 2 + 1, x.shape[1]))
+    for start in starts:
+        part = x[start : start + length]
+        part = (part - part.mean(axis=0)) * window[:, None]
+        total += np.abs(np.fft.rfft(part, axis=0)) ** 2
+    total *= 2.0 / (rate * np.sum(window**2) * len(starts))
+    return np.fft.rfftfreq(length, 1 / rate), total
+
+
+def white_noise(x: Signals, rate: float) -> Float[np.ndarray, " channels"]:
+    """Standard deviation of the white noise that the upper half of the band shows."""
+    length = min(1024, max(32, len(x) // 8))
+    frequency, power = density(x, rate, length)
+    upper = frequency > 0.25 * rate
+    return np.sqrt(np.median(power[upper], axis=0) * 0.5 * rate)
+
+
+def step_of(x: Float[np.ndarray, " rows"]) -> float:
+    """The step that numbers are whole multiples of, but for a constant; 0 if there is none."""
+    reach = float(np.ptp(x))
+    if reach == 0:
+        return 0.0
+    levels = np.unique(np.round((x - x.min()) / reach, 10)) * reach
+    apart = np.diff(levels)
+    apart = apart[apart > reach / _FINEST]
+    if not apart.size:
+        return 0.0
+    step = float(np.median(apart[apart < 1.5 * apart.min()]))
+    near = apart[apart < _FEW * step] / step
+    if np.mean(np.abs(near - np.round(near)) < _OFF) < _ON_GRID:
+        return 0.0
+    return step

@@ -1,0 +1,128 @@
+"""Recordings that hold more than motion under power: rest, brakes, stops, clipping, stale rows.
+
+A robot runs along a random motion whose phase halts where it is to rest. All that comes on top is
+put in by hand, so the rows are known.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.robot.load import load_robot
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """A recording before its sensors: evenly spaced rows.
+
+    Attributes:
+        rate: of the rows [Hz].
+        truth: parameters.
+        q, tau: positions and torques.
+        spans: what was put in: reason, first and last row.
+    """
+
+    dynamics: Dynamics
+    rate: float
+    truth: np.ndarray
+    z: np.ndarray
+    q: np.ndarray
+    tau: np.ndarray
+    spans: tuple[tuple[str, int, int], ...] = ()
+
+    def rows(self, start: float, end: float) -> slice:
+        """Rows of a time."""
+        return slice(round(start * self.rate), round(end * self.rate))
+
+    def without_torque(self, reason: str, start: float, end: float) -> "Interrupted":
+        """The drives are off."""
+        tau, rows = self.tau.copy(), self.rows(start, end)
+        tau[rows] = 0.0
+        return replace(self, tau=tau, spans=(*self.spans, (reason, rows.start, rows.stop - 1)))
+
+    def measured(
+        self, rng: np.random.Generator, bits: int, noise: float, gear: float = 1.0
+    ) -> "Interrupted":
+        """By encoders of so many bits behind a gear, and torque noise as a share of the largest."""
+        step = 2 * np.pi / 2**bits / gear
+        largest = np.abs(self.tau).max(axis=0)
+        tau = self.tau + noise * largest * rng.standard_normal(self.tau.shape)
+        return replace(self, q=step * np.round(self.q / step), tau=tau)
+
+    def clipped(self, share: float) -> "Interrupted":
+        """Every torque channel ends at a share of its largest torque."""
+        limit = share * np.abs(self.tau).max(axis=0)
+        return replace(self, tau=np.clip(self.tau, -limit, limit))
+
+    def stale(self, first: int, last: int) -> "Interrupted":
+        """The logger repeats the row before."""
+        q, tau = self.q.copy(), self.tau.copy()
+        q[first : last + 1], tau[first : last + 1] = q[first - 1], tau[first - 1]
+        return replace(self, q=q, tau=tau, spans=(*self.spans, ("stale rows", first, last)))
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """As a table."""
+        columns = {"t": np.arange(len(self.q)) / self.rate}
+        columns |= {f"q{i + 1}": x for i, x in enumerate(self.q.T)}
+        return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(self.tau.T)})
+
+
+def interrupted(
+    name: str,
+    rng: np.random.Generator,
+    *,
+    rate: float = 1000.0,
+    seconds: float = 10.0,
+    rests: tuple[tuple[float, float], ...] = (),
+    ramp: float = 0.15,
+    slowly: float = 1.0,
+) -> Interrupted:
+    """A random motion that rests at some times, by start and end [s].
+
+    Args:
+        ramp: time in which it comes to rest, before and after [s].
+        slowly: how many times slower than the machine can move.
+    """
+    dynamics = compiled(load_robot(name))
+    robot, kinematics = dynamics.robot, dynamics.kinematics
+    truth, motion = surrogate_parameters(robot, rng), random_motion(kinematics, rng)
+    fine = 16
+    t = np.arange(round(seconds * rate) * fine) / (rate * fine)
+    pace = np.ones_like(t)
+    for start, end in rests:
+        # 0 from start to end, with four continuous derivatives.
+        x = np.clip(np.maximum((start - t) / ramp, (t - end) / ramp), 0, 1)
+        pace = np.minimum(pace, x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4))
+    phase = (np.cumsum(pace) - pace)[::fine] / (rate * fine) / slowly
+    pace = pace[::fine] / slowly
+    change = np.gradient(pace, 1 / rate)
+    z, z_1, z_2 = motion.evaluate(phase)
+    zd, zdd = z_1 * pace[:, None], z_2 * pace[:, None] ** 2 + z_1 * change[:, None]
+    q, qd, qdd = kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, truth)
+    spans = []
+    for start, end in rests:
+        rows = slice(max(0, round(start * rate)), round(end * rate))
+        # Friction at rest: anything up to the Coulomb friction.
+        tau[rows] += rng.uniform(-0.5, 0.5, dynamics.dof) * _coulomb(dynamics, truth)
+        spans.append(("standing still", rows.start, min(rows.stop, len(q)) - 1))
+    return Interrupted(dynamics, rate, truth, z, q, tau, tuple(spans))
+
+
+def _coulomb(dynamics: Dynamics, p: np.ndarray) -> np.ndarray:
+    values = dict(zip(dynamics.layout.names, p, strict=True))
+    return np.array([values[f"coulomb.{drive}"] for drive in dynamics.robot.drives])
+
+
+def mass_error(one: Interrupted, p: np.ndarray) -> float:
+    """Largest |ΔM_ij| / √(M_ii M_jj) along the motion."""
+    z = one.z[:: max(1, len(one.z) // 40)]
+    q = one.dynamics.kinematics.inverse(z)
+    found, true = (one.dynamics.terms(q, np.zeros_like(q), x).M for x in (p, one.truth))
+    scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
+    return float((np.abs(found - true) / scale).max())
