@@ -37,6 +37,8 @@ _POOR = 6.0
 # Singular values below this share of the largest are none.
 _RANK = 1e-9
 _SHOWN = 4
+# Noise of torques as a share of their largest.
+_USUAL_NOISE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +114,12 @@ def told_by(dynamics: Dynamics, information: Information) -> Told:
     base = base_parameters(merge([one.information for one in motions]), dynamics.layout)
     at = np.searchsorted(information.columns, [group.representative for group in base.groups])
     scale = _left_open(base)
-    weights = _weights(information)
+    weights = _weights(information, motions[0].largest)
+    samples = np.where(information.samples > 0, information.samples, information.mean_samples)
 
     def factor(of: Information) -> Float[np.ndarray, "rows base"]:
-        return of.weighted(weights * information.samples / of.samples)[:, at] * scale
+        share = samples / np.where(of.samples > 0, of.samples, samples)
+        return of.weighted(weights * share)[:, at] * scale
 
     own = factor(information)
     return Told(
@@ -219,13 +223,18 @@ def _left_open(base: BaseParameters) -> Float[np.ndarray, " base"]:
     return np.linalg.norm(base.combination() * prior, axis=1)
 
 
-def _weights(information: Information) -> Float[np.ndarray, " dof"]:
-    """1/σ_i² by what no parameters explain of each drive's torque; 0 of a drive without torque."""
+def _weights(
+    information: Information, usual: Float[np.ndarray, " dof"]
+) -> Float[np.ndarray, " dof"]:
+    """1/σ_i² by what no parameters explain of each drive's torque.
+
+    Of a drive that rests nothing is known; it gets a usual share of its usual torque.
+    """
     found = []
     for i, factor in enumerate(information.factors):
         samples, largest = information.samples[i], information.torque_max[i]
         if not samples or not largest:
-            found.append(0.0)
+            found.append((_USUAL_NOISE * max(float(usual[i]), np.finfo(float).tiny)) ** -2.0)
             continue
         Y, tau = factor[:, :-1] / _norms(factor[:, :-1]), factor[:, -1]
         p, *_ = np.linalg.lstsq(Y, tau, rcond=_RANK)

@@ -24,11 +24,13 @@ class Candidate:
         words: what to record, as a cure says it.
         information: what it tells, without torques.
         q: drive coordinates along it [rad or m].
+        largest: largest torque of each drive, by the prior [N m or N].
     """
 
     words: str
     information: Information
     q: Float[np.ndarray, "samples dof"]
+    largest: Float[np.ndarray, " dof"]
 
 
 @lru_cache(maxsize=8)
@@ -71,7 +73,6 @@ def _candidate(
     dynamics: Dynamics, words: str, z: np.ndarray, zd: np.ndarray, zdd: np.ndarray
 ) -> Candidate:
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = np.zeros_like(z)
-    if dynamics.robot.load_drives:
-        tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
-    return Candidate(words, gather_samples(dynamics, z, qd, qdd, tau), q)
+    tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
+    largest = np.abs(tau).max(axis=0)
+    return Candidate(words, gather_samples(dynamics, z, qd, qdd, tau), q, largest)

@@ -76,7 +76,7 @@ class Verdict:
     @property
     def finding(self) -> str:
         """What was seen and the likeliest cause, as one sentence."""
-        about = f"{self.subject}: " if self.subject else ""
+        about = "" if self.subject in self.seen else f"{self.subject}: "
         cause = f"; likeliest cause: {self.cause}" if self.cause else ""
         return f"{about}{self.seen}{cause}"
 

@@ -123,7 +123,7 @@ def verdicts_shown(finished: Finished) -> Table:
     result.add_column(no_wrap=True)
     result.add_column(max_width=_WIDEST, overflow="fold")
     for grade, key, about, seen, cause, cure in finished.rows:
-        lines = [f"{about}: {seen}" if about else seen]
+        lines = [seen if about in seen else f"{about}: {seen}"]
         lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)
         result.add_row(styled(grade, _COLOURS[grade]), visible(key), visible("\n".join(lines)))
     return result
