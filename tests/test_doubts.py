@@ -62,4 +62,4 @@ def test_a_mass_that_had_to_grow_is_named_where_nothing_better_is_known(warnings
     """One body alone is far too light in its prior, so that torques are of the right scale."""
     (told,) = warnings(lambda tau, _: tau, light="U")
     assert re.match(r"U\.m had to grow from 0\.\d+ to \d", told)
-    assert "prior of this body is too light" in told
+    assert "the prior is too light" in told
