@@ -30,7 +30,7 @@ class Shifts:
         scores: of each block, (blocks, columns).
         left: sum of squares without them, freed likewise.
         drives: number of zeros; two angles of gravity follow, or none without gravity, then what
-            else a drive may have: an offset of its torque, and another gain than the others'.
+            else a drive may have: an offset of its torque, and a gain.
         angles: 2, or 0.
     """
 
@@ -58,7 +58,7 @@ class Shifts:
 
     @cached_property
     def gains(self) -> list[int]:
-        """Columns of gains, all but one."""
+        """Columns of gains; all together are the torques, so one must be left out then."""
         return list(range(self.drives + self.angles + self.drives, len(self.H)))
 
     def told(
@@ -156,12 +156,12 @@ def _columns(
 
 
 def _others(dof: int, motion: Motion, best: Candidate) -> Float[np.ndarray, "columns drives kept"]:
-    """Offsets of all drives, and gains of all but the first beside it."""
+    """Offsets and gains of all drives."""
     tau = best.gains[:, None] * motion.tau.T[list(best.order)]
     offsets, gains = np.zeros((2, dof, *tau.shape))
     at = np.arange(dof)
     offsets[at, at], gains[at, at] = 1.0, tau
-    return np.concatenate([offsets, gains[1:] - gains[0]])
+    return np.concatenate([offsets, gains])
 
 
 def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:

@@ -20,6 +20,8 @@ CLOSED, _CLOSED, _LOOKED_AT = 0.98, 0.9, 0.3
 _FEW = 40
 # Torques that go with the prior's like this, and gains that show like this, need no search.
 _ALONG, _ALONG_LOOSE, _SURE, _SHOWN = 0.85, 0.6, 0.9, 4.0
+# Gains far from the others' must show like this.
+_SHOWN_FAR = 3.0
 # Without that, hypotheses are not believed.
 _SENSIBLE = 0.5
 # Hypotheses that leave so much more than the best one are as good as it.
@@ -142,19 +144,17 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     identity = Map.identity(dynamics.dof)
     plain = next(tried(dynamics, fine, [identity], least=_LOOKED_AT), None)
     settled = plain is not None and plain.clear and plain.changes == 0
-    if settled and not _other_order(dynamics, coarse):
-        return () if plain is None else (plain,)
-    found = _ranked(tried(dynamics, coarse, [*_orders(dynamics)] if settled else _maps(dynamics)))
-    if settled:
-        pass
-    elif not found or not found[0].clear or found[0].scaled:
+    if plain is not None and settled and not _other_order(dynamics, coarse):
+        return (plain,)
+    maps = _orders(dynamics) if settled else _maps(dynamics)
+    found = _ranked(tried(dynamics, coarse, maps))
+    if not settled and (not found or not found[0].clear or found[0].scaled):
         found = _ranked([*found, *_of_motors(dynamics, coarse)])
         if found and found[0].scaled:
             found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
-    near = [one for one in found if one.left < _NEAR * found[0].left]
+    near: list[Candidate] = [one for one in found if one.left < _NEAR * found[0].left]
     near.sort(key=lambda one: (one.left > _AS_GOOD * found[0].left, one.changes))
-    maps = dict.fromkeys(one.map for one in near)
-    decided = _ranked(tried(dynamics, fine, list(maps)[:_DECIDED]))
+    decided = _ranked(tried(dynamics, fine, [*dict.fromkeys(one.map for one in near)][:_DECIDED]))
     if plain is not None:
         decided = _ranked([*(one for one in decided if one.map != identity), plain])
     if not decided:
@@ -163,8 +163,8 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     good = [one for one in decided if one.left < _AS_GOOD * best.left]
     if plain is not None and plain.closes:
         good = [one for one in good if one.sensible and one.beats(plain)] or [plain]
-    if best.scaled:
-        good = [one for one in good if one.as_likely_as(best)]
+    if good[0].scaled:
+        good = [one for one in good if one.as_likely_as(good[0])]
     good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))
     return tuple(good)
 
@@ -346,7 +346,9 @@ def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
         values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
         u[tied] = vectors[:, 0]
         shown = float(np.sqrt(values[1] / max(values[0], 1e-30)))
-    gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    sign, gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    if shown < _SHOWN_FAR or found.share(order, sign) < _FAR_BETTER * found.share(order, gains):
+        gains = sign  # a drive that nothing explains would only be weighed less
     raised = 1 + 3 * (1 - found.poses.share)
     return Candidate(found, order, gains, loose, raised * found.share(order, gains), shown)
 
@@ -362,8 +364,8 @@ def _loose(S: Float[np.ndarray, "drives drives"]) -> Bool[np.ndarray, " drives"]
 
 def _settled(
     along: Float[np.ndarray, " drives"], u: Float[np.ndarray, " drives"], loose: np.ndarray
-) -> Float[np.ndarray, " drives"]:
-    """Signs and gains: 1 but where a gain is far from those of the others.
+) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
+    """Signs, and with them gains: 1 but where one is far from those of the others.
 
     Signs of drives that hang together are one another's; which of both ways, and the sign of a
     loose drive, the prior says.
@@ -374,4 +376,4 @@ def _settled(
     sign[loose] = np.where(along[loose] < 0, -1.0, 1.0)
     size = np.abs(u) / np.median(np.abs(u[tied])) if tied.sum() > 1 else np.ones(len(u))
     far = tied & ((size > GAIN) | (size < 1 / GAIN))
-    return np.where(far, sign * size, sign)
+    return sign, np.where(far, sign * size, sign)

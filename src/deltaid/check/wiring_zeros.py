@@ -14,13 +14,14 @@ from deltaid.check.wiring_residual import residual
 from deltaid.check.wiring_search import CLOSED, Candidate, assigned
 from deltaid.check.words import listed
 
-# Standard deviations from zero that are said, and that leave no doubt; one that needs both is out.
-_SEEN, _CLEAR, _NEEDED = 4.2, 8.0, 3.5
-# Share of what is unexplained that they explain: below the first something else is to be looked
-# for, above the second nothing else is.
-_LITTLE, _MUCH = 0.005, 0.3
+# Standard deviations from zero that are said, and beside which another cause is not needed.
+_SEEN, _NEEDED = 4.2, 3.5
+# Share of what is unexplained that they explain: below it something else is to be looked for.
+_LITTLE = 0.005
 # Share of what one drive's zero explains that another's has to.
 _RIVAL = 0.7
+# Difference of shares that is none.
+_SAME = 0.002
 # Gauss–Newton steps for a zero.
 _STEPS = 3
 
@@ -48,9 +49,7 @@ def zero_verdicts(
         return
     beside = _sure(told, [one], told.tilt) if told.tilt else zeroed
     instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
-    grade = Grade.WRONG if not closes else Grade.DOUBTFUL
-    if max(zeroed, tilted) > _CLEAR and explains > _MUCH:
-        grade = Grade.WRONG
+    grade = Grade.DOUBTFUL if closes else Grade.WRONG
     # Zeros of several drives mimic any tilt, so the simpler of both is said where both are left.
     either = (instead < _NEEDED) == (beside < _NEEDED)
     zero = told.gain([one]) > told.gain(told.tilt) if either and told.tilt else beside >= _NEEDED
@@ -65,12 +64,20 @@ def _rival(told: Shifts, one: int, other: int) -> bool:
 
 
 def _better_explained(told: Shifts, one: int) -> bool:
-    """Whether offsets or gains of the torques leave nothing to zeros and gravity, but not they."""
+    """Whether gains or offsets of the torques leave nothing to zeros and gravity.
+
+    Those of all drives must do what these cannot; that of one drive is as simple as they are.
+    """
     both = [which for which in ([one], told.tilt) if which]
+    most = max(told.gain(which) for which in both)
+    for others in (told.offsets, told.gains[1:]):
+        if others and all(
+            _sure(told, which, others) < _NEEDED <= _sure(told, others, which) for which in both
+        ):
+            return True
     return any(
-        all(_sure(told, which, others) < _NEEDED <= _sure(told, others, which) for which in both)
-        for others in (told.offsets, told.gains)
-        if others
+        told.gain([k]) > most - _SAME and all(_sure(told, w, [k]) < _NEEDED for w in both)
+        for k in told.gains
     )
 
 
