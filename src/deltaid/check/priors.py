@@ -12,8 +12,9 @@ from deltaid.robot.shapes import HollowCylinder, PointMass
 
 # kg/m³. Osmium has 22,600; foam some 30. What is called a density but is less is in g/cm³.
 _DENSEST, _LIGHTEST, _IN_GRAMS = 23_000.0, 10.0, 25.0
-# kg/m³ of arm and strut together, cubed: a solid block of steel with a side of a sixth of them.
-_HEAVY = 7850.0 / 6**3
+# kg/m³ of arm and strut together, cubed: a solid block of steel with a side of a sixth of them is
+# hardly part of a robot, and one of four times its mass is not.
+_HEAVY, _FAR = 7850.0 / 6**3, 4.0
 # Shares of a body's extent: no centre of mass or radius of gyration lies farther out, and that of
 # an arm or a strut never so near to its first joint.
 _OUTSIDE, _INSIDE = 1.5, 0.02
@@ -122,8 +123,8 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
     most = _HEAVY * size**3
     return Verdict(
         "prior-scale",
-        Grade.WRONG,
-        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m no body has more than {most:.3g} kg",
+        Grade.WRONG if mass > _FAR * most else Grade.DOUBTFUL,
+        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m a body has seldom more than {most:.3g} kg",
         subject=name,
         cause="a mass in grams",
         cure="give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",
@@ -171,9 +172,9 @@ def _extent(robot: RobotDescription, name: str) -> float:
 def _size(robot: RobotDescription) -> float:
     """Length of the longest arm and strut together [m].
 
-    A mechanism of the user's own has no limbs that are known; its workspace says how large it is.
+    A mechanism of the user's own has no limbs that are known, so it may be of any size: a sled of a
+    hundred kilograms moves by a few centimetres.
     """
     if not robot.limb_geometry:
-        centre, half = robot.workspace.inner_box
-        return float(np.linalg.norm(np.abs(centre) + half))
+        return np.inf
     return max(limb.upper_arm + limb.strut for limb in robot.limb_geometry)

@@ -43,12 +43,14 @@ def show(
     from deltaid.cli.output import progress, require_report
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
+    from deltaid.show.reach import require_space
 
     if report is not None:
         require_report(report, [Path(robot)])
     if live:
         _require_live(port)
     model = load(robot)
+    require_space(model.robot)
     with progress(False) as say:
         say("compiling")
         at_rest = AtRest(model.dynamics, model.p)

@@ -57,19 +57,12 @@ class AtRest:
         of_workspace: how many are the workspace's.
 
     Raises:
-        KinematicsError: the robot cannot stand in the middle of its own workspace, or moves in less
-            than three directions.
+        KinematicsError: the robot cannot stand in the middle of its own workspace.
     """
 
     def __init__(self, dynamics: Dynamics, p: Parameters) -> None:
         self.dynamics, self.p = dynamics, p
         self.robot: RobotDescription = dynamics.robot
-        if len(self.robot.task.axes) < 3:
-            raise KinematicsError(
-                f"moves along {' and '.join(self.robot.task.names)} only",
-                where=self.robot.name,
-                cure="what a robot can reach is shown of those that move along x, y and z",
-            )
         mechanism = dynamics.kinematics.mechanism
         posed = pose_limits(self.robot, mechanism)
         efforts = torque_limits(self.robot)

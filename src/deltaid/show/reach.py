@@ -8,7 +8,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import qmc
 
 from deltaid.dynamics.at_rest import AtRest, Poses
+from deltaid.errors import KinematicsError
 from deltaid.report.workspace import outline
+from deltaid.robot.description import RobotDescription
 
 # Directions of the rays: one every so many degrees.
 _EVERY = 4
@@ -59,6 +61,20 @@ class Survey:
     poses: Poses
     standing: float
     within: float
+
+
+def require_space(robot: RobotDescription) -> None:
+    """Refuse a robot that does not move along x, y and z.
+
+    Raises:
+        KinematicsError: with what it moves along.
+    """
+    if len(robot.task.axes) < 3:
+        raise KinematicsError(
+            f"moves along {' and '.join(robot.task.names)} only",
+            where=robot.name,
+            cure="what a robot can reach is shown of those that move along x, y and z",
+        )
 
 
 def reach(robot: AtRest) -> Reach:
