@@ -16,7 +16,7 @@ KEYS = {
     ),
     "the signals": (
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
-        "resonance", "torque-lag",
+        "torque-lag",
     ),
     "the information": ("base-parameters", "excitation"),
     "the fit": (
