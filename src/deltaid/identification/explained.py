@@ -90,7 +90,7 @@ def account(
 
 
 def _ranked(
-    candidates: Sequence[tuple[Pattern, Float[np.ndarray, "rows columns"]]],
+    candidates: Sequence[tuple[Pattern, Float[np.ndarray, "rows _"]]],
     basis: Basis,
     left: Rows,
 ) -> list[Explained]:
