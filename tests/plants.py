@@ -30,6 +30,8 @@ from oracle.tree import Array, Body
 # Points of a path, of which the oracle gets as many as it takes, and points that the Fourier series
 # of what it gives is made dense with.
 GRID, _DENSE = 1024, 1 << 14
+# How long a robot takes to stop or to start, s.
+_RAMP = 0.4
 
 
 def true_parameters(
@@ -117,17 +119,22 @@ class Pace:
 
 
 def even_pace(time: Array, period: float, rest: tuple[tuple[float, float], ...] = ()) -> Pace:
-    """φ̇ = 2π / period but in spans of rest, into and out of which it goes smoothly in 0.4 s."""
-    share, rise = np.ones_like(time), np.zeros_like(time)
+    """φ̇ = 2π / period but in spans of rest, into and out of which it goes smoothly in 0.4 s.
+
+    The phase is one of time, whatever the first sample is: φ = 2π t / period before any rest.
+    """
+    gone, share, rise = time.copy(), np.ones_like(time), np.zeros_like(time)
     for start, end in rest:
         for edge, sign in ((start, -1.0), (end, 1.0)):
-            x = np.clip((time - edge) / 0.4, 0.0, 1.0)
+            x = np.clip((time - edge) / _RAMP, 0.0, 1.0)
+            gone += sign * (
+                _RAMP * x**4 * (2.5 - 3 * x + x**2) + np.maximum(time - edge - _RAMP, 0)
+            )
             share += sign * x**3 * (10 - 15 * x + 6 * x**2)
-            rise += sign * 30 * x**2 * (1 - x) ** 2 / 0.4
+            rise += sign * 30 * x**2 * (1 - x) ** 2 / _RAMP
     share[np.abs(share) < 1e-12] = 0.0
-    rate = 2 * np.pi / period * share
-    phase = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
-    return Pace(time, phase, rate, 2 * np.pi / period * rise)
+    rate = 2 * np.pi / period
+    return Pace(time, rate * gone, rate * share, rate * rise)
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,7 @@ BAD_MAPPINGS = [
     ({"position": drives(unit="degC")}, "is not known"),
     ({"position": drives(unit="1e99 rad")}, "no recording of this robot goes beyond"),
     ({"time": {"column": "t", "unit": "nan"}}, "time.unit: unit 'nan' is not known"),
-    ({"time": {"column": "t", "unit": "0 s"}}, "time does not increase"),
+    ({"time": {"column": "t", "unit": "0 s"}}, "it does not run"),
     ({"position": drives(unit="furlong")}, "position[0]: unit 'furlong' is not known"),
     ({"position": drives(unit="")}, "position[0]: unit '' is not known"),
     ({"position": drives(unit="rad/0")}, "is not known"),

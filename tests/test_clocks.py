@@ -199,6 +199,21 @@ def test_stretches_that_are_too_short_are_told(clavel: Dynamics) -> None:
     assert told[1].endswith("and left out: 0.88 % of the recording")
 
 
+def test_what_was_done_is_told_in_numbers(clavel: Dynamics) -> None:
+    rng = np.random.default_rng(13)
+    rows = even(1000.0).gap(2.0, 0.1).gap(2.15, 0.1).gap(4.0, 0.004).doubling(7, rng)
+    log = opened(rows, clavel)
+    report = with_filter(log, 30.0).clock
+    gaps = np.array([[2.0, 2.1], [2.15, 2.25]])
+    np.testing.assert_allclose(report.gaps, gaps, rtol=0, atol=1e-9)
+    assert (report.doubled, report.out_of_place, report.bridged) == (7, 0, 3)
+    assert (report.segments, report.restarts, report.steady, report.even) == (2, 0, False, True)
+    assert report.too_short == pytest.approx(51 / 5802)
+    assert report.rate_hz == pytest.approx(1000)
+    assert report.jitter_s == pytest.approx(0, abs=1e-9)
+    assert with_filter(opened(even(1000.0), clavel)).clock.steady
+
+
 def test_uneven_samples_are_interpolated(clavel: Dynamics) -> None:
     """Positions follow the stamps: the same motion, taken at uneven times."""
     rng, fine = np.random.default_rng(7), even(20_000.0)

@@ -113,7 +113,7 @@ def test_columns_that_cannot_be_used(tmp_path: Path, case: str) -> None:
 def test_dates_have_no_unit(tmp_path: Path) -> None:
     mapping = ColumnMapping.model_validate({"time": {"column": "t", "unit": "ms"}})
     message = refusal(samples, dated(pl.Datetime("us")), tmp_path, mapping)
-    assert "time.unit: column t holds dates or times of day, which have no unit" in message
+    assert "time: column t holds dates or times of day, which have no unit" in message
 
 
 def test_dates_and_lists_of_pandas(tmp_path: Path) -> None:

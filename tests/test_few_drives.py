@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from command import run
-from deltaid import load_robot, use_mechanism
+from deltaid import load_mapping, load_robot, use_mechanism
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DescriptionError
@@ -218,3 +218,30 @@ def test_what_a_robot_can_reach_is_shown_in_space_only(planar: RobotDescription)
     output = run("--mechanism", PLANAR / "mechanism.py", "show", PLANAR / "robot.yaml")
     assert output.code == 2
     assert "moves along x and z only" in output.err
+
+
+def test_an_axis_in_a_mat_file_with_the_files_of_the_example(tmp_path: Path):
+    """Variables named and shaped as the public recording has them; its gain is in the mapping."""
+    from scipy.io import savemat
+
+    emps = PLANAR.parent / "emps"
+    use_mechanism(emps / "mechanism.py")
+    dynamics, rng = Dynamics(load_robot(emps / "robot.yaml")), np.random.default_rng(2)
+    truth = {"sled.m": 95.0, "viscous.drive1": 203.0, "coulomb.drive1": 20.0, "offset.drive1": -3.0}
+    names = [parameter.name for parameter in dynamics.layout.parameters]
+    p = np.array([truth.get(name, 0.0) for name in names])
+    time = np.arange(20_000) / 1000.0
+    z, v, a = random_motion(dynamics.kinematics, rng).evaluate(time)
+    force = dynamics.torque(z, v, a, p)
+    noisy = force + rng.normal(scale=0.02 * np.abs(force).max(), size=force.shape)
+    columns = {"t": time[:, None], "qm": z, "vir": noisy / 35.15065, "gtau": 35.15065}
+    savemat(tmp_path / "log.mat", columns)
+    lines = [
+        (emps / name).read_text("utf-8").count("\n") for name in ("robot.yaml", "columns.yaml")
+    ]
+    assert sum(lines) <= 20
+    mapping = load_mapping(emps / "columns.yaml")
+    model = identify(emps / "robot.yaml", tmp_path / "log.mat", columns=mapping).model
+    for parameter in model.parameters:
+        if parameter.name in truth:
+            assert parameter.value == pytest.approx(truth[parameter.name], rel=0.01, abs=0.1)

@@ -1,5 +1,7 @@
 """One recording in every kind of file, and the addresses of what files hold."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -174,7 +176,8 @@ def test_objects_of_matlab(tmp_path: Path) -> None:
     parts = tagged(6, flags) + b"".join(tagged(1, t) for t in (b"logs", b"MCOS", b"timeseries"))
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     path = write(tmp_path / "log.mat", header + tagged(14, parts))
-    message = refusal(read, path)
+    named = ColumnMapping.model_validate({"time": {"column": "t"}})
+    message = refusal(read, path, named)
     assert "its columns are logs (a MATLAB object of class timeseries)" in message
     assert "in MATLAB: x = logs; s.t = x.Time; s.q = squeeze(x.Data); save(" in message
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -183,7 +186,7 @@ def test_objects_of_matlab(tmp_path: Path) -> None:
         file["logs"].attrs["MATLAB_object_decode"] = np.int32(3)
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    assert "x = logs; s.t = seconds(x.Time - x.Time(1))" in refusal(read, path)
+    assert "x = logs; s.t = seconds(x.Time - x.Time(1))" in refusal(read, path, named)
 
 
 def test_what_else_matlab_keeps(tmp_path: Path) -> None:
@@ -259,6 +262,35 @@ def test_files_that_hold_something_else(tmp_path: Path) -> None:
         message = refusal(read, write(tmp_path / name, "t,q1,q2,q3\n0,0,0,0\n"))
         assert message.startswith(str(tmp_path / name))
         assert "damaged" in message
+
+
+def test_a_library_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log.h5"
+    KINDS["HDF5"].save(path)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    message = refusal(read, path)
+    assert "is an HDF5 file, and the library h5py that reads it is not installed" in message
+    assert "pip install 'deltaid[formats]'" in message
+
+
+def test_libraries_are_loaded_when_they_are_needed(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", recorded(300))
+    code = (
+        "import sys, pathlib, deltaid.recording.table as t;"
+        f"t.open_table(pathlib.Path({str(log)!r}));"
+        "assert not {'h5py', 'scipy.io', 'zstandard', 'pandas'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_process_that_is_aborted_says_why(tmp_path: Path) -> None:
+    code = (
+        "import os; from deltaid.recording.formats.last_words import last_words\n"
+        "with last_words('log: is damaged', 2): pass\n"
+        "with last_words('log: is damaged', 2): os.abort()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "error: log: is damaged\n")
 
 
 def test_default_names_of_arrays(tmp_path: Path) -> None:

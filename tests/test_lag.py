@@ -115,5 +115,5 @@ def test_reversals_are_left_out_on_demand() -> None:
 
 
 def test_a_recording_that_is_too_short_is_refused() -> None:
-    with pytest.raises(RecordingError, match="too few|too short"):
+    with pytest.raises(RecordingError, match=r"too few|too short"):
         traced(frame(np.zeros(3)).head(200))

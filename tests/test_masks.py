@@ -13,6 +13,7 @@ from deltaid.errors import RecordingError
 from deltaid.identification.gathering import gather
 from deltaid.identification.information import Information, merge
 from deltaid.identification.torque_error import torque_error
+from deltaid.model.left_out import LeftOut, Span
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.mask_search import MaskSearch
 from deltaid.recording.masks import Mask, Weights, kept
@@ -20,6 +21,7 @@ from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.recording.runs import joined, rolling, runs_of, without
 from deltaid.recording.stale import bridge
+from deltaid.report.left_out import left_out_table, reversals
 from interrupted import Interrupted, interrupted, mass_error
 from logs import write
 
@@ -343,6 +345,30 @@ def test_nothing_left_is_refused(tmp_path) -> None:
         opened(one, tmp_path)
     assert "--keep-all" in str(caught.value)
     assert not opened(one, tmp_path, keep_all=True).masks
+
+
+def test_table_names_reason_drives_share_and_times() -> None:
+    spans = tuple(Span(start=float(k), end=k + 0.25) for k in range(4))
+    clipped = LeftOut(
+        reason="saturated torque",
+        why="the channel ends",
+        drives=("drive2", "drive3"),
+        share=0.125,
+        spans=spans,
+        more=7,
+    )
+    turning = LeftOut(reason="reversal", why="turns", drives=("drive1",), share=0.01)
+    table = left_out_table([("a.csv", (clipped, turning))])
+    assert table is not None
+    first, second = table.rows
+    assert first[:3] == ("saturated torque", "2, 3", "12 %")
+    assert first[3] == "0.000–0.250, 1.000–1.250, 2.000–2.250 and 8 more"
+    assert second == ("reversal", "1", "1 %", "")
+    assert left_out_table([("a.csv", (turning,))]) is None
+    assert reversals((clipped, turning)) == ", 1 % left out at reversals"
+    several = left_out_table([("a.csv", (clipped,)), ("b.csv", (clipped,))])
+    assert several is not None
+    assert [row[0] for row in several.rows] == ["a.csv", "b.csv"]
 
 
 # Runs

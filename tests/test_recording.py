@@ -209,7 +209,7 @@ def _same(a: object, b: object) -> bool:
         fields = (field.name for field in dataclasses.fields(a) if field.compare)
         return all(_same(getattr(a, name), getattr(b, name)) for name in fields)
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return np.allclose(a, b, rtol=1e-12, atol=0)
+        return np.allclose(a, b, rtol=1e-10, atol=0)
     return a == b
 
 

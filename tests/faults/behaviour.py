@@ -7,7 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from faults.case import Case
-from faults.tools import drives, kind, one, only, recorded, replanted, scaled, spread
+from faults.tools import (
+    ImpossibleError,
+    drives,
+    kind,
+    one,
+    only,
+    recorded,
+    replanted,
+    scaled,
+    spread,
+)
 from oracle.tree import Array
 from plants import Truth
 
@@ -100,6 +110,8 @@ def load_change(case: Case, rng: np.random.Generator) -> Case:
     plant = replace(setting.plant, oracle=replace(oracle, bodies=loaded))
     with_load = replace(setting, plant=plant)
     switches = np.sort(rng.uniform(0.15, 0.85, int(rng.integers(1, 4)))) * setting.duration
+    if len(switches) > 1 and np.diff(switches).min() < 0.4:
+        raise ImpossibleError("nobody holds a load that shortly")
 
     def extra(truth: Truth) -> Array:
         held = np.searchsorted(switches, truth.time) % 2 == 1

@@ -38,10 +38,11 @@ def clock_jitter(case: Case, rng: np.random.Generator) -> Case:
     """Rows or their stamps are 5 to 40 % of a step from where an even clock has them."""
     setting, share = case.setting, spread(rng, 0.05, 0.4)
     late = share / setting.rate * rng.uniform(-1, 1, len(setting.time))
-    if rng.uniform() < 0.5:  # only the stamps are late
-        columns = dict(case.columns) | {"t": setting.time + late}
-        return replace(case, columns=columns, size=f"{share:.0%}, stamps")
-    return replace(recorded(case, jitter=late), size=f"{share:.0%}, rows")
+    words = "stamps"
+    if rng.uniform() < 0.5:  # the stamps are right
+        case, words = recorded(case, jitter=late), "rows"
+    columns = dict(case.columns) | {"t": setting.time + late}
+    return replace(case, columns=columns, size=f"{share:.0%}, {words}")
 
 
 @kind("clock")

@@ -13,6 +13,8 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
+from deltaid.check.resonance import resonances
+from deltaid.check.spectra import bandwidth, white_noise
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.words import listed, percent
 from deltaid.dynamics.dynamics import Parameters
@@ -31,6 +33,7 @@ from deltaid.identification.lag import (
 from deltaid.identification.patterns import Pattern, Scene, missing
 from deltaid.identification.searches import load_steps, ripples
 from deltaid.identification.traces import Delay, Trace, trace
+from deltaid.recording.windows import Samples
 
 # Above this [Hz] next to nothing of a Delta's motion is left, but rows grow in number.
 _CUTOFF = 30.0
@@ -43,6 +46,9 @@ _SPOILT, _MUCH = 0.05, 0.1
 # What is left of a drive's torque at least, as a share of its largest, to be compared with; and the
 # share that a single drive explains of what all do, where it is about this one.
 _FLOOR, _MOSTLY = 1e-5, 0.7
+# What is left is far above noise when it is so many times the noise and this share of the largest
+# torque; it comes in bursts when a tenth of the time has so much of it.
+_FAR, _SEEN, _BURSTS = 3.0, 0.01, 0.7
 # Nothing is said of a lag whose interval is wider [s].
 _UNKNOWN = 1e-3
 
@@ -78,7 +84,9 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     if study is None:
         return
     yield from _of_lag(study)
-    yield from _of_patterns(study)
+    ringing = tuple(_of_resonance(study))
+    yield from ringing
+    yield from _of_patterns(study, rings=any(v.grade is not Grade.GOOD for v in ringing))
 
 
 def _studied(evidence: Evidence) -> _Study | None:
@@ -273,14 +281,76 @@ def _causes(study: _Study) -> list[_Cause]:
     return causes
 
 
-def _of_patterns(study: _Study) -> Iterator[Verdict]:
+def _of_resonance(study: _Study) -> Iterator[Verdict]:
+    scene = study.scene
+    stretch = max(scene.trace.stretches, key=lambda one: len(one.time))
+    rate = scene.trace.low_pass.rate
+    q = scene.trace.dynamics.kinematics.inverse(stretch.z)
+    yield from resonances(
+        _raw(study, stretch), rate, bandwidth(q, rate), _largest(study), scene.drives
+    )
+
+
+def _raw(study: _Study, stretch: Samples) -> Float[np.ndarray, "samples dof"]:
+    """Torques less those of the model at the full rate, nothing put back or filtered."""
+    w, dynamics = stretch, study.scene.trace.dynamics
+    left = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.scene.p)
+    return np.where(w.weights > 0, left, 0.0)
+
+
+def _largest(study: _Study) -> Float[np.ndarray, " dof"]:
+    return np.maximum(np.abs(study.scene.model).max(axis=1), 1e-300)
+
+
+def _of_patterns(study: _Study, *, rings: bool) -> Iterator[Verdict]:
+    """The causes that count; where there is none, whether more is left than noise.
+
+    Args:
+        rings: whether a resonance explains what is left.
+    """
     causes = _causes(study)
     for cause in causes:
         if (words := _WORDS.get(cause.kind)) is not None:
             yield _verdict(study, cause, words)
-    if not causes:
+    if causes:
+        return
+    left = (
+        study.account.left.reshape(len(study.scene.drives), -1) * study.scene.basis.scale[:, None]
+    )
+    rms = np.sqrt(np.mean(left**2, axis=1))
+    noise, largest = _noise(study), _largest(study)
+    times = rms / np.maximum(noise, _FLOOR * largest)
+    worst = int(np.argmax(np.where(rms > _SEEN * largest, times, 0.0)))
+    number, drive = float(times[worst]), study.scene.drives[worst]
+    if rings or number < _FAR or rms[worst] < _SEEN * largest[worst]:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
-        yield Verdict("residual", Grade.GOOD, seen)
+        yield Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
+        return
+    short = np.sort(left[worst] ** 2)[-max(len(left[worst]) // 10, 1) :].sum()
+    bursts = short > _BURSTS * np.sum(left[worst] ** 2)
+    yield Verdict(
+        "residual",
+        Grade.DOUBTFUL,
+        f"the fit leaves {number:.3g} times the noise of {drive}'s torque, "
+        f"{percent(rms[worst] / largest[worst])} of its largest, "
+        + ("in short bursts" if bursts else "and it follows neither speed, place, time nor load"),
+        subject=drive,
+        cause="knocks: contact with something, backlash that closes, or stops"
+        if bursts
+        else "something that the model has no words for, such as compliance, backlash or cables",
+        cure="look at the residual over time in the report, and leave out what was no free motion"
+        if bursts
+        else "look at the residual over time in the report; check play and stiffness of the gears",
+        number=number,
+        unit="times the noise",
+    )
+
+
+def _noise(study: _Study) -> Float[np.ndarray, " dof"]:
+    """What white noise of the torques would leave after the filter."""
+    stretch = max(study.scene.trace.stretches, key=lambda one: len(one.time))
+    low_pass = study.scene.trace.low_pass
+    return white_noise(_raw(study, stretch), low_pass.rate) * low_pass.noise_gain
 
 
 def _verdict(study: _Study, cause: _Cause, words: "_Words") -> Verdict:

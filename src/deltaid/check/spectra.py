@@ -5,6 +5,8 @@ from jaxtyping import Float
 
 # Rows that a spectrum is made of at most.
 _MOST = 1 << 16
+# Samples of a stretch in which noise is looked at.
+_SHORT = 32
 # A line of a motion stands so far above the noise; this share of the acceleration is below its
 # highest frequency.
 _ABOVE, _BELOW = 30.0, 0.98
@@ -36,8 +38,8 @@ def bandwidth(q: Signals, rate: float) -> float:
     frequency = np.fft.rfftfreq(n, 1 / rate)
     floor = np.median(power[3 * len(power) // 4 :], axis=0)
     power[power < _ABOVE * floor] = 0.0
-    size = np.maximum(np.ptp(x, axis=0), 1e-300) ** 2
-    bending = np.sum(power / size, axis=1) * frequency**4
+    size = np.ptp(x, axis=0)
+    bending = np.sum(power[:, size > 0] / size[size > 0] ** 2, axis=1) * frequency**4
     total = np.cumsum(bending)
     if total[-1] == 0:
         return 0.0
@@ -59,11 +61,21 @@ def density(x: Signals, rate: float, length: int) -> tuple[np.ndarray, np.ndarra
 
 
 def white_noise(x: Signals, rate: float) -> Float[np.ndarray, " channels"]:
-    """Standard deviation of the white noise that the upper half of the band shows."""
-    length = min(1024, max(32, len(x) // 8))
-    frequency, power = density(x, rate, length)
-    upper = frequency > 0.25 * rate
-    return np.sqrt(np.median(power[upper], axis=0) * 0.5 * rate)
+    """Standard deviation of the white noise that the upper half of the band shows.
+
+    A median over short stretches, so that steps of friction, of which few have one, do not count.
+    """
+    parts = x[: len(x) // _SHORT * _SHORT].reshape(-1, _SHORT, x.shape[1])
+    line = np.linspace(-1.0, 1.0, _SHORT)
+    parts = parts - parts.mean(axis=1, keepdims=True)
+    slope = np.einsum("psc,s->pc", parts, line) / (line @ line)
+    window = np.hanning(_SHORT + 2)[1:-1]
+    parts = (parts - slope[:, None] * line[:, None]) * window[:, None]
+    power = np.abs(np.fft.rfft(parts, axis=1)[:, _SHORT // 4 + 1 : -1]) ** 2
+    if not power.size:
+        return np.zeros(x.shape[1])
+    # The median of an exponential distribution is ln 2 times its mean.
+    return np.sqrt(np.median(power, axis=(0, 1)) / np.log(2) / np.sum(window**2))
 
 
 def step_of(x: Float[np.ndarray, " rows"]) -> float:

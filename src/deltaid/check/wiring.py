@@ -17,9 +17,11 @@ from deltaid.check.evidence import Evidence
 from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring_cures import Entries, Values
 from deltaid.check.wiring_motion import Motion, motion
+from deltaid.check.wiring_residual import Map
 from deltaid.check.wiring_scale import overall, ratios, unit_of
-from deltaid.check.wiring_search import GAIN, SLIDING, TURNING, Candidate, explained
+from deltaid.check.wiring_search import SLIDING, TURNING, Candidate, explained
 from deltaid.check.wiring_velocities import velocity_verdicts
+from deltaid.check.wiring_velocity import rates
 from deltaid.check.wiring_zeros import zero_verdicts
 from deltaid.check.words import listed, percent
 
@@ -27,6 +29,8 @@ from deltaid.check.words import listed, percent
 _WRONG_SCALE, _DOUBTFUL_SCALE = 4.0, 2.5
 # Share of the torques that the right columns may leave.
 _EXPLAINED = 0.5
+# The part of it that hypotheses are looked for on, if it has so many samples.
+_FEW = 150
 _PART = {"longest": 6.0, "oversampled": 10.0}
 
 
@@ -88,9 +92,11 @@ def wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     None where the recording is too short to be filtered.
     """
     fine = motion(evidence.rows)
-    coarse = motion(evidence.rows, **_PART)
-    if fine is None or coarse is None:
+    if fine is None:
         return ()
+    coarse = motion(evidence.rows, **_PART)
+    if coarse is None or len(coarse.tau) < _FEW:
+        coarse = fine
     good = explained(evidence.dynamics, fine, coarse)
     if not good:
         return (_out_of_reach(evidence),)
@@ -191,7 +197,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
         key = "angle-unit"
     else:
         ratio = 1 / factor
-        gear = f"a gear of about {rounded_text(ratio)}"
+        gear = f"a gear of about {ratio:.3g}"
         if linear:
             gear = f"a lead of about {1e3 * 2 * np.pi * factor:.3g} mm per revolution"
         cause = f"positions of {whose} are those of the motor, behind {gear}"
@@ -215,20 +221,12 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
     )
 
 
-def rounded_text(ratio: float) -> str:
-    """A gear as text."""
-    return f"{ratio:.3g}"
-
-
 def _stated(values: Values) -> Values:
     return {i: entry for i, entry in values.items() if entry}
 
 
 def _follow(case: Case, drives: list[int]) -> bool:
-    """Whether velocities are the derivatives of the positions as mapped, and so change with them."""
-    from deltaid.check.wiring_residual import Map
-    from deltaid.check.wiring_velocity import rates
-
+    """Whether velocities are derivatives of the positions as mapped, and so change with them."""
     plain = rates(case.motion, Map.identity(len(case.names)))
     return all(0.8 < one.scale < 1.25 for one in plain if one.drive in drives) and bool(plain)
 
@@ -369,9 +367,9 @@ def _torques(case: Case) -> Iterator[Verdict]:
         yield _all_torques(case, size)
     for i in np.flatnonzero(best.loose):
         own = overall(case.ratios[i])
-        if i not in units and not common and len(tied) < len(case.names):
-            if max(own, 1 / own) > _WRONG_SCALE:
-                yield _one_torque(case, int(i), 1 / own, rough=True)
+        alone = i not in units and not common and len(tied) < len(case.names)
+        if alone and max(own, 1 / own) > _WRONG_SCALE:
+            yield _one_torque(case, int(i), 1 / own, rough=True)
 
 
 def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:
@@ -423,7 +421,7 @@ def _all_torques(case: Case, size: float) -> Verdict:
         cause += f" of about {1 / size:.2g}" if not case.linear(0) else " or spindle"
         cause += ", or currents without their torque_constant"
         if grade is Grade.DOUBTFUL:
-            cause = f"a gear that is not declared, or a prior that is {1 / size:.2g} times too heavy"
+            cause = f"a gear is not declared, or the prior is {1 / size:.2g} times too heavy"
         return Verdict("gear", grade, seen, "", cause,
                        "declare gear (or lead) and torque_constant of the torque columns",
                        number=size)  # fmt: skip
@@ -446,6 +444,3 @@ def _all_torques(case: Case, size: float) -> Verdict:
     return Verdict("torque-unit", grade, seen, "", cause, cure,
                    entries.proposal(torque=_stated(values)) if values else (),
                    number=size)  # fmt: skip
-
-
-assert GAIN > 1

@@ -7,6 +7,7 @@ blocks of time says, for noise of any colour.
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -28,13 +29,16 @@ class Shifts:
         H: products of their columns, freed of what parameters explain.
         scores: of each block, (blocks, columns).
         left: sum of squares without them, freed likewise.
-        drives: number of zeros; two angles of gravity follow.
+        drives: number of zeros; two angles of gravity follow, or none without gravity, then what
+            else a drive may have: an offset of its torque, and a gain.
+        angles: 2, or 0.
     """
 
     H: Float[np.ndarray, "columns columns"]
     scores: Float[np.ndarray, "blocks columns"]
     left: float
     drives: int
+    angles: int
 
     @property
     def homing(self) -> list[int]:
@@ -44,7 +48,18 @@ class Shifts:
     @cached_property
     def tilt(self) -> list[int]:
         """Columns of the direction of gravity."""
-        return list(range(self.drives, len(self.H)))
+        return list(range(self.drives, self.drives + self.angles))
+
+    @cached_property
+    def offsets(self) -> list[int]:
+        """Columns of constant torques."""
+        first = self.drives + self.angles
+        return list(range(first, first + self.drives))
+
+    @cached_property
+    def gains(self) -> list[int]:
+        """Columns of gains; all together are the torques, so one must be left out then."""
+        return list(range(self.drives + self.angles + self.drives, len(self.H)))
 
     def told(
         self, which: list[int], beside: list[int] | None = None
@@ -56,15 +71,11 @@ class Shifts:
         inverse = np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9) * np.outer(scale, scale)
         s = self.scores[:, at]
         value = inverse @ s.sum(axis=0)
-        own = np.stack([b - share for b, share in zip(s, self._shares(H, value), strict=True)])
-        centred = own - own.mean(axis=0)
+        centred = s - s.mean(axis=0)
         blocks = len(s)
         spread = centred.T @ centred * blocks / max(blocks - len(at), 1)
         covariance = inverse @ spread @ inverse
         return value[:n], covariance[:n, :n]
-
-    def _shares(self, H: np.ndarray, value: np.ndarray) -> np.ndarray:
-        return np.zeros((len(self.scores), len(value))) + (H @ value) / len(self.scores)
 
     def certainty(self, which: list[int], beside: list[int] | None = None) -> float:
         """Wald's distance of some columns from zero, a number of standard deviations each."""
@@ -88,6 +99,8 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     tau = best.gains @ found.A[C:][rows]
     p = _parameters(dynamics, best, tau)
     D = _columns(dynamics, motion, best, p)
+    angles = len(D) - dof
+    D = np.concatenate([D, _others(dof, motion, best)])
     D = (D[:, :, found.keep] * found.weights[:, None]).reshape(len(D), -1)
     Y = found.A[:C]
     D = D - (D @ Y.T @ found.inverse) @ Y
@@ -95,8 +108,8 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     count = int(found.keep.sum())
     edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
     products = (D * e).reshape(len(D), dof, count).sum(axis=1)
-    scores = np.stack([products[:, a:b].sum(axis=1) for a, b in zip(edges, edges[1:])])
-    return Shifts(D @ D.T, scores, float(e @ e), dof)
+    scores = np.stack([products[:, a:b].sum(axis=1) for a, b in pairwise(edges)])
+    return Shifts(D @ D.T, scores, float(e @ e), dof, angles)
 
 
 def _parameters(
@@ -138,9 +151,17 @@ def _columns(
     z = best.residual.poses.z[at]
     moments = _moments(dynamics, z, p)  # ∂(Σ m r)/∂q
     g = np.array(dynamics.robot.gravity)
-    for axis in across(g):
-        slopes.append(-np.einsum("k,skd->ds", np.cross(axis, g), moments))
+    slopes += [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]
     return np.stack(slopes)
+
+
+def _others(dof: int, motion: Motion, best: Candidate) -> Float[np.ndarray, "columns drives kept"]:
+    """Offsets and gains of all drives."""
+    tau = best.gains[:, None] * motion.tau.T[list(best.order)]
+    offsets, gains = np.zeros((2, dof, *tau.shape))
+    at = np.arange(dof)
+    offsets[at, at], gains[at, at] = 1.0, tau
+    return np.concatenate([offsets, gains])
 
 
 def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
@@ -169,7 +190,6 @@ def _moments(
         return total
 
     along = [
-        (moment(z + step) - moment(z - step)) / (2 * _STEP)
-        for step in _STEP * np.eye(dynamics.dof)
+        (moment(z + step) - moment(z - step)) / (2 * _STEP) for step in _STEP * np.eye(dynamics.dof)
     ]
     return np.stack(along, axis=2) @ np.linalg.inv(kinematics.jacobian(z))

@@ -24,6 +24,12 @@ from deltaid.recording.spectrum import SpectrumEstimate, power_of
 
 # The highest cut-off [Hz]: enough to tell columns apart.
 _HIGHEST_CUTOFF = 30.0
+# The share of the speeds' power that counts, and how far above it the cut-off is.
+_MOST_POWER, _ABOVE = 0.999, 3.0
+# Steps of friction need a grid that is fine whatever the cut-off [Hz].
+_SLOWEST = 20.0
+# Drives with less power than this share of the liveliest one's do not count.
+_MOVING = 1e-4
 # Rows missing in a row that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 
@@ -41,7 +47,7 @@ class Motion:
         low_pass: what makes kept ones of samples.
         time: of the rows as they are [s].
         raw_q, raw_qd: of the same rows, unfiltered.
-        full: the low-pass for these.
+        full: the low-pass for these; `every` which of its outputs a sample is.
     """
 
     q: Values
@@ -54,6 +60,7 @@ class Motion:
     raw_q: Values
     raw_qd: Values
     full: LowPass
+    every: int
 
     def filtered(self, x: Float[np.ndarray, "channels samples"]) -> Values:
         """The low-pass over something that follows from samples, thinned: (channels, kept)."""
@@ -82,7 +89,7 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
     if not tau.shape[1] or len(time) < samples_needed(cutoff, rate):
         return None
     full = design_low_pass(cutoff, rate, single=True)
-    every = max(1, int(rate / (oversampled * cutoff)))
+    every = max(1, int(rate / (oversampled * max(cutoff, _SLOWEST))))
     again = design_low_pass(cutoff, rate / every, single=True)
     inner = slice(full.margin - full.half, len(time) - (full.margin - full.half))
     x = q.T
@@ -103,19 +110,30 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
         raw_q=q,
         raw_qd=qd,
         full=full,
+        every=every,
     )
 
 
 def _cutoff(q: Values, rate: float) -> float:
+    """The usual one, or less: three times the frequency that 99.9 % of the speeds' power is below.
+
+    Noise of coarse encoders is not white: it lets the usual rule go too high for accelerations.
+    """
     spectrum = SpectrumEstimate(q.shape[1])
     spectrum.add(power_of(q))
-    found = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
-    return float(np.clip(found, LOWEST_CUTOFF, min(HIGHEST * rate, _HIGHEST_CUTOFF)))
+    usual = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
+    t = np.linspace(-1, 1, len(q))[:, None]
+    x = q - q.mean(axis=0)
+    x = (x - t * (t * x).mean(axis=0) / np.mean(t**2)) * np.hanning(len(q))[:, None]
+    frequency = np.fft.rfftfreq(len(q), 1 / rate)
+    total = np.cumsum(np.abs(np.fft.rfft(x, axis=0) * frequency[:, None]) ** 2, axis=0)
+    moving = total[:, total[-1] > _MOVING * total[-1].max()]
+    most = max(frequency[np.searchsorted(one, _MOST_POWER * one[-1])] for one in moving.T)
+    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * float(most))
+    return float(min(max(LOWEST_CUTOFF, min(usual, highest)), HIGHEST * rate))
 
 
-def _even(
-    rows: Rows, longest: float
-) -> tuple[np.ndarray, Values, Values, Values] | None:
+def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Values] | None:
     """Time, q, q̇ and τ of the liveliest stretch without a gap, evenly spaced."""
     finite = np.isfinite(rows.time)
     for values in (rows.q, rows.qd, rows.tau):
@@ -144,9 +162,7 @@ def _even(
                     if v.shape[1] else v[: len(grid)] for v in values))  # fmt: skip
 
 
-def _liveliest(
-    q: Values, starts: np.ndarray, stops: np.ndarray, most: int
-) -> tuple[int, int]:
+def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, most: int) -> tuple[int, int]:
     """First row and end of the stretch with the longest way of all drives."""
     spread = np.ptp(q, axis=0)
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)

@@ -2,12 +2,11 @@
 
 With the columns [Y, E_11, E_12, …], E_ij the torque column j in the rows of drive i, their products
 give S = Eᵀ(1 − Y Y⁺)E: the residual of any assignment u of torque columns to drives, with signs and
-gains, is uᵀS u, and its share of the torques uᵀS u / uᵀD u with D = diag ‖E_ij‖². A residual of 1e-6
-of the torques is all that this has to see, so normal equations do.
+gains, is uᵀS u, and its share of the torques uᵀS u / uᵀD u with D = diag ‖E_ij‖². What is less than
+1e-6 of the torques need not be seen, so normal equations do.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -168,6 +167,4 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     D = np.diag(G)[C:].reshape(dof, dof)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
     along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
-    return Residual(
-        map, found, G, inverse, norms, columns, S, D, weights, along, prior, keep, A
-    )
+    return Residual(map, found, G, inverse, norms, columns, S, D, weights, along, prior, keep, A)

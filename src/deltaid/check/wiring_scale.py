@@ -1,4 +1,4 @@
-"""How large torques are beside those of the prior: the only yardstick for a scale that all share."""
+"""How large torques are beside those of the prior: the only yardstick of a scale that all share."""
 
 import numpy as np
 from jaxtyping import Float

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
 from deltaid.check.wiring_motion import Motion
@@ -19,14 +19,23 @@ CLOSED, _CLOSED, _LOOKED_AT = 0.98, 0.9, 0.3
 # Samples that closing is tried on first.
 _FEW = 40
 # Torques that go with the prior's like this, and gains that show like this, need no search.
-_ALONG, _SURE, _SHOWN = 0.85, 0.9, 4.0
+_ALONG, _ALONG_LOOSE, _SURE, _SHOWN = 0.85, 0.6, 0.9, 4.0
+# Gains far from the others' must show like this.
+_SHOWN_FAR = 3.0
+# Without that, hypotheses are not believed.
+_SENSIBLE = 0.5
 # Hypotheses that leave so much more than the best one are as good as it.
 _AS_GOOD = 1.2
+# Those that are looked at again on all samples, and how many at most.
+_NEAR, _DECIDED = 2.0, 6
 # A hypothesis must leave so much less than the mapping does.
-_BETTER = 1.4
+# One with factors of positions, which fit anything, so much less.
+_BETTER, _SURELY, _FAR_BETTER = 1.06, 100.0, 3.0
 # Twice the logarithm of a likelihood ratio beyond which a factor of positions is not as good as
 # another: noise that is not white counts several times.
 _CERTAIN = 25.0
+# Correlation of residuals of drives that hang together.
+_TIED = 0.25
 # Factors that positions of a motor are looked for by, and how many.
 _SMALLEST, _LARGEST, _GRID, _HALVINGS = 1 / 3000, 1 / 1.5, 16, 9
 
@@ -74,7 +83,13 @@ class Candidate:
     @property
     def clear(self) -> bool:
         """Whether nothing better can be hoped for."""
-        return self.closes and bool(self.along.min() > _ALONG) and self.shown > _SHOWN
+        least = np.where(self.loose, _ALONG_LOOSE, _ALONG)
+        return self.closes and bool(np.all(self.along > least)) and self.shown > _SHOWN
+
+    @property
+    def sensible(self) -> bool:
+        """Whether it makes torques go with the motion at all."""
+        return bool(np.all(self.along[~self.loose] > _SENSIBLE)) and self.left < 0.5
 
     @property
     def changes(self) -> int:
@@ -83,7 +98,6 @@ class Candidate:
         moved = sum(a != b for a, b in zip(m.order, plain, strict=True))
         moved += sum(a != b for a, b in zip(self.order, plain, strict=True))
         return moved + _distinct(np.array(m.scale)) + _distinct(self.gains)
-
 
     @property
     def scaled(self) -> bool:
@@ -94,6 +108,17 @@ class Candidate:
     def unnamed(self) -> bool:
         """Whether they are in no unit that has a name."""
         return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
+
+    def beats(self, plain: "Candidate") -> bool:
+        """Whether it leaves so much less than the positions as mapped that these are out."""
+        if self is plain:
+            return True
+        if self.scaled:
+            return plain.left > _FAR_BETTER * self.left
+        if plain.changes:
+            return True
+        rows = self.residual.A.shape[1]
+        return plain.left > _BETTER * self.left and rows * np.log(plain.left / self.left) > _SURELY
 
     def as_likely_as(self, best: "Candidate") -> bool:
         """Whether noise can have made the difference to what leaves least."""
@@ -118,26 +143,29 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     """
     identity = Map.identity(dynamics.dof)
     plain = next(tried(dynamics, fine, [identity], least=_LOOKED_AT), None)
-    if plain is not None and plain.clear and plain.changes == 0:
+    settled = plain is not None and plain.clear and plain.changes == 0
+    if plain is not None and settled and not _other_order(dynamics, coarse):
         return (plain,)
-    found = _ranked(tried(dynamics, coarse, _maps(dynamics)))
-    if not found or not found[0].clear or found[0].scaled:
+    maps = _orders(dynamics) if settled else _maps(dynamics)
+    found = _ranked(tried(dynamics, coarse, maps))
+    if not settled and (not found or not found[0].clear or found[0].scaled):
         found = _ranked([*found, *_of_motors(dynamics, coarse)])
         if found and found[0].scaled:
             found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
-    maps = dict.fromkeys(one.map for one in found if one.left < 2 * found[0].left)
-    decided = _ranked(tried(dynamics, fine, list(maps)[:6]))
+    near: list[Candidate] = [one for one in found if one.left < _NEAR * found[0].left]
+    near.sort(key=lambda one: (one.left > _AS_GOOD * found[0].left, one.changes))
+    decided = _ranked(tried(dynamics, fine, [*dict.fromkeys(one.map for one in near)][:_DECIDED]))
     if plain is not None:
         decided = _ranked([*(one for one in decided if one.map != identity), plain])
     if not decided:
         return ()
     best = decided[0]
     good = [one for one in decided if one.left < _AS_GOOD * best.left]
-    if best.scaled:
-        good = [one for one in good if one.as_likely_as(best)]
+    if plain is not None and plain.closes:
+        good = [one for one in good if one.sensible and one.beats(plain)] or [plain]
+    if good[0].scaled:
+        good = [one for one in good if one.as_likely_as(good[0])]
     good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))
-    if plain is not None and plain.changes == 0 and plain.left < _BETTER * best.left:
-        good = [plain, *(one for one in good if one is not plain)]
     return tuple(good)
 
 
@@ -146,9 +174,19 @@ def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
 
 
 def tried(
-    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], least: float = _CLOSED, *, as_is: bool = False
+    dynamics: Dynamics,
+    motion: Motion,
+    maps: Iterable[Map],
+    least: float = _CLOSED,
+    *,
+    as_is: bool = False,
 ) -> Iterator[Candidate]:
-    """Candidates of those maps whose loops close; with torque columns in their order, if `as_is`."""
+    """Candidates of those maps whose loops close.
+
+    Args:
+        least: the share of the samples at which they must.
+        as_is: whether torque columns stay in their order.
+    """
     few = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
     for one in maps:
         if poses(dynamics, one.values(motion.q[few])).share < least:
@@ -157,6 +195,23 @@ def tried(
         if found is not None:
             plain = tuple(range(dynamics.dof))
             yield assigned(found, plain) if as_is else best_of(found)
+
+
+def _orders(dynamics: Dynamics) -> Iterator[Map]:
+    plain = Map.identity(dynamics.dof)
+    return (replace(plain, order=order) for order in permutations(plain.order))
+
+
+def _other_order(dynamics: Dynamics, motion: Motion) -> bool:
+    """Whether all columns together fit better in another order; the first is the mapping's."""
+    left = []
+    few = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+    for map in _orders(dynamics):
+        if poses(dynamics, map.values(motion.q[few])).share >= _CLOSED:
+            found = residual(dynamics, motion, map)
+            if found is not None:
+                left.append(found.share(map.order, np.ones(len(map.order))))
+    return len(left) > 1 and left[0] > 1.02 * min(left)
 
 
 def _maps(dynamics: Dynamics) -> Iterator[Map]:
@@ -282,7 +337,7 @@ def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
     """The best signs and gains of one order of the torque columns."""
     S, D = found.of(order)
     n = len(order)
-    loose = np.array([n == 1 or _loose(S, D, i) for i in range(n)])
+    loose = _loose(S)
     values, vectors = eigh(S, np.diag(D))
     u = vectors[:, 0]
     tied = np.flatnonzero(~loose)
@@ -291,23 +346,26 @@ def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
         values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
         u[tied] = vectors[:, 0]
         shown = float(np.sqrt(values[1] / max(values[0], 1e-30)))
-    gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    sign, gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    if shown < _SHOWN_FAR or found.share(order, sign) < _FAR_BETTER * found.share(order, gains):
+        gains = sign  # a drive that nothing explains would only be weighed less
     raised = 1 + 3 * (1 - found.poses.share)
     return Candidate(found, order, gains, loose, raised * found.share(order, gains), shown)
 
 
-def _loose(S: np.ndarray, D: np.ndarray, i: int) -> bool:
-    """Whether the gain of drive i does not show: its rows alone are explained as well as all."""
-    rest = [j for j in range(len(D)) if j != i]
-    alone = S[i, i] / D[i]
-    others = eigh(S[np.ix_(rest, rest)], np.diag(D[rest]), eigvals_only=True)[0]
-    return bool(alone < 4 * max(others, 1e-12) and alone < 0.02)
+def _loose(S: Float[np.ndarray, "drives drives"]) -> Bool[np.ndarray, " drives"]:
+    """Drives whose gain does not show: their residual goes with no other's.
+
+    Of limbs that share a platform it does by 0.5 at least, of a telescope's drive by 0.1 at most.
+    """
+    size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
+    return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
 
 
 def _settled(
     along: Float[np.ndarray, " drives"], u: Float[np.ndarray, " drives"], loose: np.ndarray
-) -> Float[np.ndarray, " drives"]:
-    """Signs and gains: 1 but where a gain is far from those of the others.
+) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
+    """Signs, and with them gains: 1 but where one is far from those of the others.
 
     Signs of drives that hang together are one another's; which of both ways, and the sign of a
     loose drive, the prior says.
@@ -318,4 +376,4 @@ def _settled(
     sign[loose] = np.where(along[loose] < 0, -1.0, 1.0)
     size = np.abs(u) / np.median(np.abs(u[tied])) if tied.sum() > 1 else np.ones(len(u))
     far = tied & ((size > GAIN) | (size < 1 / GAIN))
-    return np.where(far, sign * size, sign)
+    return sign, np.where(far, sign * size, sign)

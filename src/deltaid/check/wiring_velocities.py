@@ -16,7 +16,7 @@ _TOGETHER, _BETTER = 0.9, 0.05
 # A scale so far from 1 is another unit, wrong, doubtful.
 _UNIT, _WRONG, _DOUBTFUL = 2.2, 1.2, 1.02
 # A lag [s] is doubtful beyond this, this share of a sample and so many standard deviations.
-_LAG, _OF_SAMPLE, _CERTAIN = 0.3e-3, 0.6, 6.0
+_LAG, _OF_SAMPLE, _CERTAIN = 0.3e-3, 0.05, 6.0
 _TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
             np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
 _SLIDING = {1e3: "mm/s", 1e-3: "m/s, and not in mm/s"}
@@ -39,12 +39,13 @@ def velocity_verdicts(
     if swapped:
         yield _order(names, swapped, entries)
         return
-    scaled = [one for one in found if one.own > _TOGETHER and not 1 / _DOUBTFUL < one.scale < _DOUBTFUL]
     lost = [one for one in found if one.own <= _TOGETHER]
+    own = [one for one in found if one.own > _TOGETHER]
+    scaled = [one for one in own if not 1 / _DOUBTFUL < one.scale < _DOUBTFUL]
     yield from _scales(evidence, scaled, entries)
     for one in lost:
         yield _lost(names[one.drive], one)
-    late = [one for one in found if one.own > _TOGETHER and _is_late(one, evidence.rows.step)]
+    late = [one for one in own if _is_late(one, evidence.rows.step)]
     if late and not lost:
         yield _late(names, late, entries)
     if found and not scaled and not lost and not late:

@@ -45,9 +45,8 @@ def rates(motion: Motion, map: Map) -> tuple[Rate, ...]:
     if not raw.shape[1]:
         return ()
     full, inner = motion.full, motion.full.margin - motion.full.half
-    every = max(1, int(round((len(motion.raw_q) - 2 * full.margin) / max(len(motion.q), 1))))
-    v = apply(full.smooth, raw[inner : len(raw) - inner].T, every)[:, : len(motion.qd)].T
-    d, dd = map.rates(motion.qd)[: len(v)], map.rates(motion.qdd)[: len(v)]
+    v = apply(full.smooth, raw[inner : len(raw) - inner].T, motion.every).T
+    d, dd = map.rates(motion.qd), map.rates(motion.qdd)
     size = np.sqrt(np.mean(d**2, axis=0))
     moving = size > _RESTS * size.max()
     norm = np.linalg.norm(d, axis=0)[:, None] * np.linalg.norm(v, axis=0)[None]

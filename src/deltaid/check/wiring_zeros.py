@@ -12,12 +12,16 @@ from deltaid.check.wiring_homing import Shifts, across, shifts
 from deltaid.check.wiring_motion import Motion
 from deltaid.check.wiring_residual import residual
 from deltaid.check.wiring_search import CLOSED, Candidate, assigned
+from deltaid.check.words import listed
 
-# Standard deviations from zero that are said, and that leave no doubt; one that needs both is out.
-_SEEN, _CLEAR, _NEEDED = 5.0, 8.0, 3.5
-# Share of what is unexplained that they explain: below the first something else is to be looked
-# for, above the second nothing else is.
-_LITTLE, _MUCH = 0.005, 0.3
+# Standard deviations from zero that are said, and beside which another cause is not needed.
+_SEEN, _NEEDED = 4.2, 3.5
+# Share of what is unexplained that they explain: below it something else is to be looked for.
+_LITTLE = 0.005
+# Share of what one drive's zero explains that another's has to.
+_RIVAL = 0.7
+# Difference of shares that is none.
+_SAME = 0.002
 # Gauss–Newton steps for a zero.
 _STEPS = 3
 
@@ -41,29 +45,40 @@ def zero_verdicts(
         else:
             yield _open(best)
         return
+    if _better_explained(told, one):
+        return
     beside = _sure(told, [one], told.tilt) if told.tilt else zeroed
     instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
-    grade = Grade.WRONG if not closes else Grade.DOUBTFUL
-    if max(zeroed, tilted) > _CLEAR and explains > _MUCH:
-        grade = Grade.WRONG
-    zero = instead < _NEEDED and (beside >= _NEEDED or zeroed >= tilted)
-    tilt = beside < _NEEDED and (instead >= _NEEDED or tilted >= zeroed)
-    either = instead < _NEEDED and beside < _NEEDED
-    if told.tilt and instead >= _NEEDED and beside >= _NEEDED:
-        # Neither alone: zeros of several drives mimic any tilt.
-        tilt = told.gain(told.tilt) > told.gain([one])
-        zero, either = not tilt, True
-    names, several = evidence.robot.drives, _several(told, one)
+    grade = Grade.DOUBTFUL if closes else Grade.WRONG
+    # Zeros of several drives mimic any tilt, so the simpler of both is said where both are left.
+    either = (instead < _NEEDED) == (beside < _NEEDED)
+    zero = told.gain([one]) > told.gain(told.tilt) if either and told.tilt else beside >= _NEEDED
+    rivals = [one, *(i for i in drives if i != one and _rival(told, one, i))]
     way = _zero(evidence, motion, best, told, one)
-    yield _verdict(
-        evidence, told, entries, one, way,
-        grade=grade, zero=zero, tilt=tilt, either=either, name=names[one], several=several,
-    )  # fmt: skip
+    yield _verdict(evidence, told, entries, rivals, way, grade=grade, zero=zero, either=either)
 
 
-def _several(told: Shifts, one: int) -> bool:
-    others = [i for i in told.homing if i != one]
-    return bool(others) and _sure(told, others, [one]) > _SEEN
+def _rival(told: Shifts, one: int, other: int) -> bool:
+    """Whether the zero of another drive explains as much as that of the first."""
+    return told.gain([other]) > _RIVAL * told.gain([one]) and _sure(told, [one], [other]) < _NEEDED
+
+
+def _better_explained(told: Shifts, one: int) -> bool:
+    """Whether gains or offsets of the torques leave nothing to zeros and gravity.
+
+    Those of all drives must do what these cannot; that of one drive is as simple as they are.
+    """
+    both = [which for which in ([one], told.tilt) if which]
+    most = max(told.gain(which) for which in both)
+    for others in (told.offsets, told.gains[1:]):
+        if others and all(
+            _sure(told, which, others) < _NEEDED <= _sure(told, others, which) for which in both
+        ):
+            return True
+    return any(
+        told.gain([k]) > most - _SAME and all(_sure(told, w, [k]) < _NEEDED for w in both)
+        for k in told.gains
+    )
 
 
 def _sure(told: Shifts, which: list[int], beside: list[int] | None = None) -> float:
@@ -98,20 +113,21 @@ def _verdict(
     evidence: Evidence,
     told: Shifts,
     entries: Entries,
-    one: int,
+    rivals: list[int],
     way: tuple[float, float],
     *,
     grade: Grade,
     zero: bool,
-    tilt: bool,
     either: bool,
-    name: str,
-    several: bool,
 ) -> Verdict:
+    one, *rest = rivals
+    name, *others = (evidence.robot.drives[i] for i in (one, *rest))
     linear = evidence.robot.is_linear(name)
     unit = "mm" if linear else "mrad"
     number = 1e3 * way[0]
     of_zero = f"a zero of {name} that is {abs(number):.3g} ± {1e3 * way[1]:.1g} {unit} off"
+    if others:
+        of_zero += f" (or one of {listed(others)}: the motion does not tell these apart)"
     angle, by = _tilt(told)
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
     share = told.gain([one]) if zero else told.gain(told.tilt)
@@ -125,7 +141,7 @@ def _verdict(
         cure = "home the drives anew and check the level of the base; then mend what was wrong"
         proposals = shifted if zero else turned
     elif zero:
-        cause = f"homing: {of_zero}" + (", and of other drives" if several else "")
+        cause = f"homing: {of_zero}"
         cure, proposals = "home the drive anew, or declare its zero", shifted
     else:
         cause = f"a tilted base: {of_tilt}"
@@ -134,7 +150,7 @@ def _verdict(
         "homing-or-tilt",
         grade,
         seen,
-        name if zero and not tilt else "" if not zero else name,
+        ", ".join([name, *others]) if zero else "",
         cause,
         cure,
         proposals,

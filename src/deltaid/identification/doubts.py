@@ -16,32 +16,38 @@ _APART = 3.0
 
 
 def doubts(problem: FittedProblem) -> tuple[str, ...]:
-    """A sentence for each contradiction: what was seen, the likeliest cause, the next step.
+    """A sentence on what contradicts the data: what was seen, the likeliest cause, the next step.
 
-    That a mass had to grow only follows from something else, so it is said where that is not known.
+    One cause shows in many ways: torques of another scale leave a misfit, contradict the prior and
+    make masses grow. So the first that is known is said, and that a mass had to grow only where
+    nothing better is.
     """
-    if known := (*_misfit(problem), *_contradictions(problem)):
-        return known[:1]
-    return tuple(_grown(problem))
+    found = against_motion(problem.dynamics, problem.information)
+    if found:
+        return (f"{told(found, problem.dynamics.robot)}; {CURE}",)
+    seen = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
+    scale = _scale(problem)
+    if seen and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
+        return (
+            f"torques are {scale:.3g} times what the described robot would need. Likeliest their "
+            "unit, torque constant or gear is not declared, else masses and lengths of the "
+            "description are those of another robot; deltaid check compares units and gears",
+        )
+    return seen[:1]
 
 
 def _misfit(problem: FittedProblem) -> list[str]:
-    """Torques that no consistent parameters explain, with their cause if the data tells it."""
-    found = against_motion(problem.dynamics, problem.information)
-    if found:
-        return [f"{told(found, problem.dynamics.robot)}; {CURE}"]
+    """Torques that no consistent parameters explain."""
     noise = max(problem.noise, NOISE_FLOOR)
     rows = len(problem.information.torque_max)
     left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
     if left <= max(_WORSE * noise, _SHARE):
         return []
-    seen = f"the consistent fit leaves {left / noise:.3g} times the torque error"
-    if np.isfinite(scale := _scale(problem)) and not 1 / _GREW < scale < _GREW:
-        return [f"{seen} that is possible without physical consistency, {_scaled(scale)}"]
     return [
-        f"{seen} that is possible without physical consistency: only negative masses or friction "
-        "would explain these torques. Likeliest a torque or position is not that of its drive, or "
-        "something drives the robot beside its motors; deltaid check tries signs, orders and gears"
+        f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
+        "without physical consistency: only negative masses or friction would explain these "
+        "torques. Likeliest a torque or position is not that of its drive, or something drives the "
+        "robot beside its motors; deltaid check tries signs, orders and gears"
     ]
 
 
@@ -50,22 +56,16 @@ def _grown(problem: FittedProblem) -> list[str]:
     reduction, p = problem.reduction, problem.p
     held = ~np.any(reduction.A, axis=1)
     grown = np.flatnonzero(held & (reduction.p_reg > 0) & (p > _GREW * reduction.p_reg))
-    if not grown.size:
-        return []
-    first, names = grown[0], ", ".join(reduction.layout.names[i] for i in grown)
-    seen = f"{names} had to grow to keep {'their' if grown.size > 1 else 'its'} body consistent"
-    if grown.size == 1:
-        seen = (
-            f"{names} had to grow from {reduction.p_reg[first]:.3g} to {p[first]:.3g} "
-            f"{reduction.layout.units[first]} to keep its body consistent"
-        )
-    scale = _scale(problem)
-    if np.isfinite(scale) and scale > _GREW:
-        return [f"{names}: {_scaled(scale)}"]
+    names = ", ".join(
+        f"{reduction.layout.names[i]} had to grow from {reduction.p_reg[i]:.3g} to {p[i]:.3g} "
+        f"{reduction.layout.units[i]}"
+        for i in grown
+    )
     return [
-        f"{seen}: the moments that torques show are too large for the described mass. Likeliest "
-        "the prior of this body is too light or too small; weigh it, or describe its size"
-    ]
+        f"{names} to keep its body consistent, whose moments in the torques are too large for the "
+        "described mass. Likeliest the prior is too light or too small; weigh the body, or "
+        "describe its size"
+    ] * bool(grown.size)
 
 
 def _scale(problem: FittedProblem) -> float:
@@ -75,14 +75,6 @@ def _scale(problem: FittedProblem) -> float:
     prior = factor[:, :-1] @ problem.reduction.p_reg[problem.information.columns]
     square = float(prior @ prior)
     return float(prior @ factor[:, -1]) / square if square > 0 else np.nan
-
-
-def _scaled(scale: float) -> str:
-    return (
-        f"torques are {scale:.3g} times what the described robot would need. Likeliest their unit, "
-        "torque constant or gear is not declared, else masses and lengths of the description are "
-        "those of another robot; deltaid check compares units and gears"
-    )
 
 
 def _contradictions(problem: FittedProblem) -> list[str]:

@@ -12,6 +12,8 @@ from deltaid.identification.patterns import Pattern, Scene
 _WAVES = np.arange(1.0, 81.0, 0.5)
 # Windows in which a load is looked at [s], and at most so many.
 _WINDOW, _WINDOWS = 0.1, 4000
+# A load is held for so long at least [s]; what is shorter is a knock.
+_HELD = 0.4
 # Shares of the windows that the search begins with as the lower level, and how often it goes round.
 _SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
 
@@ -114,6 +116,8 @@ def _two_levels(
             course = _course(errors, cost)
             levels = [_mean(u, d, course == k) for k in (0, 1)]
         changes = int(np.sum(np.diff(course) != 0))
+        if min(course.sum(), count - course.sum()) * length * step < _HELD:
+            continue
         total = float(errors[course, np.arange(count)].sum()) + cost * changes
         if changes and total < lowest:
             best, lowest = (course[window].astype(float), changes), total

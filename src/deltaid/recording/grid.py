@@ -129,7 +129,7 @@ def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " fall
     """Rows at which the level falls for good by one, as it does where a row is one too many."""
     if sharing > ROUNDED or noise > _CLEAR or len(level) < 2 * _ABOUT:
         return np.zeros(0, dtype=int)
-    stairs = np.round(_median(level, _ABOUT))
+    stairs = np.round(medians(level, _ABOUT))
     # Below all before it: what was late only comes back.
     return np.flatnonzero(stairs[1:] < _lowest(stairs, _AGREE)[:-1]) + 1
 
@@ -149,12 +149,12 @@ def _noise(place_: Times, sharing: float) -> float:
 def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " rows"]:
     """Rows that have no place of their own: written between others, or late."""
     level = place_ - np.arange(len(place_))
-    usual = _median(level, 9)
+    usual = medians(level, 9)
     back = np.diff(place_, prepend=-np.inf)
     late = (back < 0) & (level < usual - (0.5 if noise < SHARP else 3 + 6 * noise))
     if sharing > ROUNDED:
         return late
-    low = _median(level, 5)
+    low = medians(level, 5)
     # Lowest before and lowest after, so that late stamps which are made up for are no extra rows.
     before, after = _lowest(low, _AGREE)[:-1], _lowest(low[::-1], _AGREE)[::-1][1:]
     falls = np.append(False, after - before < -0.5)
@@ -196,13 +196,13 @@ def _phase(level: Times, width: int) -> Times:
     angles = np.unwrap(np.angle([part.mean() for part in parts])) / (2 * np.pi)
     sizes = np.array([len(part) for part in parts])
     middles = np.cumsum(sizes) - 0.5 * sizes
-    return np.interp(np.arange(len(level)), middles, _median(angles, 5))
+    return np.interp(np.arange(len(level)), middles, medians(angles, 5))
 
 
 def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.ndarray, " rows"]:
     """The whole numbers that do not fall and are closest to the level."""
     # One stamp that is far off, or late with those after it catching up, is no lost row.
-    smooth = _median(level, 2 * int(4 * sharing) + 1)
+    smooth = medians(level, 2 * int(4 * sharing) + 1)
     low = np.minimum.accumulate(smooth[::-1])[::-1]
     high = np.minimum(low, np.maximum.accumulate(smooth))
     room = 0.5 + 3 * noise
@@ -227,7 +227,7 @@ def _mean(x: Times, width: int) -> Times:
     return uniform_filter1d(x, width, mode="nearest")
 
 
-def _median(x: Times, width: int) -> Times:
+def medians(x: Times, width: int) -> Times:
     """Medians over neighbouring values."""
     from scipy.ndimage import median_filter
 

@@ -51,9 +51,12 @@ class MaskSearch:
         Args:
             period: usual time between two rows [s].
         """
-        if not period:
-            return
         n = self.dof
+        if not period:  # stamps that several rows share
+            period = float(np.ptp(values[:, 0])) / max(1, len(values) - 1)
+        if not period and self._rest is None:
+            self._row += len(values)
+            return
         rest = self._rest = self._rest or RestSearch(n, period)
         block = values if self._before is None else np.vstack([self._before, values])
         rest.add(block[:, 1 : 1 + n], block[:, -n:], self._row + len(values) - len(block))

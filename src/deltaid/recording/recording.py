@@ -143,7 +143,7 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
         RecordingError: the log is too short, or the cut-off does not go with its rate.
     """
     if cutoff is None and log.has_derivatives:
-        return Recording(log.cut_at(log.suggested_cutoff, 1), None)
+        return Recording(log.cut_at(None, 1), None)
     cutoff = cutoff or log.suggested_cutoff
     # Before the design, because a tiny cut-off asks for an endless filter.
     needed = (

@@ -17,8 +17,9 @@ from deltaid.recording.table import Batch
 # Positions jump by so many steps of the encoder, and so many times as far as from row to row
 # before and after.
 _STEPS, _FARTHER = 3.0, 1.5
-# Rows on either side of a bridge, and the degree of the polynomial that fits them all.
-_BESIDE, _DEGREE = 6, 5
+# Rows on either side of a bridge, half as many as it is long, and the degree of the polynomial that
+# fits them all; a lower one over a bridge much longer than what is beside it.
+_FEWEST, _BESIDE, _DEGREE, _STIFF = 6, 32, 5, 3
 
 
 @dataclass
@@ -136,12 +137,14 @@ def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
     good = np.flatnonzero(~held)
     for first, last in runs:
         at = np.searchsorted(good, first)
-        near = good[max(0, at - _BESIDE) : at + _BESIDE]
+        beside = int(np.clip((last - first + 1) // 2, _FEWEST, _BESIDE))
+        near = good[max(0, at - beside) : at + beside]
         if not len(near):
             continue
         middle, half = 0.5 * (near[0] + near[-1]), max(0.5 * (near[-1] - near[0]), 1.0)
         one_sided = at == 0 or at == len(good)
-        degree = 0 if one_sided else min(_DEGREE, len(near) - 1)
+        highest = _STIFF if last - first > 3 * beside else _DEGREE
+        degree = 0 if one_sided else min(highest, len(near) - 1)
         powers = np.vander((near - middle) / half, degree + 1)
         level = values[near].mean(axis=0)
         fit, *_ = np.linalg.lstsq(powers, values[near] - level, rcond=None)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.recording.clock import Clock
-from deltaid.recording.grid import ROUNDED, SHARP, place, usual_step
+from deltaid.recording.grid import ROUNDED, SHARP, medians, place, usual_step
 from deltaid.recording.hole_places import revised
 from deltaid.recording.table import recut
 
@@ -195,10 +195,10 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
     if sharing > ROUNDED:
         return doubled & alone
     # Stamped anew: as many rows more in the same time.
-    time = block[:, 0] / usual - np.arange(len(block))
-    for row in np.flatnonzero(alone & ~doubled).tolist():
-        before, after = time[max(0, row - _ABOUT) : row], time[row + 1 : row + 1 + _ABOUT]
-        doubled[row] = len(after) > 0 and bool(np.median(after) - np.median(before) < -0.5)
+    level = medians(block[:, 0] / usual - np.arange(len(block)), 2 * _ABOUT + 1)
+    rows = np.flatnonzero(alone & ~doubled)
+    before, after = np.maximum(rows - _ABOUT - 1, 0), np.minimum(rows + _ABOUT + 1, len(block) - 1)
+    doubled[rows[level[after] - level[before] < -0.5]] = True
     return doubled
 
 

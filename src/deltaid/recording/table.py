@@ -53,7 +53,7 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
         if not start:
             raise RecordingError("is empty", where=str(path), cure="copy or export it again")
     found = next((one for one in FORMATS if one.claims(start, path)), None)
-    if found and b"\0" in start and (packing := packed_by(path)):
+    if found and not found.unpacks and (packing := packed_by(path)):
         raise RecordingError(f"is {found.name} inside {packing}", where=str(path), cure="unpack it")
     if found is None:
         _require_known(start, path)

@@ -109,7 +109,8 @@ def reproduce_irb360(
         tracks, verified = [], []
         for motion in ("slow", "fast"):
             progress(f"verifying on the {motion} motion")
-            (one,) = open_recordings([Path(folder) / f"{motion}.csv"], dynamics.kinematics)
+            log = Path(folder) / f"{motion}.csv"
+            (one,) = open_recordings([log], dynamics.kinematics, keep_all=True)
             tracks.append(_track(motion, settings, scene, one))
             verified += [_verify(c, motion, one) for c in candidates]
     return Irb360(

@@ -17,6 +17,7 @@ class Csv:
 
     name = "CSV"
     suffixes = ()
+    unpacks = True
 
     def claims(self, start: bytes, path: Path) -> bool:
         """Never: text has no signature."""

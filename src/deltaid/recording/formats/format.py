@@ -20,6 +20,11 @@ class Format(Protocol):
         """Ends of names that stand for this kind where no signature is known."""
         ...
 
+    @property
+    def unpacks(self) -> bool:
+        """Whether it reads files that are compressed as a whole by gzip or zstd."""
+        ...
+
     def claims(self, start: bytes, path: Path) -> bool:
         """Whether a file is of this kind, by its signature.
 

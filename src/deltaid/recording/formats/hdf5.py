@@ -47,6 +47,7 @@ class Hdf5:
 
     name = "an HDF5 file"
     suffixes = (".h5", ".hdf5", ".hdf", ".he5", ".nc")
+    unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By its signature."""

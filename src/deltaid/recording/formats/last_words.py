@@ -1,6 +1,6 @@
 """A message and exit code 2 where a library aborts the whole process.
 
-Rust code aborts if it cannot have memory, and one damaged Parquet file in some hundreds makes
+Rust code aborts if it cannot have memory, and one damaged Parquet file in some thousands makes
 polars ask for 10¹⁸ bytes. No exception ever arrives then; trying every file in a process of its own
 would cost each command a quarter of a second.
 """

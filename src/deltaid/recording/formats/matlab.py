@@ -24,6 +24,7 @@ class Matlab:
 
     name = "a MATLAB file"
     suffixes = (".mat",)
+    unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By its signature."""

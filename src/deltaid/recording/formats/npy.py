@@ -36,6 +36,7 @@ class Npy:
 
     name = "a NumPy file"
     suffixes = (".npy",)
+    unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By its signature."""
@@ -70,6 +71,7 @@ class Npz:
 
     name = "a NumPy archive"
     suffixes = (".npz",)
+    unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By the name of the first member."""

@@ -24,6 +24,7 @@ class Parquet:
 
     name = "a Parquet file"
     suffixes = (".parquet", ".pq")
+    unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By its signature."""

@@ -33,6 +33,7 @@ class RosBag:
 
     name = "a ROS bag"
     suffixes = (".bag", ".db3", ".mcap")
+    unpacks = True
 
     def claims(self, start: bytes, path: Path) -> bool:
         """Whether it is a file or a folder of a bag."""

@@ -26,6 +26,7 @@ class TwinCat:
 
     name = "an export of TwinCAT Scope"
     suffixes = ()
+    unpacks = True
 
     def claims(self, start: bytes, path: Path) -> bool:
         """By the words at the head of its first lines."""

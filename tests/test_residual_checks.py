@@ -1,0 +1,139 @@
+"""Causes that what a fit leaves of the torques points at, each made by hand; clean has none."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.check.evidence import evidence
+from deltaid.check.residual import checked_residual
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.robot.load import load_robot
+from test_lag import DURATION, RATE, frame, moving
+
+Added = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@cache
+def truth() -> tuple[np.ndarray, ...]:
+    """t, z, q, q̇ and q̈ of the motion."""
+    dynamics, _, motion = moving()
+    t = np.arange(round(DURATION * RATE)) / RATE
+    z, zd, zdd = motion.evaluate(t)
+    return t, z, *dynamics.kinematics.drive_motion(z, zd, zdd)
+
+
+def said(added: Added | None = None, late: float = 0.0) -> dict[str, Verdict]:
+    """Verdicts on a recording to whose torques something is added, by key."""
+    table = frame(np.full(3, late), noise=0.01)
+    if added is not None:
+        t, _, q, qd, _ = truth()
+        tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
+        more = tau + added(t, q, qd, tau)
+        table = table.with_columns(*(pl.Series(f"tau{i + 1}", x) for i, x in enumerate(more.T)))
+    verdicts = list(checked_residual(evidence(load_robot("clavel-delta3"), table)))
+    assert len({v.key for v in verdicts}) == len(verdicts)
+    return {v.key: v for v in verdicts}
+
+
+def bad(verdicts: dict[str, Verdict]) -> list[str]:
+    return [key for key, v in verdicts.items() if v.grade in (Grade.DOUBTFUL, Grade.WRONG)]
+
+
+def test_a_clean_recording_points_at_nothing() -> None:
+    verdicts = said()
+    assert {key: v.grade for key, v in verdicts.items()} == {
+        "torque-lag": Grade.GOOD,
+        "resonance": Grade.GOOD,
+        "residual": Grade.GOOD,
+    }
+
+
+def test_a_lag_is_told_in_milliseconds_and_with_what_it_does() -> None:
+    verdicts = said(late=3e-3)
+    assert bad(verdicts) == ["torque-lag"]
+    lag = verdicts["torque-lag"]
+    assert lag.number == pytest.approx(3.0, abs=0.2)
+    assert "late" in lag.seen
+    assert "the inertia of drive" in lag.seen
+    assert "-1.5 rows" in lag.cure
+
+
+def test_friction_of_another_law_is_told_by_its_joint() -> None:
+    def stribeck(t, q, qd, tau) -> np.ndarray:
+        knee = 0.1 * np.abs(qd).max(axis=0)
+        return [0.0, 4.0, 0.0] * np.sign(qd) * np.exp(-np.abs(qd) / knee)
+
+    verdicts = said(stribeck)
+    assert bad(verdicts) == ["friction-law"]
+    assert verdicts["friction-law"].subject == "drive2"
+    assert "low speed" in verdicts["friction-law"].seen
+
+
+def test_a_ripple_over_the_position_is_cogging() -> None:
+    verdicts = said(lambda t, q, qd, tau: 0.05 * tau.max(axis=0) * np.sin(2 * np.pi * 9 * q))
+    assert bad(verdicts) == ["geometry-or-cogging"]
+    assert "ripple" in verdicts["geometry-or-cogging"].seen
+    assert "cogging" in verdicts["geometry-or-cogging"].cause
+
+
+def test_friction_that_falls_while_the_robot_warms_up_is_drift() -> None:
+    def warm(t, q, qd, tau) -> np.ndarray:
+        return 3.0 * np.exp(-t / 4.0)[:, None] * np.sign(qd)
+
+    verdicts = said(warm)
+    assert bad(verdicts) == ["drift"]
+    assert "warm" in verdicts["drift"].cause
+
+
+def test_a_load_is_told_by_its_mass_and_times() -> None:
+    dynamics, p, _ = moving()
+    _, z, _, qd, qdd = truth()
+    heavier = p.copy()
+    heavier[dynamics.layout.names.index("P.m")] += 0.4
+    load = dynamics.torque(z, qd, qdd, heavier) - dynamics.torque(z, qd, qdd, p)
+
+    verdicts = said(lambda t, q, qd, tau: load * ((t > 3.0) & (t < 7.0))[:, None])
+    assert bad(verdicts) == ["load-change"]
+    change = verdicts["load-change"]
+    assert change.number == pytest.approx(0.4, rel=0.05)
+    told = change.seen.split(" at ")[1].removesuffix(" s").split(", ")
+    np.testing.assert_allclose([float(time) for time in told], [3.0, 7.0], atol=0.2)
+
+
+@pytest.mark.parametrize("gain", [0.9, 1.15])
+def test_a_drive_whose_torque_constant_is_wrong_is_named(gain: float) -> None:
+    verdicts = said(lambda t, q, qd, tau: [0.0, 0.0, gain - 1] * tau)
+    assert bad(verdicts) == ["drive-gain"]
+    assert verdicts["drive-gain"].subject == "drive3"
+    assert verdicts["drive-gain"].number == pytest.approx(100 * (gain - 1), rel=0.3)
+
+
+def test_something_that_rings_is_told_by_its_frequency() -> None:
+    def ringing(t, q, qd, tau) -> np.ndarray:
+        rng = np.random.default_rng(0)
+        phase = np.cumsum(rng.standard_normal(len(t))) * 0.1
+        wave = np.sin(2 * np.pi * 41 * t + phase)
+        return 0.05 * np.abs(tau[:, [1]]).max() * wave[:, None] * [0.0, 1.0, 0.0]
+
+    verdicts = said(ringing)
+    assert bad(verdicts) == ["resonance"]
+    assert verdicts["resonance"].number == pytest.approx(41, abs=1.5)
+    assert verdicts["resonance"].subject == "drive2"
+
+
+def test_what_follows_nothing_is_told_as_such() -> None:
+    def knocks(t, q, qd, tau) -> np.ndarray:
+        rng = np.random.default_rng(4)
+        places = rng.uniform(1, 11, 25)
+        heights = rng.choice([-1, 1], (25, 3)) * 0.5 * np.abs(tau).max(axis=0)
+        return sum(
+            h * (np.abs(t - at) < 0.02)[:, None] for at, h in zip(places, heights, strict=True)
+        )
+
+    verdicts = said(knocks)
+    assert bad(verdicts) == ["residual"]
+    assert verdicts["residual"].number > 3
+    assert "short" in verdicts["residual"].seen

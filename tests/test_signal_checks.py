@@ -1,0 +1,145 @@
+"""Verdicts on the signals of a recording: each fault with its number, and clean ones without."""
+
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.check.evidence import evidence
+from deltaid.check.signal import checked_signals
+from deltaid.check.spectra import bandwidth, density, step_of, white_noise
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.robot.load import load_robot
+from test_lag import frame as lagging
+
+DRIVES = [f"tau{i}" for i in (1, 2, 3)]
+
+
+@cache
+def frame(rate: float = 500.0) -> pl.DataFrame:
+    return lagging(np.zeros(3), noise=0.01, rate=rate)
+
+
+def said(table: pl.DataFrame) -> dict[str, list[Verdict]]:
+    """Verdicts that are not good, by key."""
+    found: dict[str, list[Verdict]] = {}
+    for verdict in checked_signals(evidence(load_robot("clavel-delta3"), table)):
+        if verdict.grade is not Grade.GOOD:
+            assert verdict.cause
+            assert verdict.cure
+            found.setdefault(verdict.key, []).append(verdict)
+    return found
+
+
+def test_a_clean_recording_has_good_signals() -> None:
+    verdicts = list(checked_signals(evidence(load_robot("clavel-delta3"), frame())))
+    assert {v.grade for v in verdicts} == {Grade.GOOD}
+    assert {v.key for v in verdicts} == {
+        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
+    }  # fmt: skip
+    noise = next(v for v in verdicts if v.key == "torque-noise")
+    assert noise.number == pytest.approx(1.0, rel=0.2)
+
+
+@pytest.mark.parametrize(("rate", "grade"), [(50.0, Grade.DOUBTFUL), (10.0, Grade.WRONG)])
+def test_too_few_samples_for_a_wave(rate: float, grade: Grade) -> None:
+    (verdict,) = said(frame()[:: round(500 / rate)])["rate"]
+    assert verdict.grade is grade
+    assert verdict.unit == "samples"
+
+
+def test_coarse_encoders_are_named_by_drive() -> None:
+    step = 0.02
+    coarse = frame().with_columns((pl.col("q2") / step).round() * step)
+    (verdict,) = said(coarse)["encoder-step"]
+    assert verdict.subject == "drive2"
+    assert "steps of 0.02 rad" in verdict.seen
+    assert verdict.number > 10
+
+
+@pytest.mark.parametrize("lost", [slice(1000, 1003), slice(2000, 2400)])
+def test_lost_rows_are_counted(lost: slice) -> None:
+    keep = np.ones(len(frame()), dtype=bool)
+    keep[lost] = False
+    (verdict,) = said(frame().filter(pl.Series(keep)))["clock"]
+    assert f"{lost.stop - lost.start} rows are missing in 1 places" in verdict.seen
+
+
+def test_jitter_is_a_share_of_the_period() -> None:
+    rng = np.random.default_rng(0)
+    late = 0.2 / 500 * rng.uniform(-1, 1, len(frame()))
+    (verdict,) = said(frame().with_columns(pl.col("t") + pl.Series(late)))["clock"]
+    assert verdict.number == pytest.approx(20 / np.sqrt(3), rel=0.3)
+
+
+def test_a_clipped_drive_is_named() -> None:
+    limit = 0.6 * frame()["tau3"].abs().max()
+    (verdict,) = said(frame().with_columns(pl.col("tau3").clip(-limit, limit)))["saturation"]
+    assert verdict.subject == "drive3"
+    share = 100 * (frame()["tau3"].abs() > limit).mean()
+    assert verdict.number == pytest.approx(share, rel=0.3)
+
+
+def test_standing_still_is_a_share_of_the_time() -> None:
+    first, dt = frame()[:1], 1 / 500
+    still = pl.concat([first] * 4000).with_columns(t=pl.Series(dt * np.arange(4000) - 4000 * dt))
+    rng = np.random.default_rng(0)
+    still = still.with_columns(
+        *(pl.col(n) + pl.Series(0.1 * rng.standard_normal(4000)) for n in DRIVES)
+    )
+    (verdict,) = said(pl.concat([still, frame()]))["standing"]
+    assert verdict.number == pytest.approx(40.0, abs=3.0)
+
+
+def test_noise_of_a_torque_is_a_share_of_its_largest() -> None:
+    rng, largest = np.random.default_rng(0), frame()["tau1"].abs().max()
+    more = 0.15 * largest * rng.standard_normal(len(frame()))
+    (verdict,) = said(frame().with_columns(pl.col("tau1") + pl.Series(more)))["torque-noise"]
+    assert (verdict.subject, verdict.grade) == ("drive1", Grade.DOUBTFUL)
+    assert 10 < verdict.number < 16
+
+
+def test_a_channel_of_noise_only_is_wrong() -> None:
+    rng = np.random.default_rng(0)
+    table = frame().with_columns(tau2=pl.Series(rng.standard_normal(len(frame()))))
+    (verdict,) = said(table)["torque-noise"]
+    assert (verdict.subject, verdict.grade) == ("drive2", Grade.WRONG)
+    assert "noise only" in verdict.seen
+
+
+def test_a_torque_in_coarse_steps_is_told_by_its_step() -> None:
+    step = 0.3 * frame()["tau2"].std()
+    said_of = said(frame().with_columns((pl.col("tau2") / step).round() * step))
+    (verdict,) = said_of["torque-step"]
+    assert verdict.subject == "drive2"
+    assert verdict.number == pytest.approx(30, rel=0.1)
+    assert "torque-noise" not in said_of
+
+
+def test_a_step_is_found_whatever_the_offset_and_none_where_there_is_none() -> None:
+    x = np.random.default_rng(0).standard_normal(5000)
+    assert step_of(0.3 + 0.01 * np.round(x / 0.01)) == pytest.approx(0.01, rel=1e-6)
+    assert step_of(x) == 0.0
+    assert step_of(np.ones(10)) == 0.0
+
+
+def test_white_noise_has_its_level_beside_a_motion_and_steps_of_friction() -> None:
+    rng, t = np.random.default_rng(0), np.arange(20000) / 1000
+    x = np.stack([5 * np.sin(2 * np.pi * 3 * t), np.sign(np.sin(2 * np.pi * 0.7 * t))], axis=1)
+    noise = white_noise(x + 0.1 * rng.standard_normal(x.shape), 1000.0)
+    np.testing.assert_allclose(noise, 0.1, rtol=0.1)
+
+
+def test_density_adds_up_to_the_variance() -> None:
+    x = np.random.default_rng(0).standard_normal((40000, 1))
+    frequency, power = density(2 * x, 100.0, 512)
+    assert np.sum(power) * frequency[1] == pytest.approx(4.0, rel=0.03)
+
+
+def test_bandwidth_is_the_fastest_part_of_a_motion() -> None:
+    t = np.arange(10000) / 1000
+    q = np.sin(2 * np.pi * 0.7 * t) + 0.2 * np.sin(2 * np.pi * 4 * t)
+    noisy = q + 1e-5 * np.random.default_rng(0).standard_normal(len(t))
+    assert bandwidth(noisy[:, None], 1000.0) == pytest.approx(4.0, rel=0.1)
+    assert bandwidth(np.zeros((1000, 2)), 1000.0) == 0.0
