@@ -16,7 +16,7 @@ KEYS = {
     ),
     "the signals": (
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
-        "torque-lag",
+        "resonance", "torque-lag",
     ),
     "the information": ("base-parameters", "excitation"),
     "the fit": (
