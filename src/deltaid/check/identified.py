@@ -17,6 +17,7 @@ from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.load import RobotLike, described
 
 _QUICK = tuple(family for family in OF_RECORDING if family.quick)
+_EXPLAINING = tuple(family for family in OF_RECORDING if family.explains)
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def identify(
         result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
     except (RecordingError, IdentificationError):
         for one in opened:  # a check may know why
-            _refuse(asked(one, OF_RECORDING, "rows"), str(one.table.path), RecordingError)
+            _refuse(asked(one, _EXPLAINING, "rows"), str(one.table.path), RecordingError)
         raise
     found += _after(result, opened)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)

@@ -33,7 +33,9 @@ class Family:
 
     Attributes:
         check: gives a verdict for whatever it looked at, a good one too.
-        quick: whether `identify` runs it by itself; the others only tell it why it cannot go on.
+        quick: whether `identify` runs it by itself.
+        explains: whether it may know why the survey or the fit refuses a recording; `identify` asks
+            it then.
         needs: 'rows' looks at data whatever is wrong with it; 'survey' is asked of recordings that
             can be computed with and in which nothing has been found wrong; 'fit' if there also is
             a fit.
@@ -41,6 +43,7 @@ class Family:
 
     check: OfRecording
     quick: bool = False
+    explains: bool = False
     needs: Needs = "rows"
 
 
