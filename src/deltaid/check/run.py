@@ -13,6 +13,7 @@ from deltaid.check.priors import checked_priors
 from deltaid.check.residual import checked_residual
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
+from deltaid.check.wiring import checked_wiring
 from deltaid.check.workspace import checked_workspace
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.record import Settings
@@ -56,6 +57,7 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
+    Family(checked_wiring, quick=True),
     Family(checked_signals),
     Family(checked_information, quick=True, needs="survey"),
     Family(checked_residual, needs="fit"),

@@ -6,7 +6,7 @@ have in common is judged by the prior (`wiring_scale`), zeros and gravity by the
 (`wiring_homing`), velocities by the derivatives of positions (`wiring_velocity`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +24,7 @@ from deltaid.check.wiring_velocities import velocity_verdicts
 from deltaid.check.wiring_velocity import rates
 from deltaid.check.wiring_zeros import zero_verdicts
 from deltaid.check.words import listed, percent
+from deltaid.recording.columns import Quantity
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.
 _WRONG_SCALE, _DOUBTFUL_SCALE = 4.0, 2.5
@@ -86,7 +87,7 @@ class Case:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
-def wiring(evidence: Evidence) -> tuple[Verdict, ...]:
+def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on what the mapping says of positions, velocities and torques.
 
     None where the recording is too short to be filtered.
@@ -166,7 +167,7 @@ def _positions(case: Case) -> Iterator[Verdict]:
         drives = [i for i, f in enumerate(scale) if abs(f) == factor]
         if factor != 1:
             yield _scaled(case, drives, factor)
-    for i in np.flatnonzero(case.best.loose):
+    for i in np.flatnonzero(case.best.loose).tolist():
         if abs(scale[i]) == 1 and (unit := unit_of(case.ratios[i], case.linear(i))) != 1:
             yield _scaled(case, [int(i)], unit)
 
@@ -185,7 +186,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
         else:
             values[i] = case.entries.of_motor("position", source, factor)
             velocity[i] = case.entries.of_motor("velocity", source, factor) if follows else {}
-    proposed: dict[str, Values] = {"position": values, "velocity": velocity}
+    proposed: dict[Quantity, Values] = {"position": values, "velocity": velocity}
     whose = case.all_or(drives)
     seen = (
         f"positions of {whose} make sense only times {factor:.3g}: the loops then close, which "
@@ -216,13 +217,17 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
         case.whose(drives),
         cause,
         cure,
-        case.entries.proposal(**{k: _stated(v) for k, v in proposed.items()}),
+        case.entries.proposal(_stated(proposed)),
         number=factor,
     )
 
 
-def _stated(values: Values) -> Values:
-    return {i: entry for i, entry in values.items() if entry}
+def _stated(values: Mapping[Quantity, Values]) -> dict[Quantity, Values]:
+    """Without drives of which nothing changes."""
+    return {
+        quantity: {i: entry for i, entry in drives.items() if entry}
+        for quantity, drives in values.items()
+    }
 
 
 def _follow(case: Case, drives: list[int]) -> bool:
@@ -244,7 +249,7 @@ def _signs(case: Case) -> Iterator[Verdict]:
     best = case.best
     turned = [i for i, f in enumerate(best.map.scale) if f < 0]
     for i in turned:
-        both = best.gains[i] < 0
+        both = bool(best.gains[i] < 0)
         yield from _angle_sign(case, i, both=both)
     others = [i for i in range(len(case.names)) if best.gains[i] < 0 and i not in turned]
     if not others:
@@ -270,9 +275,9 @@ def _angle_instead(case: Case, i: int) -> bool:
 def _angle_sign(case: Case, i: int, *, both: bool, alone: bool = True) -> Iterator[Verdict]:
     name, entries = case.names[i], case.entries
     source = case.best.map.order[i]
-    values: dict[str, Values] = {"position": {source: entries.turned("position", source)}}
+    values: dict[Quantity, Values] = {"position": {i: entries.turned("position", source)}}
     if entries.recorded("velocity") and _follow(case, [i]):
-        values["velocity"] = {source: entries.turned("velocity", source)}
+        values["velocity"] = {i: entries.turned("velocity", source)}
     cause = f"the angle of {name} counts the other way"
     if both:
         cause = f"{name} counts the other way, in angle and torque"
@@ -287,7 +292,7 @@ def _angle_sign(case: Case, i: int, *, both: bool, alone: bool = True) -> Iterat
         name,
         cause,
         f"turn the sign of its {'position' if not both else 'position and torque'} column",
-        entries.proposal(**values),
+        entries.proposal(values),
     )
 
 
@@ -306,7 +311,7 @@ def _torque_sign(case: Case, drives: list[int], grade: Grade = Grade.WRONG) -> V
         case.whose(drives),
         cause,
         "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
-        entries.proposal(torque={order[i]: entries.turned("torque", order[i]) for i in drives}),
+        entries.proposal({"torque": {i: entries.turned("torque", order[i]) for i in drives}}),
         number=float(with_prior.max()),
     )
 
@@ -318,7 +323,7 @@ def _order(case: Case) -> Iterator[Verdict]:
         return
     entries, torque, position = case.entries, best.order, best.map.order
     moved = [i for i in range(n) if torque[i] != i or position[i] != i]
-    values: dict[str, Values] = {
+    values: dict[Quantity, Values] = {
         "position": {i: entries.moved("position", i, position[i]) for i in range(n)},
         "torque": {i: entries.moved("torque", i, torque[i]) for i in range(n)},
     }
@@ -343,7 +348,7 @@ def _order(case: Case) -> Iterator[Verdict]:
         case.whose(moved),
         cause,
         "map the columns in the order of the drives",
-        entries.proposal(**{k: _stated(v) for k, v in values.items()}),
+        entries.proposal(_stated(values)),
     )
 
 
@@ -387,7 +392,7 @@ def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verd
             f"the torque of {name} is that of the motor, behind a gear of about {gain:.3g}",
             "declare the gear (or lead) of its torque column, exactly",
             () if rough else entries.proposal(
-                torque={source: entries.of_motor("torque", source, gain)}
+                {"torque": {i: entries.of_motor("torque", source, gain)}}
             ),
             number=gain,
         )  # fmt: skip
@@ -402,7 +407,7 @@ def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verd
         f"the torque of {name} is in another unit, such as {_milli(case, i)} or per mille of a "
         "rated torque",
         "declare the unit of its torque column",
-        entries.proposal(torque={source: milli}) if milli else (),
+        entries.proposal({"torque": {i: milli}}) if milli else (),
         number=1 / gain,
     )  # fmt: skip
 
@@ -442,5 +447,5 @@ def _all_torques(case: Case, size: float) -> Verdict:
         if grade is Grade.DOUBTFUL:
             cause += f", or the prior is {size:.2g} times too light"
     return Verdict("torque-unit", grade, seen, "", cause, cure,
-                   entries.proposal(torque=_stated(values)) if values else (),
+                   entries.proposal(_stated({"torque": values})),
                    number=size)  # fmt: skip

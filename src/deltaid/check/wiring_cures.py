@@ -1,5 +1,7 @@
 """Lines of a mapping that undo what is wrong with its columns."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from deltaid.check.evidence import Evidence
@@ -91,7 +93,7 @@ class Entries:
         zero = self.of("position", drive).zero - shift / self.scale("position", drive)
         return {"zero": float(f"{zero:.6g}")}
 
-    def proposal(self, **values: Values) -> tuple[Proposal, ...]:
+    def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
         """New values of entries, by quantity, drive and key, as changes of the mapping."""
         changes: list[tuple[str, object]] = []
         for quantity, drives in values.items():

@@ -154,12 +154,19 @@ def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Value
     t = rows.time[part]
     if len(part) < SpectrumEstimate.SHORTEST:
         return None
-    values = (rows.q[part], rows.qd[part], rows.tau[part])
+    q, qd, tau = rows.q[part], rows.qd[part], rows.tau[part]
     if np.diff(t).max() < 1.5 * step:
-        return (t, *values)
+        return t, q, qd, tau
     grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step) + 1)
-    return (grid, *(np.column_stack([np.interp(grid, t, x) for x in v.T])
-                    if v.shape[1] else v[: len(grid)] for v in values))  # fmt: skip
+    return grid, _at(grid, t, q), _at(grid, t, qd), _at(grid, t, tau)
+
+
+def _at(grid: Float[np.ndarray, " samples"], t: Float[np.ndarray, " rows"], x: Values) -> Values:
+    """Values on an even grid, by straight lines."""
+    out = np.empty((len(grid), x.shape[1]))
+    for k in range(x.shape[1]):
+        out[:, k] = np.interp(grid, t, x[:, k])
+    return out
 
 
 def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, most: int) -> tuple[int, int]:

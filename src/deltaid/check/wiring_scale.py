@@ -37,7 +37,7 @@ def ratios(
     return out
 
 
-def overall(found: Float[np.ndarray, "drives components"]) -> float:
+def overall(found: Float[np.ndarray, "..."]) -> float:
     """The usual ratio: a prior may be wrong, but hardly most of its components alike."""
     return float(np.exp(np.median(_logs(found))))
 

@@ -22,8 +22,9 @@ _FEW = 40
 _ALONG, _ALONG_LOOSE, _SURE, _SHOWN = 0.85, 0.6, 0.9, 4.0
 # Gains far from the others' must show like this.
 _SHOWN_FAR = 3.0
-# Without that, hypotheses are not believed.
-_SENSIBLE = 0.5
+# Least correlation with the prior's torques, and most of the torques left, of a hypothesis that is
+# believed, and of one with factors of positions.
+_SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # Hypotheses that leave so much more than the best one are as good as it.
 _AS_GOOD = 1.2
 # Those that are looked at again on all samples, and how many at most.
@@ -89,7 +90,8 @@ class Candidate:
     @property
     def sensible(self) -> bool:
         """Whether it makes torques go with the motion at all."""
-        return bool(np.all(self.along[~self.loose] > _SENSIBLE)) and self.left < 0.5
+        along, left = _SENSIBLE_SCALED if self.scaled else _SENSIBLE
+        return bool(np.all(self.along[~self.loose] > along)) and self.left < left
 
     @property
     def changes(self) -> int:
@@ -117,13 +119,13 @@ class Candidate:
             return plain.left > _FAR_BETTER * self.left
         if plain.changes:
             return True
-        rows = self.residual.A.shape[1]
-        return plain.left > _BETTER * self.left and rows * np.log(plain.left / self.left) > _SURELY
+        surely = self.residual.A.shape[1] * np.log(plain.left / self.left) > _SURELY
+        return bool(surely and plain.left > _BETTER * self.left)
 
     def as_likely_as(self, best: "Candidate") -> bool:
         """Whether noise can have made the difference to what leaves least."""
         rows = self.residual.A.shape[1]
-        return rows * np.log(self.left**2 / best.left**2) < _CERTAIN
+        return bool(rows * np.log(self.left**2 / best.left**2) < _CERTAIN)
 
 
 def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
@@ -154,15 +156,16 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
             found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
     near: list[Candidate] = [one for one in found if one.left < _NEAR * found[0].left]
     near.sort(key=lambda one: (one.left > _AS_GOOD * found[0].left, one.changes))
-    decided = _ranked(tried(dynamics, fine, [*dict.fromkeys(one.map for one in near)][:_DECIDED]))
+    maps = [*dict.fromkeys(one.map for one in near)][:_DECIDED]
+    decided = [one for one in tried(dynamics, fine, maps) if one.sensible]
     if plain is not None:
-        decided = _ranked([*(one for one in decided if one.map != identity), plain])
+        decided = [*(one for one in decided if one.map != identity), plain]
     if not decided:
         return ()
-    best = decided[0]
-    good = [one for one in decided if one.left < _AS_GOOD * best.left]
+    decided = _ranked(decided)
+    good = [one for one in decided if one.left < _AS_GOOD * decided[0].left]
     if plain is not None and plain.closes:
-        good = [one for one in good if one.sensible and one.beats(plain)] or [plain]
+        good = [one for one in good if one.beats(plain)] or [plain]
     if good[0].scaled:
         good = [one for one in good if one.as_likely_as(good[0])]
     good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))

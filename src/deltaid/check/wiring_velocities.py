@@ -95,7 +95,7 @@ def _order(names: tuple[str, ...], found: list[Rate], entries: Entries) -> Verdi
         _whose(names, found),
         "velocity columns are in another order than the position columns",
         "map the velocity columns in the order of the drives",
-        entries.proposal(velocity={i: entry for i, entry in values.items() if entry}),
+        entries.proposal({"velocity": {i: entry for i, entry in values.items() if entry}}),
         number=least,
     )
 
@@ -152,7 +152,7 @@ def _scale(
     if key == "velocity" and not turned:
         cure = "leave the velocity columns out: positions are then differentiated"
     return Verdict(key, grade, seen, whose, cause, cure,
-                   entries.proposal(velocity={i: e for i, e in values.items() if e}),
+                   entries.proposal({"velocity": {i: e for i, e in values.items() if e}}),
                    number=float(np.median(scales)))  # fmt: skip
 
 

@@ -131,7 +131,7 @@ def _verdict(
     angle, by = _tilt(told)
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
     share = told.gain([one]) if zero else told.gain(told.tilt)
-    shifted = entries.proposal(position={one: entries.shifted(one, way[0])})
+    shifted = entries.proposal({"position": {one: entries.shifted(one, way[0])}})
     turned = _gravity(evidence, told) if told.tilt else ()
     seen = f"torques repeat with the pose what {of_zero if zero else of_tilt} would do"
     seen += f", which explains {100 * share:.0f} % of what is left of them"

@@ -1,0 +1,217 @@
+"""Units, gears, signs, order and zeros of columns: each fault is told, and its cure mends it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.wiring import checked_wiring
+from deltaid.check.wiring_motion import motion
+from deltaid.dynamics.dynamics import compiled
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.recording.columns import ColumnMapping
+from deltaid.robot.load import load_robot
+
+Columns = dict[str, np.ndarray]
+
+
+@cache
+def recorded(name: str, tilt: float = 0.0) -> Columns:
+    """Ten seconds of a random motion with noise: t, q, qd, tau, of a base tilted about x."""
+    robot, rng = load_robot(name), np.random.default_rng(4)
+    described = compiled(robot)
+    truth = surrogate_parameters(robot, rng)
+    path = random_motion(described.kinematics, rng)
+    gravity = (0.0, 9.81 * np.sin(tilt), -9.81 * np.cos(tilt))
+    level = described if not tilt else compiled(robot.changed(gravity=gravity))
+    table = simulate_recording(level, truth, path, rng, rate=500.0, noise=SensorNoise(torque=0.01))
+    n = described.dof
+    columns = {"t": table["t"].to_numpy()}
+    for short in ("q", "tau"):
+        columns[short] = table.select(f"{short}{i + 1}" for i in range(n)).to_numpy()
+    _, zd, zdd = path.evaluate(columns["t"])
+    z, _, _ = path.evaluate(columns["t"])
+    columns["qd"] = described.kinematics.drive_motion(z, zd, zdd)[1]
+    return columns
+
+
+def table(columns: Columns) -> pl.DataFrame:
+    flat = {"t": columns["t"]}
+    for short in ("q", "qd", "tau"):
+        if short in columns:
+            flat |= {f"{short}{i + 1}": x for i, x in enumerate(columns[short].T)}
+    return pl.DataFrame(flat)
+
+
+def seen(name: str, columns: Columns, mapping: ColumnMapping | None = None) -> Evidence:
+    return evidence(load_robot(name), table(columns), mapping)
+
+
+def bad(found: tuple[Verdict, ...]) -> list[Verdict]:
+    return [one for one in found if one.grade in (Grade.WRONG, Grade.DOUBTFUL)]
+
+
+def told(name: str, columns: Columns, *, cured: bool = True) -> Verdict:
+    """The only verdict that is not good; the mapping that it proposes leaves none."""
+    looked_at = seen(name, columns)
+    found = bad(checked_wiring(looked_at))
+    assert len(found) == 1, found
+    if cured:
+        robot = load_robot(name)
+        linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+        data = written_out(None, looked_at.table, looked_at.columns, linear)
+        wanted = changes(found, "mapping")
+        assert wanted
+        again = seen(name, columns, ColumnMapping.model_validate(mended(data, wanted)))
+        assert not bad(checked_wiring(again))
+    return found[0]
+
+
+def times(columns: Columns, **factors: object) -> Columns:
+    return columns | {name: columns[name] * np.asarray(by) for name, by in factors.items()}
+
+
+@pytest.mark.parametrize("name", ["linear-delta", "par4", "irb360-6-1600", "clavel-delta3"])
+def test_nothing_is_said_of_right_columns(name: str) -> None:
+    found = checked_wiring(seen(name, recorded(name)))
+    assert {one.grade for one in found} == {Grade.GOOD}
+    assert {one.key for one in found} == {"drive-order", "homing-or-tilt", "velocity"}
+
+
+@pytest.mark.parametrize(
+    ("name", "which", "factor"),
+    [("clavel-delta3", None, 180 / np.pi), ("clavel-delta3", 1, 180 / np.pi),
+     ("irb360-6-1600", 3, 180 / np.pi), ("linear-delta", None, 1e3)],
+)  # fmt: skip
+def test_unit_of_positions(name: str, which: int | None, factor: float) -> None:
+    columns = recorded(name)
+    n = columns["q"].shape[1]
+    by = np.where([which in (None, i) for i in range(n)], factor, 1.0)
+    verdict = told(name, times(columns, q=by))
+    assert (verdict.key, verdict.grade) == ("angle-unit", Grade.WRONG)
+    assert verdict.subject == ("" if which is None else f"drive{which + 1}")
+
+
+def test_motor_side_of_a_gear() -> None:
+    columns = recorded("clavel-delta3")
+    verdict = told("clavel-delta3", times(columns, q=20.0, qd=20.0, tau=1 / 20))
+    assert (verdict.key, verdict.subject) == ("gear", "")
+    proposed = dict(verdict.proposals[0].changes)
+    assert all(proposed[f"{quantity}[{i}].gear"] == 20
+               for quantity in ("position", "velocity", "torque") for i in range(3))  # fmt: skip
+
+
+def test_spindle_of_a_linear_drive() -> None:
+    turns = 2 * np.pi / 0.02
+    verdict = told("linear-delta", times(recorded("linear-delta"), q=turns, qd=turns))
+    assert verdict.key == "gear"
+    lead = dict(verdict.proposals[0].changes)["position[0].lead"]
+    assert lead == pytest.approx(0.02, rel=0.1)  # a straight rail hardly shows it
+
+
+def test_scale_of_torques() -> None:
+    columns = recorded("clavel-delta3")
+    motor = told("clavel-delta3", times(columns, tau=1 / 30), cured=False)
+    assert (motor.key, motor.subject) == ("gear", "")
+    assert told("clavel-delta3", times(columns, tau=1e3)).key == "torque-unit"
+    alone = told("clavel-delta3", times(columns, tau=[1, 1 / 25, 1]))
+    assert (alone.key, alone.subject) == ("gear", "drive2")
+    assert alone.number == pytest.approx(25, rel=0.02)
+
+
+def test_signs() -> None:
+    name = "linear-delta"
+    columns = recorded(name)
+    n = columns["q"].shape[1]
+    turned = np.where(np.arange(n) == 1, -1.0, 1.0)
+    torque = told(name, times(columns, tau=turned))
+    assert (torque.key, torque.subject) == ("torque-sign", "drive2")
+    every = told(name, times(columns, tau=-1.0))
+    assert (every.key, every.subject) == ("torque-sign", "")
+    angle = told(name, times(columns, q=turned, qd=turned))
+    assert (angle.key, angle.subject) == ("angle-sign", "drive2")
+    both = told(name, times(columns, q=turned, qd=turned, tau=turned))
+    assert (both.key, both.subject) == ("angle-sign", "drive2")
+    assert "torque" in both.cause
+
+
+def test_a_sign_that_may_be_of_either_column() -> None:
+    # Nothing ties the drive of a telescope to the others.
+    columns = recorded("irb360-6-1600")
+    found = bad(checked_wiring(seen("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
+    assert {one.key for one in found} == {"torque-sign", "angle-sign"}
+    assert {(one.grade, one.subject) for one in found} == {(Grade.DOUBTFUL, "drive4")}
+
+
+def test_order_of_drives() -> None:
+    columns = recorded("par4")
+    torques = told("par4", columns | {"tau": columns["tau"][:, [1, 0, 2, 3]]})
+    assert (torques.key, torques.subject) == ("drive-order", "drive1, drive2")
+    together = told("par4", {k: x[:, [0, 2, 1, 3]] if x.ndim > 1 else x
+                             for k, x in columns.items()})  # fmt: skip
+    assert together.key == "drive-order"
+    assert "together" in together.cause
+    # A symmetric robot does not show which limb is which.
+    columns = recorded("linear-delta")
+    turned = {k: x[:, [1, 2, 0]] if x.ndim > 1 else x for k, x in columns.items()}
+    assert not bad(checked_wiring(seen("linear-delta", turned)))
+
+
+def test_homing() -> None:
+    columns = recorded("clavel-delta3")
+    verdict = told("clavel-delta3", columns | {"q": columns["q"] + [0.0, 0.04, 0.0]})
+    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
+    assert "drive2" in verdict.subject
+    assert dict(verdict.proposals[0].changes)["position[1].zero"] == pytest.approx(0.04, rel=0.1)
+
+
+def test_tilt() -> None:
+    columns = recorded("linear-delta-45", tilt=0.03)
+    verdict = told("linear-delta-45", columns, cured=False)
+    assert (verdict.key, verdict.subject) == ("homing-or-tilt", "")
+    assert "out of level" in verdict.cause
+    gravity = dict(verdict.proposals[0].changes)["gravity"]
+    assert gravity == pytest.approx([0, 9.81 * 0.03, -9.81], abs=0.05)
+
+
+def test_velocities() -> None:
+    columns = recorded("clavel-delta3")
+    assert told("clavel-delta3", times(columns, qd=30 / np.pi)).key == "velocity-unit"
+    order = told("clavel-delta3", columns | {"qd": columns["qd"][:, [0, 2, 1]]})
+    assert (order.key, order.subject) == ("velocity", "drive2, drive3")
+    scale = told("clavel-delta3", times(columns, qd=[1, 1, 1.4]), cured=False)
+    assert (scale.key, scale.grade, scale.subject) == ("velocity", Grade.WRONG, "drive3")
+    late = columns | {"qd": np.vstack([columns["qd"][:1], columns["qd"][:-1]])}
+    lag = told("clavel-delta3", late, cured=False)
+    assert (lag.key, lag.grade) == ("velocity", Grade.DOUBTFUL)
+    assert lag.number == pytest.approx(2.0, abs=0.05)
+
+
+def test_lengths_that_are_another_robots() -> None:
+    columns = recorded("clavel-delta3")
+    q = columns["q"] + np.array([0.0, 1.6, -1.2])
+    found = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
+    assert {(one.key, one.grade) for one in found} <= {("homing-or-tilt", Grade.WRONG)}
+    assert found
+
+
+def test_torques_pass_the_filter_that_samples_pass() -> None:
+    # Torques and positions of one sine stay in phase through all stages of filter and thinning.
+    rows = seen("linear-delta", recorded("linear-delta")).rows
+    sine = rows.q[:, :1] + 0.0 * rows.q
+    looked_at = motion(replace(rows, q=sine, tau=sine))
+    assert looked_at is not None
+    again = looked_at.filtered(looked_at.q.T).T
+    assert len(again) == len(looked_at.tau)
+    np.testing.assert_allclose(again, looked_at.tau, atol=2e-4 * np.ptp(sine))
+
+
+def test_a_recording_too_short_to_be_filtered() -> None:
+    short = {name: x[:100] for name, x in recorded("linear-delta").items()}
+    assert checked_wiring(seen("linear-delta", short)) == ()
