@@ -7,7 +7,7 @@ have in common is judged by the prior (`wiring_scale`), zeros and gravity by the
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,8 +30,10 @@ from deltaid.recording.columns import Quantity
 _WRONG_SCALE, _DOUBTFUL_SCALE = 4.0, 2.5
 # Share of the torques that the right columns may leave.
 _EXPLAINED = 0.5
+# More than this share of the torques left, a factor of positions is doubtful.
+_SURE = 0.08
 # The part of it that hypotheses are looked for on, if it has so many samples.
-_FEW = 150
+_FEW, _FEWEST = 150, 60
 _PART = {"longest": 6.0, "oversampled": 10.0}
 
 
@@ -66,6 +68,25 @@ class Case:
         """Torques over those of the prior, by drive and component."""
         return ratios(self.evidence.dynamics, self.motion, self.best)
 
+    @cached_property
+    def units(self) -> dict[int, float]:
+        """Factors of units that only the prior tells, of drives that nothing ties to others."""
+        found = {}
+        for i in np.flatnonzero(self.best.loose).tolist():
+            if not self.linear(i) and len(self.names) > 1:
+                limits = self.evidence.robot.drive_limits.get(self.names[i])
+                top = limits.top_speed if limits else None
+                fastest = abs(self.best.map.scale[i]) * float(np.abs(self.motion.qd[:, i]).max())
+                unit = unit_of(self.ratios[i], fastest / top if top else 0.0)
+                found |= {i: unit} if unit != 1 else {}
+        return found
+
+    @property
+    def map(self) -> Map:
+        """Of the positions, with these units."""
+        scale = [f * self.units.get(i, 1.0) for i, f in enumerate(self.best.map.scale)]
+        return replace(self.best.map, scale=tuple(scale))
+
     def linear(self, drive: int) -> bool:
         """Whether a drive slides."""
         return self.evidence.robot.is_linear(self.names[drive])
@@ -93,7 +114,7 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     None where the recording is too short to be filtered.
     """
     fine = motion(evidence.rows)
-    if fine is None:
+    if fine is None or len(fine.tau) < _FEWEST:
         return ()
     coarse = motion(evidence.rows, **_PART)
     if coarse is None or len(coarse.tau) < _FEW:
@@ -107,7 +128,7 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
         found.append(_senseless_verdict(case))
     if worst(found) is not Grade.WRONG:
         found += zero_verdicts(evidence, fine, case.best, case.entries)
-    found += velocity_verdicts(evidence, fine, case.best.map, case.entries)
+    found += velocity_verdicts(evidence, fine, case.map, case.entries)
     if worst(found) in (Grade.GOOD, Grade.CANNOT_TELL) and not _senseless(case):
         found.insert(0, _good(case))
     return tuple(found)
@@ -167,9 +188,9 @@ def _positions(case: Case) -> Iterator[Verdict]:
         drives = [i for i, f in enumerate(scale) if abs(f) == factor]
         if factor != 1:
             yield _scaled(case, drives, factor)
-    for i in np.flatnonzero(case.best.loose).tolist():
-        if abs(scale[i]) == 1 and (unit := unit_of(case.ratios[i], case.linear(i))) != 1:
-            yield _scaled(case, [int(i)], unit)
+    for i, unit in case.units.items():
+        if abs(scale[i]) == 1:
+            yield _scaled(case, [i], unit)
 
 
 def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
@@ -212,7 +233,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
             }
     return Verdict(
         key,
-        Grade.WRONG,
+        Grade.WRONG if case.best.left < _SURE else Grade.DOUBTFUL,
         seen,
         case.whose(drives),
         cause,
@@ -361,8 +382,6 @@ def _torques(case: Case) -> Iterator[Verdict]:
     for i in far:
         yield _one_torque(case, i, float(abs(best.gains[i])))
     scaled = [abs(f) for f in best.map.scale if abs(f) != 1]
-    units = {i for i in np.flatnonzero(best.loose)
-             if unit_of(case.ratios[i], case.linear(int(i))) != 1}  # fmt: skip
     tied = [i for i in range(len(case.names)) if not best.loose[i]] or list(range(len(case.names)))
     size = overall(case.ratios[tied])
     if scaled and _torques_of_motor(case, scaled[0]):
@@ -372,7 +391,7 @@ def _torques(case: Case) -> Iterator[Verdict]:
         yield _all_torques(case, size)
     for i in np.flatnonzero(best.loose):
         own = overall(case.ratios[i])
-        alone = i not in units and not common and len(tied) < len(case.names)
+        alone = i not in case.units and not common and len(tied) < len(case.names)
         if alone and max(own, 1 / own) > _WRONG_SCALE:
             yield _one_torque(case, int(i), 1 / own, rough=True)
 

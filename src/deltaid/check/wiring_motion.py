@@ -28,8 +28,6 @@ _HIGHEST_CUTOFF = 30.0
 _MOST_POWER, _ABOVE = 0.999, 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
 _SLOWEST = 20.0
-# Drives with less power than this share of the liveliest one's do not count.
-_MOVING = 1e-4
 # Rows missing in a row that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 
@@ -127,9 +125,10 @@ def _cutoff(q: Values, rate: float) -> float:
     x = (x - t * (t * x).mean(axis=0) / np.mean(t**2)) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
     total = np.cumsum(np.abs(np.fft.rfft(x, axis=0) * frequency[:, None]) ** 2, axis=0)
-    moving = total[:, total[-1] > _MOVING * total[-1].max()]
-    most = max(frequency[np.searchsorted(one, _MOST_POWER * one[-1])] for one in moving.T)
-    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * float(most))
+    most = [float(frequency[np.searchsorted(one, _MOST_POWER * one[-1])]) for one in total.T]
+    # A drive at rest has noise alone, whose speeds are all at high frequencies.
+    moving = [one for one in most if one < _HIGHEST_CUTOFF] or [_HIGHEST_CUTOFF]
+    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * max(moving))
     return float(min(max(LOWEST_CUTOFF, min(usual, highest)), HIGHEST * rate))
 
 

@@ -8,8 +8,11 @@ from deltaid.check.wiring_search import TURNING, Candidate
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 
-# Below this share of the largest of a drive's torques a component is too small to be compared.
-_SMALL = 0.1
+# Below this share of the largest of a drive's torques a component is too small to be compared; of
+# a drive that nothing ties to others, below the other one.
+_SMALL, _SMALLEST = 0.1, 0.003
+# What an explanation more has to be worth, in natural logarithms of ratios.
+_MORE = 0.3
 # A speed at which only steps of friction are left, as a share of the usual one.
 _CREEP = 1e-6
 # Inertia, gravity, viscous and Coulomb friction.
@@ -32,7 +35,8 @@ def ratios(
     for i in range(dynamics.dof):
         rows = _components(dynamics, i, found.columns, speeds[i], accelerations[i])
         told, expected = rows @ p, rows @ prior
-        large = np.abs(expected) > _SMALL * np.abs(expected).max()
+        share = _SMALLEST if best.loose[i] else _SMALL
+        large = np.abs(expected) > share * np.abs(expected).max()
         out[i, large] = told[large] / expected[large]
     return out
 
@@ -42,21 +46,26 @@ def overall(found: Float[np.ndarray, "..."]) -> float:
     return float(np.exp(np.median(_logs(found))))
 
 
-def unit_of(found: Float[np.ndarray, " components"], linear: bool) -> float:
+def unit_of(found: Float[np.ndarray, " components"], pace: float) -> float:
     """The unit of an angle, as a factor, that makes a drive's components agree with the prior best.
 
     1 where the torque's scale, or nothing, explains them as well. Angles that are too large by a
     factor make inertia and viscous friction too small by it, and leave Coulomb friction.
+
+    Args:
+        pace: the drive's largest speed over the largest one that is described; 0 where none is.
     """
-    if linear:
-        return 1.0
+
+    def odd(logs: np.ndarray, pace: float) -> float:
+        return float(np.abs(logs).sum()) + max(0.0, float(np.log(max(pace, 1e-9))))
+
     usual = _logs(found)
-    best, factor = float(np.abs(usual - np.median(usual)).sum()) + 0.3, 1.0
-    best = min(best, float(np.abs(usual).sum()))
+    best = min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)
+    factor = 1.0
     for unit in TURNING:
         moved = found.copy()
         moved[[INERTIA, VISCOUS]] /= unit
-        left = float(np.abs(_logs(moved)).sum()) + 0.3
+        left = odd(_logs(moved), pace * unit) + _MORE
         if left < best:
             best, factor = left, unit
     return factor
