@@ -32,6 +32,8 @@ _WRONG_SCALE, _DOUBTFUL_SCALE = 4.0, 2.5
 _EXPLAINED = 0.5
 # More than this share of the torques left, a factor of positions is doubtful.
 _SURE = 0.08
+# Correlation with the prior's torque of a drive whose own scale is worth asking for.
+_GOES = 0.6
 # The part of it that hypotheses are looked for on, if it has so many samples.
 _FEW, _FEWEST = 150, 60
 _PART = {"longest": 6.0, "oversampled": 10.0}
@@ -68,12 +70,19 @@ class Case:
         """Torques over those of the prior, by drive and component."""
         return ratios(self.evidence.dynamics, self.motion, self.best)
 
+    @property
+    def untied(self) -> list[int]:
+        """The drive of a telescope, if its torque goes with its motion: limbs always tie others."""
+        last = len(self.names) - 1
+        turns = self.evidence.robot.telescope is not None and bool(self.best.loose[last])
+        return [last] if turns and self.best.along[last] > _GOES else []
+
     @cached_property
     def units(self) -> dict[int, float]:
         """Factors of units that only the prior tells, of drives that nothing ties to others."""
         found = {}
-        for i in np.flatnonzero(self.best.loose).tolist():
-            if not self.linear(i) and len(self.names) > 1:
+        for i in self.untied:
+            if not self.linear(i):
                 limits = self.evidence.robot.drive_limits.get(self.names[i])
                 top = limits.top_speed if limits else None
                 fastest = abs(self.best.map.scale[i]) * float(np.abs(self.motion.qd[:, i]).max())
@@ -389,11 +398,10 @@ def _torques(case: Case) -> Iterator[Verdict]:
     common = max(size, 1 / size) > _DOUBTFUL_SCALE
     if common:
         yield _all_torques(case, size)
-    for i in np.flatnonzero(best.loose):
+    for i in case.untied:
         own = overall(case.ratios[i])
-        alone = i not in case.units and not common and len(tied) < len(case.names)
-        if alone and max(own, 1 / own) > _WRONG_SCALE:
-            yield _one_torque(case, int(i), 1 / own, rough=True)
+        if i not in case.units and not common and max(own, 1 / own) > _WRONG_SCALE:
+            yield _one_torque(case, i, 1 / own, rough=True)
 
 
 def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:

@@ -27,6 +27,8 @@ _SHOWN_FAR = 3.0
 _SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # Hypotheses that leave so much more than the best one are as good as it.
 _AS_GOOD = 1.2
+# One that leaves more than this must leave half of what the mapping does.
+_DOUBTED = 0.08
 # Those that are looked at again on all samples, and how many at most.
 _NEAR, _DECIDED = 2.0, 6
 # A hypothesis must leave so much less than the mapping does.
@@ -117,6 +119,8 @@ class Candidate:
             return True
         if self.scaled:
             return plain.left > _FAR_BETTER * self.left
+        if self.left > _DOUBTED and plain.left < 2 * self.left:
+            return False
         if plain.changes:
             return True
         surely = self.residual.A.shape[1] * np.log(plain.left / self.left) > _SURELY
