@@ -451,7 +451,8 @@ def _drift_seen(study: _Study, cause: _Cause, subject: str, share: float) -> _Se
 
 def _load_seen(study: _Study, cause: _Cause, subject: str, share: float) -> _Seen:
     first = cause.found[0].pattern
-    mass = float(abs(cause.coefficients[0][0]))
+    alone = study.scene.basis.without(first.columns[:, 0])
+    mass = float(abs(alone @ study.tau) / (alone @ alone))
     times = first.detail
     told = ", ".join(f"{t:.1f}" for t in times[:4]) + (
         f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
