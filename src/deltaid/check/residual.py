@@ -49,6 +49,8 @@ _FLOOR, _MOSTLY = 1e-5, 0.7
 # What is left is far above noise when it is so many times the noise and this share of the largest
 # torque; it comes in bursts when a tenth of the time has so much of it.
 _FAR, _SEEN, _BURSTS = 3.0, 0.01, 0.7
+# Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
+_SMALL, _AT_ONCE = 1.5e-4, 2.0
 # Nothing is said of a lag whose interval is wider [s].
 _UNKNOWN = 1e-3
 
@@ -65,6 +67,7 @@ class _Study:
         late: surprise of the lag that shows; 0 if none does.
         alike: whether all drives have the same lag.
         plain: M_ii at home of least squares without any of this.
+        hidden: whether there is something like a lag that other causes explain better.
     """
 
     scene: Scene
@@ -75,6 +78,7 @@ class _Study:
     late: float
     alike: bool
     plain: Float[np.ndarray, " dof"]
+    hidden: bool = False
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -121,9 +125,12 @@ def _studied(evidence: Evidence) -> _Study | None:
     first = account.found[0].pattern.kind if account.found else ""
     apart = np.abs(each.values - common.values) / np.maximum(each.deviation, 1e-12)
     alike = surprise(float(np.sum(apart**2)), dynamics.dof) < SEEN
+    apart_by = float(np.abs(each.values - common.values).max()) / _AT_ONCE
     plain = _inertia(scene, scene.p)
-    if late < SEEN or (first != "torque-lag" and late < max(others, default=0.0)):
+    if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
         return _Study(scene, tau, account, common, each, 0.0, alike, plain)
+    if first != "torque-lag" and late < max(others, default=0.0):
+        return _Study(scene, tau, account, common, each, 0.0, alike, plain, hidden=True)
     lag = common if alike else each
     reach = np.abs(lag.values).max() + 1.0 / log.rate
     record = trace(dynamics, log, load, cutoff=cutoff, reach=float(reach), reversals=False)
@@ -171,6 +178,18 @@ def _inertia(scene: Scene, p: Parameters) -> Float[np.ndarray, " dof"]:
 def _of_lag(study: _Study) -> Iterator[Verdict]:
     common, each, drives = study.common, study.each, study.scene.drives
     lag, half = 1e3 * common.values[0], 1e3 * common.interval[0]
+    if study.hidden:
+        yield Verdict(
+            "torque-lag",
+            Grade.CANNOT_TELL,
+            f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but another cause explains "
+            "more of what that leaves",
+            cause="a lag beside the causes below, or these alone, which imitate one",
+            cure="mend the causes below first, and check again",
+            number=lag,
+            unit="ms",
+        )
+        return
     if not study.late:
         if half > 1e3 * _UNKNOWN:
             yield Verdict(
@@ -432,7 +451,8 @@ def _drift_seen(study: _Study, cause: _Cause, subject: str, share: float) -> _Se
 
 def _load_seen(study: _Study, cause: _Cause, subject: str, share: float) -> _Seen:
     first = cause.found[0].pattern
-    mass = float(abs(cause.coefficients[0][0]))
+    alone = study.scene.basis.without(first.columns[:, 0])
+    mass = float(abs(alone @ study.tau) / (alone @ alone))
     times = first.detail
     told = ", ".join(f"{t:.1f}" for t in times[:4]) + (
         f" s and {len(times) - 4} times more" if len(times) > 4 else " s"

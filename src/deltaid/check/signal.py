@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.spectra import bandwidth, step_of, white_noise
+from deltaid.check.spectra import jitter as jitter_of
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.words import listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
@@ -19,6 +20,8 @@ from deltaid.recording.recording import Recording
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
 # What the encoder's steps add to the accelerations, as a share of these.
 _ROUGH, _USELESS = 0.1, 1.0
+# Steps of the encoder over a stroke that are too few whatever the filter makes of them.
+_FEW = 250.0
 # Jitter of the stamps that is said, as a share of the period.
 _JITTER = 0.005
 # Share of the rows on a torque's largest or smallest number, and at rest.
@@ -36,11 +39,13 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     """All verdicts on the signals as they are recorded."""
     if len(evidence.rows.time) < 2 or evidence.rows.step <= 0:
         return
-    yield _rate(evidence)
+    rate, recording = _rate(evidence), evidence.surveyed
+    yield rate
+    if rate.grade is Grade.WRONG:  # motions that are sampled like this look like noise
+        return
     yield from _encoder(evidence)
-    recording = evidence.surveyed
     if isinstance(recording, Recording):
-        yield _clock(recording.log)
+        yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
         yield _standing(evidence, recording.log)
     if evidence.rows.tau.shape[1]:
@@ -100,7 +105,8 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
         rough = step / np.sqrt(12) * np.linalg.norm(response)
         size = np.std(_convolved(rows.q[:, i], response, low_pass.thinned))
         shares[i] = rough / np.sqrt(max(size**2 - rough**2, (0.1 * size) ** 2, 1e-300))
-    bad = np.flatnonzero(shares > _ROUGH)
+    counts = np.ptp(rows.q, axis=0) / np.maximum(steps, 1e-300)
+    bad = np.flatnonzero((shares > _ROUGH) | ((counts < _FEW) & (counts > 0)))
     worst = int(np.argmax(shares))
     drive = robot.drives[worst]
     unit = robot.units(drive).coordinate
@@ -152,7 +158,7 @@ def _convolved(
     return around @ response[::-1]
 
 
-def _clock(log: Log) -> Verdict:
+def _clock(evidence: Evidence, log: Log) -> Verdict:
     """What is missing, doubled or jittered."""
     clock = log.clock
     lost, restarts = int(clock.lost[clock.lost > 0].sum()), int(np.sum(clock.lost < 0))
@@ -169,13 +175,21 @@ def _clock(log: Log) -> Verdict:
         told.append(f"{stale} rows repeat the one before them while the robot moves")
     if jitter > _JITTER:
         told.append(f"stamps jitter by {percent(jitter)} of the {1e3 * clock.period:.4g} ms")
+    if not told and clock.steady:
+        uneven = jitter_of(evidence.rows.q, clock.period) / clock.period
+        if uneven > _JITTER:
+            jitter = uneven
+            told.append(
+                f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
+                f"{1e3 * clock.period:.4g} ms from where their even stamps say"
+            )
     if not told:
         seen = f"{clock.rows} rows, one every {1e3 * clock.period:.4g} ms"
         return Verdict("clock", Grade.GOOD, seen, number=100 * jitter, unit="%")
     if jitter > _JITTER and not (lost or restarts or len(clock.extra) or stale):
         cause = (
             "rows are sampled when the logger gets round to it, not by a clock"
-            if clock.even is False
+            if clock.even is False or clock.steady
             else "stamps are made when rows are written, and not when they are sampled"
         )
     else:

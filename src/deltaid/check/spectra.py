@@ -7,9 +7,11 @@ from jaxtyping import Float
 _MOST = 1 << 16
 # Samples of a stretch in which noise is looked at.
 _SHORT = 32
-# A line of a motion stands so far above the noise; this share of the acceleration is below its
+# A line of a motion stands so far above the noise; this share of the speed's power is below its
 # highest frequency.
-_ABOVE, _BELOW = 30.0, 0.98
+_ABOVE, _BELOW = 30.0, 0.99
+# Lines below this share of a position's highest are no motion: steps of the encoder, lost rows.
+_MOVES = 1e-4
 # Numbers lie on a grid where so many of their distances are multiples of the least, within so much.
 _ON_GRID, _OFF = 0.98, 0.05
 # A grid of more steps over the whole range is not told from floating point.
@@ -19,11 +21,15 @@ _FEW = 20.0
 
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
 
+# Samples of a stretch in which the scatter of instants is looked at, and stretches at least; by how
+# much noise has to grow with speed.
+_STRETCH, _FEWEST, _GROWS = 64, 10, 1.0
+
 Signals = Float[np.ndarray, "rows channels"]
 
 
 def bandwidth(q: Signals, rate: float) -> float:
-    """The frequency [Hz] below which nearly all of a motion's acceleration is; 0 at rest."""
+    """The frequency [Hz] below which nearly all of a motion's speed is; 0 at rest."""
     x = q[:_MOST]
     n = len(x)
     if n < 16:
@@ -37,10 +43,10 @@ def bandwidth(q: Signals, rate: float) -> float:
     power = np.abs(np.fft.rfft((level - level.mean(axis=0)) * window[:, None], axis=0)) ** 2
     frequency = np.fft.rfftfreq(n, 1 / rate)
     floor = np.median(power[3 * len(power) // 4 :], axis=0)
-    power[power < _ABOVE * floor] = 0.0
+    power[power < np.maximum(_ABOVE * floor, _MOVES * power.max(axis=0))] = 0.0
     size = np.ptp(x, axis=0)
-    bending = np.sum(power[:, size > 0] / size[size > 0] ** 2, axis=1) * frequency**4
-    total = np.cumsum(bending)
+    speed = np.sum(power[:, size > 0] / size[size > 0] ** 2, axis=1) * frequency**2
+    total = np.cumsum(speed)
     if total[-1] == 0:
         return 0.0
     return float(frequency[np.searchsorted(total, _BELOW * total[-1])])
@@ -93,3 +99,28 @@ def step_of(x: Float[np.ndarray, " rows"]) -> float:
     if np.mean(np.abs(near - np.round(near)) < _OFF) < _ON_GRID:
         return 0.0
     return step
+
+
+def jitter(q: Signals, period: float) -> float:
+    """By how much sampling instants scatter [s, rms] that are stamped evenly; 0 where it is unseen.
+
+    A sample that is late by ε differs by q̇ ε: what fourth differences leave of the motion grows
+    with its speed, in all drives alike. It must be more than noise at rest, and encoder steps.
+    """
+    rows = len(q) // _STRETCH * _STRETCH
+    if rows < _FEWEST * _STRETCH:
+        return 0.0
+    rough = np.diff(q, n=4, axis=0) / np.sqrt(70.0)
+    rough = np.pad(rough, ((2, 2), (0, 0)))[:rows].reshape(-1, _STRETCH, q.shape[1])
+    speed = np.gradient(q[:rows], period, axis=0).reshape(rough.shape)
+    noise, fast = np.mean(rough[:, 2:-2] ** 2, axis=1), np.mean(speed**2, axis=1)
+    found = []
+    for i in range(q.shape[1]):
+        order = np.argsort(fast[:, i])
+        slow, quick = order[: len(order) // 5], order[len(order) // 2 :]
+        still = float(np.median(noise[slow, i]))
+        more = noise[quick, i] - still
+        if np.median(more) < max(_GROWS * still, step_of(q[:, i]) ** 2):
+            return 0.0
+        found.append(np.sqrt(max(float(np.median(more / fast[quick, i])), 0.0)))
+    return float(min(found))

@@ -13,7 +13,7 @@ from deltaid.identification.patterns import Pattern
 # Directions of columns shorter than this share of their length have been taken by parameters.
 _TAKEN = 1e-3
 # A pattern is seen where chance gives one like it once in so many decades of recordings.
-SEEN = 4.5
+SEEN = 6.0
 # Where one of these explains nearly as much as the best, it is taken: others know better of it.
 _ELSEWHERE, _NEARLY = ("homing-or-tilt", "friction-missing"), 0.9
 # Of so many candidates the scatter is looked at, and so many patterns are taken at most.
