@@ -18,8 +18,8 @@ from faults.tools import KINDS, ImpossibleError
 
 __all__ = ["KINDS", "LEAST", "Case", "clean", "fault", "faulty"]
 
-# Three times the half width of a 95 % interval, in standard deviations for white noise; intervals by
-# scatter, as the package has them, are up to half as wide again.
+# Three times the half width of a 95 % interval, in standard deviations for white noise; intervals
+# by scatter, as the package has them, are up to half as wide again.
 LEAST = 3 * 1.96 * 1.5
 
 

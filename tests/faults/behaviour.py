@@ -72,9 +72,12 @@ def cogging(case: Case, rng: np.random.Generator) -> Case:
     return replace(recorded(case, extra=extra), size=f"{share:.0%}, {waves:.0f} waves")
 
 
-@kind("geometry-or-cogging", related=("homing-or-tilt",), hides=True)
+@kind("geometry-or-cogging", "homing-or-tilt", related=("homing-or-tilt",), hides=True)
 def length(case: Case, rng: np.random.Generator) -> Case:
-    """One limb's arm, strut or base point is 3 to 15 % off."""
+    """One limb's arm, strut or base point is 3 to 15 % off.
+
+    To first order a longer strut is a carriage that stands higher, so a zero of its drive is right.
+    """
     limbs = list(case.setting.plant.oracle.limbs)
     k, share = int(rng.integers(len(limbs))), spread(rng, 0.03, 0.15) * rng.choice([-1, 1])
     what = str(rng.choice(["arm", "strut", "base"]))

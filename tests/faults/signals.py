@@ -13,7 +13,7 @@ from faults.case import Case
 from faults.tools import ImpossibleError, drives, kind, one, recorded, some, spread
 
 
-@kind("rate", related=("clock",))
+@kind("rate", related=("clock", "torque-noise"))
 def rate(case: Case, rng: np.random.Generator) -> Case:
     """Only two to five samples for one wave of the motion's highest harmonic."""
     setting = case.setting
