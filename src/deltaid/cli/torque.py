@@ -17,7 +17,7 @@ def torque(
     model: Annotated[
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
-    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, in any kind of file.")],
+    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, of any kind.")],
     output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")

@@ -61,8 +61,8 @@ def identify(
     Args:
         robot: the description with geometry, priors and reductions; or what has one, a catalogue
             name, a file of a robot or of a model.
-        logs: one recording or a sequence of them: a file of any kind that is read, a table of polars or
-            pandas, or `Recording.from_arrays`.
+        logs: one recording or a sequence of them: a file of any kind that is read, a table of
+            polars or pandas, or `Recording.from_arrays`.
         columns: names and units of their columns, if not the default ones; arrays with units of
             their own keep these.
         settings: method, regulariser, γ, filter, friction laws.
