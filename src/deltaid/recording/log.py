@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
@@ -64,7 +64,7 @@ class Log:
     suggested_cutoff: float | None
     masks: tuple[Mask, ...]
     keep_all: bool
-    warnings: tuple[str, ...]
+    warnings: tuple[Doubt, ...]
 
     @property
     def path(self) -> Path:
@@ -159,8 +159,12 @@ def open_log(
     survey.warnings += table.warnings
     if extra := extra_drives(table, columns, kinematics.dof):
         survey.warnings.append(
-            f"has columns of another drive ({', '.join(extra)}), but the robot has "
-            f"{kinematics.dof}; is the log of another robot?"
+            Doubt(
+                f"has columns of another drive ({', '.join(extra)}), but the robot has "
+                f"{kinematics.dof}",
+                cause="the log is of another robot, or of an axis beside it as well",
+                cure="give the robot that was recorded; an axis beside it does no harm",
+            )
         )
     with ThreadPoolExecutor(1) as beside:
         digest = beside.submit(table.checksum, [one.column for one in columns.recorded])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity
 from deltaid.recording.bounds import Bounds
@@ -61,7 +61,7 @@ class Survey:
     strained: int = 0
     first_strained: str = ""
     first_outside: str = ""
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Doubt] = field(default_factory=list)
     spectrum: SpectrumEstimate = field(init=False)
     derivatives: DerivativeCheck = field(init=False)
     branch: BranchCheck = field(init=False)
@@ -167,14 +167,23 @@ class Survey:
         self.warnings += self.derivatives.warnings(where)
         if self.outside:
             self.warnings.append(
-                f"{self.outside} of {self.samples} samples lie outside the workspace of the "
-                f"description, the first in {self.first_outside}"
+                Doubt(
+                    f"{self.outside} of {self.samples} samples lie outside the workspace of the "
+                    f"description, the first in {self.first_outside}",
+                    cause="the robot uses more room than 'workspace' says",
+                    cure="widen it; if the robot was not there, check its lengths and zeros",
+                )
             )
         if self.strained:
             self.warnings.append(
-                f"{self.strained} of {self.samples} samples are nearer to a singular pose than the "
-                f"description's largest_condition of {self.kinematics.robot.largest_condition:g}, "
-                f"the first in {self.first_strained}"
+                Doubt(
+                    f"{self.strained} of {self.samples} samples are nearer to a singular pose than "
+                    f"the description's largest_condition of "
+                    f"{self.kinematics.robot.largest_condition:g}, the first in "
+                    f"{self.first_strained}",
+                    cause="a motion at the edge of what the limbs reach",
+                    cure="keep away from it, for small errors of lengths and zeros are large there",
+                )
             )
         self.warnings += told_of_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
@@ -319,8 +328,14 @@ class Survey:
         for i, channel in enumerate(c.position):
             if resting[channel.column]:
                 self.warnings.append(
-                    f"column {channel.column} is constant: that drive does not move, so what only "
-                    "it shows stays undetermined"
+                    Doubt(
+                        f"column {channel.column} is constant, so what only this drive shows stays "
+                        "undetermined",
+                        cause="it was not moved",
+                        cure="record a motion of all drives, such as `deltaid excite` plans; if it "
+                        "was moved, map the column that holds its position",
+                        key="excitation",
+                    )
                 )
                 continue
             for rates in (c.velocity, c.acceleration):
