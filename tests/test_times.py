@@ -91,9 +91,9 @@ def test_cycle_counters_overflow(tmp_path, clavel: Dynamics, bits: int, signed: 
     frame, mapping = with_time(counts, column="t", rate=1000)
     log = open_log(write(tmp_path / "log.csv", frame), clavel.kinematics, mapping)
     (told,) = log.warnings
-    assert told == (
+    assert told.startswith(
         f"column t starts again after {2**bits} counts ({bits} bits) in 1 row, the first row 152: "
-        "taken to go on"
+        "taken to go on; likeliest cause: a counter that is full"
     )
     steps = np.diff(np.concatenate([batch.values for batch in log.batches()])[:, 0])
     np.testing.assert_allclose(steps, 1e-3, rtol=0, atol=1e-9 * 2 ** max(0, bits - 30))

@@ -1,7 +1,5 @@
 """The package's own errors and warnings: what is wrong, where, why, and how to mend it."""
 
-from typing import Self
-
 # Spaces that do not break a line: plain, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
 
@@ -49,10 +47,9 @@ class Doubt(str):
             replaces this where there is one; empty if none does.
     """
 
-    __slots__ = ("key",)
     key: str
 
-    def __new__(cls, seen: str, *, cause: str, cure: str, key: str = "") -> Self:
+    def __new__(cls, seen: str, *, cause: str, cure: str, key: str = "") -> "Doubt":
         """One cause in words."""
         made = super().__new__(cls, sentence(seen, cause, cure))
         made.key = key
