@@ -153,13 +153,25 @@ def test_a_block_of_wild_stamps_names_its_row(clavel: Dynamics) -> None:
 
 
 def test_time_that_hardly_runs_is_refused(clavel: Dynamics) -> None:
-    whole = even(1000.0).frame[:400]
-    stamps = np.zeros(400)
-    stamps[200] = 7.5e-320
-    with pytest.raises(RecordingError, match=r"a sampling rate of 2e\+06 Hz; at most"):
-        opened(whole, stamps, np.arange(400), clavel)
+    whole = even(1000.0).frame[:4000]
+    seconds, once = np.floor(whole["t"].to_numpy()), np.zeros(4000)
+    once[200] = 7.5e-320
+    for stamps, steps in ((seconds, 3), (once, 1)):
+        told = f"column t changes in only {steps} of 4000 rows, too few"
+        with pytest.raises(RecordingError, match=told):
+            opened(whole, stamps, np.arange(4000), clavel)
     with pytest.raises(RecordingError, match=r"a sampling rate of .* Hz; at most"):
-        opened(whole, 1e-310 * np.arange(400) ** 1.1, np.arange(400), clavel)
+        opened(whole, 1e-310 * np.arange(4000) ** 1.1, np.arange(4000), clavel)
+
+
+def test_stamps_that_hardly_step_take_no_longer(clavel: Dynamics) -> None:
+    """A hundred rows share a stamp: medians are as wide as the recording."""
+    whole = even(4000.0).frame[:20_000]
+    stamps = np.floor(whole["t"].to_numpy() / 0.15) * 0.15
+    begun = time.process_time()
+    log = opened(whole, stamps, np.arange(20_000), clavel)
+    assert time.process_time() - begun < 2
+    assert log.rate == pytest.approx(4000, rel=0.01)
 
 
 def test_places_of_holes_cost_no_more_than_rows() -> None:

@@ -18,6 +18,8 @@ _JITTER = 0.05
 _APART = 5.0
 # A time column that goes back in a larger share of its rows is none.
 _MOST_BACKWARD = 0.2
+# Fewest steps of stamps that several rows share; fewer do not tell the rate.
+_FEWEST_STEPS = 32
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 _HIGHEST_RATE = 1e6
 
@@ -248,7 +250,7 @@ class ClockCheck:
         """Refuse what is no time.
 
         Raises:
-            RecordingError: it stands still, goes backwards, or jumps about.
+            RecordingError: it stands still, or nearly so, goes backwards, or jumps about.
         """
         where, cure = (
             str(self.table.path),
@@ -264,6 +266,13 @@ class ClockCheck:
                 else f"is {self.first_time:.10g} s in all rows: it does not run"
             )
             raise RecordingError(f"column {self.column} {what}", where=where, cure=cure)
+        if self.forward < _FEWEST_STEPS and 2 * self.forward < self.samples - 1:
+            raise RecordingError(
+                f"column {self.column} changes in only {self.forward} of {self.samples} rows, too "
+                "few to tell the sampling rate by",
+                where=where,
+                cure=cure,
+            )
         if self.backward > _MOST_BACKWARD * self.samples:
             raise RecordingError(
                 f"column {self.column} goes back in {self.backward} of {self.samples} rows; "
