@@ -14,6 +14,7 @@ from deltaid.identification.gathering import gather
 from deltaid.identification.information import Information, merge
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.left_out import LeftOut, Span
+from deltaid.recording.clock import Clock
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.mask_search import MaskSearch
 from deltaid.recording.masks import Mask, Weights, kept
@@ -39,7 +40,8 @@ def searched(one: Interrupted, size: int = 1 << 16) -> tuple[Mask, ...]:
     rows = one.frame.to_numpy()
     for start in range(0, len(rows), size):
         search.add(rows[start : start + size], 1 / one.rate)
-    return search.masks
+    clock = Clock(1 / one.rate, len(rows), 0.0, (len(rows) - 1) / one.rate)
+    return search.masks(clock)
 
 
 def by_hand(log: Log, *spans: tuple[tuple[int, ...], int, int]) -> Log:
@@ -226,7 +228,9 @@ def test_a_limit_of_the_description_needs_less_evidence() -> None:
     for limits, count in (([np.inf] * 3, 0), ([np.inf, limit, np.inf], 1)):
         search = MaskSearch(3, limits)
         search.add(replace(one, tau=tau).frame.to_numpy(), 1e-3)
-        assert (len({mask.reason for mask in search.masks})) == count
+        assert (
+            len({mask.reason for mask in search.masks(Clock(1e-3, len(tau), 0.0, 1.0))})
+        ) == count
 
 
 @pytest.mark.parametrize("size", [97, 1 << 16])

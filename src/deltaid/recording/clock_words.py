@@ -9,11 +9,35 @@ from deltaid.recording.source import Table
 
 # Jitter that is worth a word, as a share of a period.
 _WORTH = 0.01
+# Where a larger share of stamps is far off those about them, none is believed.
+_MOST_WILD = 0.2
 
 
 def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
-    """Jitter, uneven sampling, rows that are left out."""
+    """Stamps that are none, jitter, uneven sampling, rows that are left out.
+
+    Raises:
+        RecordingError: too many stamps are none.
+    """
     told: list[Doubt] = []
+    if clock.wild > _MOST_WILD * clock.rows:
+        raise RecordingError(
+            f"column {column} jumps about: {clock.wild} of {clock.rows} stamps are far off those "
+            "before and after them; it is no time",
+            where=table.row_place(table.first_row + clock.first_wild),
+            cure="map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), "
+            "or give the sampling rate in its place (time: {rate: 1000})",
+        )
+    if clock.wild:
+        told.append(
+            Doubt(
+                f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
+                f"in {_row(table, np.array([clock.first_wild]))}: left out",
+                cause="numbers that were damaged on their way into the file",
+                cure="export the log again if there are many",
+                key="clock",
+            )
+        )
     share = clock.jitter * clock.rate
     off = f"{1e3 * clock.jitter:.3g} ms rms ({100 * share:.2g} % of a step)"
     if clock.even is False:
@@ -48,7 +72,7 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
                 key="clock",
             )
         )
-    if others := len(clock.extra) - clock.doubled:
+    if others := clock.late:
         told.append(
             Doubt(
                 f"{_rows(others)} late or stamped like another one, and left out"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
-from deltaid.recording.clock import Clock
+from deltaid.recording.clock import Clock, require_rate
 from deltaid.recording.clock_words import told_of_holes
 from deltaid.recording.columns import (
     ColumnMapping,
@@ -30,8 +31,9 @@ from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
 from deltaid.recording.unwrap import Unwrapping
 
-# Holes that are bridged while the cut-off is not known yet [s].
-_BRIDGED = 0.005
+# Holes that are bridged while the cut-off is not known yet, and the longest stretch of stale rows
+# in whose place a motion is put [s].
+_BRIDGED, _HELD = 0.005, 0.1
 
 
 @dataclass(frozen=True)
@@ -81,14 +83,27 @@ class Log:
         """Whether velocities and accelerations are recorded."""
         return bool(self.columns.velocity and self.columns.acceleration)
 
+    @cached_property
+    def laid(self) -> Clock:
+        """The clock with long stretches of stale rows taken for holes."""
+        runs = [(mask.first, mask.last) for mask in self._stale if self._is_long(mask)]
+        return self.clock.without(np.array(runs, dtype=int).reshape(-1, 2))
+
+    @property
+    def _stale(self) -> list[Mask]:
+        return [mask for mask in self.masks if mask.reason == "stale rows"]
+
+    def _is_long(self, mask: Mask) -> bool:
+        return mask.last - mask.first >= _HELD * self.rate
+
     def batches(self) -> Iterator[Batch]:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
 
         A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
-        torques has none. In the place of stale rows stands a smooth motion.
+        torques has none. In the place of a few stale rows stands a smooth motion.
         """
         weights = Weights(self.masks, len(self.columns.torque))
-        stale = [mask for mask in self.masks if mask.reason == "stale rows"]
+        stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, motion = 0, slice(1, len(self.columns.all) - len(self.columns.torque))
         for batch in bridged(read_batches(self.table, self.columns), stale, motion):
             yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
@@ -101,7 +116,7 @@ class Log:
             cutoff: what is filtered away later [Hz]; shorter holes are bridged.
         """
         rows = (batch.values for batch in self.batches())
-        return segments(rows, self.clock, self.bridged(cutoff), len(self.columns.torque))
+        return segments(rows, self.laid, self.bridged(cutoff), len(self.columns.torque))
 
     def bridged(self, cutoff: float | None) -> int:
         """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""
@@ -116,9 +131,9 @@ class Log:
         Raises:
             RecordingError: no segment has so many.
         """
-        if self.clock.steady:
+        if self.laid.steady:
             return self
-        told = told_of_holes(self.clock, self.table, self.bridged(cutoff), shortest)
+        told = told_of_holes(self.laid, self.table, self.bridged(cutoff), shortest)
         told = [text for text in told if text not in self.warnings]
         return replace(self, warnings=(*self.warnings, *told))
 
@@ -174,7 +189,7 @@ def open_log(
         survey.warnings += unwrapping.told(table)
         clock = _clock(survey)
         survey.finish(clock)
-    masks = survey.search.masks if survey.search and not keep_all else ()
+    masks = survey.search.masks(clock) if survey.search and not keep_all else ()
     require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
     return Log(
         table=table,
@@ -222,7 +237,10 @@ def _clock(survey: Survey) -> Clock:
     def rows() -> Iterator[Float[np.ndarray, "_ _"]]:
         return (batch.values for batch in read_batches(table, columns))
 
+    # Before any row is placed by such a step.
+    require_rate(table, columns.time.column, survey.clock.usual_rate, differentiated=False)
     clock = study(rows(), dof)
+    require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()
     for segment in segments(rows(), clock, int(_BRIDGED * clock.rate), 0):
         survey.add_even(segment)

@@ -58,7 +58,7 @@ class Recording:
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
         shortest = reach(self.low_pass) + 1 if self.low_pass else 1
-        return self.log.clock.report(self.log.bridged(self.cutoff), shortest)
+        return self.log.laid.report(self.log.bridged(self.cutoff), shortest)
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]

@@ -28,6 +28,8 @@ _LARGEST_ARM_ANGLE = np.pi
 _JUMP = 0.75 * 2 * np.pi
 # Rows of an even segment that are looked at together.
 _EVEN_ROWS = 1 << 16
+# Rows between two places where time leaves off that show a passage from branch to branch.
+_SHOWN = 4
 _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
@@ -268,6 +270,8 @@ class Survey:
         for start, stop in pairwise([0, *apart[apart > 0].tolist(), len(time)]):
             if start in apart:
                 self.branch = BranchCheck(self.kinematics)
+                if stop - start < _SHOWN and stop < len(time):
+                    continue
             run = slice(start, stop)
             left = self.branch.add(time[run], q[run], z[run], regular.part(run))
             if left is not None:
