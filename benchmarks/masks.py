@@ -37,11 +37,12 @@ NOTE = """\
 8 s of random motion, torque noise of 2 % of the largest torque, encoders of 12 to 20 bits with a
 gear of 10 or none, a combination a seed. *Known less*: by how much standard deviations of the base
 parameters would grow for noise of one and the same level, because of the rows that are left out, in
-the geometric mean and for the worst parameter of all seeds. *Width*: of the 95 % intervals that data
-decides, masked over all rows: median over the parameters, geometric mean over the seeds; and the
-seed where it is largest. Intervals come from the scatter between some 30 stretches or places, which
-has chance in it: 15 to 20 % each, and seeds over 1.02 are those in which the larger scatter is that
-of places with masks, and that of stretches, nearly as large, without. *M*: largest error along the motion, geometric mean."""
+the geometric mean and for the worst parameter of all seeds. *Width*: of the 95 % intervals that
+data decides, masked over all rows: median over the parameters, geometric mean over the seeds; and
+the seed where it is largest. Intervals come from the scatter between some 30 stretches or places,
+which has chance in it, 15 to 20 % each. Where the widest seed is over 1.02, the two scatter nearly
+alike: stretches a little more with all rows, places with masks. *M*: largest error along the
+motion, geometric mean."""
 
 
 def mean(ratios: Sequence[float]) -> float:

@@ -145,7 +145,7 @@ def _chi_squared(information: Information, p: np.ndarray, sigma: np.ndarray) -> 
         (CLAVEL, 1000.0, 12, 1.0, 0.02),
         (IRB, 1000.0, 17, 20.0, 0.02),
         ("h4", 200.0, 18, 1.0, 0.005),
-        ("par4-linear", 4000.0, 20, 10.0, 0.05),
+        ("par4-linear", 2000.0, 20, 10.0, 0.05),
     ],
 )
 def test_standing_still_at_the_ends_and_in_between(name, rate, bits, gear, noise) -> None:
