@@ -23,8 +23,10 @@ from deltaid.recording.columns import (
 )
 from deltaid.recording.masks import Mask, Weights, require_rest
 from deltaid.recording.memory import Recording, RecordingLike, as_source
+from deltaid.recording.runs import runs_of
 from deltaid.recording.segments import longest_hole, segments
 from deltaid.recording.source import Table
+from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.stale import bridged
 from deltaid.recording.study import study
 from deltaid.recording.survey import Survey
@@ -49,7 +51,8 @@ class Log:
         position_noise: standard deviation of each drive's position, steps of the encoder included
             [rad or m]; 0 where it is not seen.
         reach: lowest and highest of the platform's coordinates [m].
-        suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz].
+        suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz], from the
+            stretches between emergency stops.
         masks: what is left out of it; without any where all is kept.
         keep_all: whether nothing is to be left out.
         warnings: what is doubtful, with rows and columns.
@@ -191,7 +194,7 @@ def open_log(
         survey.finish(clock)
     masks = survey.search.masks(clock) if survey.search and not keep_all else ()
     require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
-    return Log(
+    log = Log(
         table=table,
         columns=columns,
         sha256=digest.result(),
@@ -205,6 +208,7 @@ def open_log(
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
     )
+    return _with_cutoff_between_stops(log)
 
 
 def resolved_table(
@@ -224,6 +228,23 @@ def resolved_table(
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
     return table, resolve_columns(table, linear, mapping), mapping
+
+
+def _with_cutoff_between_stops(log: Log) -> Log:
+    """Brakes stop a robot with a jerk, whose spectrum is no motion's: without it, the cut-off."""
+    stops = tuple(mask for mask in log.masks if mask.reason == "emergency stop")
+    if not stops:
+        return log
+    q = slice(1, 1 + len(log.columns.position))
+    spectrum = SpectrumEstimate(len(log.columns.position))
+    for segment in replace(log, masks=stops).segments(None):
+        for rows in segment:
+            for first, last in runs_of(rows[:, -1] > 0):
+                spectrum.add(power_of(rows[first : last + 1, q]))
+    cutoff = spectrum.cutoff(log.rate)
+    if cutoff is None:
+        return log
+    return replace(log, suggested_cutoff=cutoff, position_noise=spectrum.noise)
 
 
 def _clock(survey: Survey) -> Clock:

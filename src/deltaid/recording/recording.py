@@ -15,6 +15,7 @@ from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.windows import Uncut, Window, cut, reach
@@ -160,4 +161,5 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
             cure="record longer, or record velocities and accelerations as well",
         )
     low_pass = design_low_pass(cutoff, log.rate)
+    log = replace(log, masks=before_stops(log.masks, cutoff, log.rate))
     return Recording(log.cut_at(cutoff, reach(low_pass) + 1), low_pass)
