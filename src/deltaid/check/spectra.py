@@ -120,7 +120,7 @@ def jitter(q: Signals, period: float) -> float:
         slow, quick = order[: len(order) // 5], order[len(order) // 2 :]
         still = float(np.median(noise[slow, i]))
         more = noise[quick, i] - still
-        if np.median(more) < max(_GROWS * still, step_of(q[:, i]) ** 2):
+        if not fast[quick, i].all() or np.median(more) < max(_GROWS * still, step_of(q[:, i]) ** 2):
             return 0.0
         found.append(np.sqrt(max(float(np.median(more / fast[quick, i])), 0.0)))
     return float(min(found))

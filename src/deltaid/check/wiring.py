@@ -18,7 +18,7 @@ from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring_cures import Entries, Values
 from deltaid.check.wiring_motion import Motion, motion
 from deltaid.check.wiring_residual import Map
-from deltaid.check.wiring_scale import overall, ratios, unit_of
+from deltaid.check.wiring_scale import INERTIA, overall, ratios, unit_of
 from deltaid.check.wiring_search import SLIDING, TURNING, Candidate, explained
 from deltaid.check.wiring_velocities import velocity_verdicts
 from deltaid.check.wiring_velocity import rates
@@ -34,8 +34,10 @@ _EXPLAINED = 0.5
 _SURE = 0.08
 # Correlation with the prior's torque of a drive whose own scale is worth asking for.
 _GOES = 0.6
+# Inertia of a lone drive below zero, as a share of the prior's, that tells its sign.
+_MIRRORED = 0.3
 # The part of it that hypotheses are looked for on, if it has so many samples.
-_FEW, _FEWEST = 150, 60
+_FEW, _FEWEST = 150, 40
 _PART = {"longest": 6.0, "oversampled": 10.0}
 
 
@@ -72,8 +74,10 @@ class Case:
 
     @property
     def untied(self) -> list[int]:
-        """The drive of a telescope, if its torque goes with its motion: limbs always tie others."""
+        """Drives that no limb ties to others: of a telescope if its torque goes with its motion."""
         last = len(self.names) - 1
+        if last == 0:
+            return [0]
         turns = self.evidence.robot.telescope is not None and bool(self.best.loose[last])
         return [last] if turns and self.best.along[last] > _GOES else []
 
@@ -82,12 +86,12 @@ class Case:
         """Factors of units that only the prior tells, of drives that nothing ties to others."""
         found = {}
         for i in self.untied:
-            if not self.linear(i):
-                limits = self.evidence.robot.drive_limits.get(self.names[i])
-                top = limits.top_speed if limits else None
-                fastest = abs(self.best.map.scale[i]) * float(np.abs(self.motion.qd[:, i]).max())
-                unit = unit_of(self.ratios[i], fastest / top if top else 0.0)
-                found |= {i: unit} if unit != 1 else {}
+            limits = self.evidence.robot.drive_limits.get(self.names[i])
+            top = limits.top_speed if limits else None
+            fastest = abs(self.best.map.scale[i]) * float(np.abs(self.motion.qd[:, i]).max())
+            units = SLIDING if self.linear(i) else TURNING
+            unit = unit_of(self.ratios[i], fastest / top if top else 0.0, units)
+            found |= {i: unit} if unit != 1 else {}
         return found
 
     @property
@@ -278,6 +282,9 @@ def _torques_of_motor(case: Case, factor: float) -> bool:
 def _signs(case: Case) -> Iterator[Verdict]:
     best = case.best
     turned = [i for i, f in enumerate(best.map.scale) if f < 0]
+    if len(case.names) == 1 and not turned and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
+        # No loop shows the sign of a lone drive, and gravity may be even: inertia below zero does.
+        yield from _angle_sign(case, 0, both=False)
     for i in turned:
         both = bool(best.gains[i] < 0)
         yield from _angle_sign(case, i, both=both)

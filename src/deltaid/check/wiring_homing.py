@@ -19,6 +19,8 @@ from deltaid.dynamics.parameters import prior_parameters
 
 # Blocks of time, step of the slopes [rad or m], and spread of the prior.
 _BLOCKS, _STEP, _SPREAD = 24, 1e-4, 0.5
+# Share of the larger one's square below which an angle of gravity does not show.
+_SHOWN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,7 @@ class Shifts:
         H: products of their columns, freed of what parameters explain.
         scores: of each block, (blocks, columns).
         left: sum of squares without them, freed likewise.
+        rows: that it is of.
         drives: number of zeros; two angles of gravity follow, or none without gravity, then what
             else a drive may have: an offset of its torque, and a gain.
         angles: 2, or 0.
@@ -37,6 +40,7 @@ class Shifts:
     H: Float[np.ndarray, "columns columns"]
     scores: Float[np.ndarray, "blocks columns"]
     left: float
+    rows: int
     drives: int
     angles: int
 
@@ -47,8 +51,10 @@ class Shifts:
 
     @cached_property
     def tilt(self) -> list[int]:
-        """Columns of the direction of gravity."""
-        return list(range(self.drives, self.drives + self.angles))
+        """Columns of the direction of gravity that show."""
+        both = range(self.drives, self.drives + self.angles)
+        most = max((self.H[i, i] for i in both), default=0.0)
+        return [i for i in both if self.H[i, i] > _SHOWN * most]  # a plane shows one angle
 
     @cached_property
     def offsets(self) -> list[int]:
@@ -59,6 +65,8 @@ class Shifts:
     @cached_property
     def gains(self) -> list[int]:
         """Columns of gains; all together are the torques, so one must be left out then."""
+        if self.drives == 1:
+            return []
         return list(range(self.drives + self.angles + self.drives, len(self.H)))
 
     def told(
@@ -109,7 +117,7 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
     products = (D * e).reshape(len(D), dof, count).sum(axis=1)
     scores = np.stack([products[:, a:b].sum(axis=1) for a, b in pairwise(edges)])
-    return Shifts(D @ D.T, scores, float(e @ e), dof, angles)
+    return Shifts(D @ D.T, scores, float(e @ e), len(e), dof, angles)
 
 
 def _parameters(

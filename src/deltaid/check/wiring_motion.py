@@ -28,6 +28,9 @@ _HIGHEST_CUTOFF = 30.0
 _MOST_POWER, _ABOVE = 0.999, 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
 _SLOWEST = 20.0
+# A drive that is slower than this share of its largest speed for so long [s] stands still; samples
+# without that must be so many, or all are taken.
+_STILL, _REST, _AWAKE = 0.01, 0.1, 100
 # Rows missing in a row that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 
@@ -42,6 +45,8 @@ class Motion:
         q, qd, qdd: (samples, drives) as mapped, evenly spaced.
         load: τ at these samples, for friction that depends on it.
         tau: (kept, drives) torques that passed the low-pass, thinned.
+        awake: (kept,) where no drive stands still that moves at other times: at rest friction is
+            whatever balances the torque. All, where else too few were left.
         low_pass: what makes kept ones of samples.
         time: of the rows as they are [s].
         raw_q, raw_qd: of the same rows, unfiltered.
@@ -53,6 +58,7 @@ class Motion:
     qdd: Values
     load: Values
     tau: Values
+    awake: Bool[np.ndarray, " kept"]
     low_pass: LowPass
     time: Float[np.ndarray, " rows"]
     raw_q: Values
@@ -97,12 +103,14 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
     smoothed = apply(full.smooth, wide, every * again.decimation)
     samples = apply(full.smooth, x[:, inner], every).T
     count = -(-(len(samples) - len(again.smooth) + 1) // again.decimation)
+    speeds = apply(full.first, x, every).T
     return Motion(
         q=samples,
-        qd=apply(full.first, x, every).T,
+        qd=speeds,
         qdd=apply(full.second, x, every).T,
         load=apply(full.smooth, tau.T[:, inner], every).T,
         tau=smoothed.T[:count],
+        awake=_awake(speeds, rate / every, again, count),
         low_pass=again,
         time=time,
         raw_q=q,
@@ -110,6 +118,21 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
         full=full,
         every=every,
     )
+
+
+def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.ndarray, " kept"]:
+    """Which kept samples have no part in a rest of any drive, nor the filter around them."""
+    asleep = np.zeros(len(qd))
+    for one in np.abs(qd).T:
+        still = np.concatenate([[False], one < _STILL * one.max(), [False]])
+        starts, stops = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2).T
+        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+            if stop - start > _REST * rate:
+                asleep[start:stop] = 1.0
+    window = np.ones(len(low_pass.smooth))
+    touched = apply(window, asleep[None], low_pass.decimation)[0, :count]
+    awake = touched < 0.5
+    return awake if awake.sum() > _AWAKE else np.ones(count, bool)
 
 
 def _cutoff(q: Values, rate: float) -> float:

@@ -116,6 +116,23 @@ class Residual:
         S, D = self.of(order)
         return float(np.sqrt(max(gains @ S @ gains, 0.0) / (gains**2 @ D)))
 
+    def own_share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
+        """The same with the rows of each drive divided by its gain.
+
+        So a drive that is explained well by itself gets no weight from a large gain.
+        """
+        n, C = len(order), len(self.norms)
+        by = np.abs(gains)[:, None]
+        A = self.A.reshape(len(self.A), n, -1)
+        at = C + np.arange(n) * n + np.array(order)
+        tau = (np.sign(gains) @ A[at].reshape(n, -1)).ravel()
+        Y = (A[:C] / by).reshape(C, -1)
+        values, vectors = np.linalg.eigh(Y @ Y.T)
+        shown = values > _DEPENDENT**2 * values[-1]
+        told = vectors[:, shown].T @ (Y @ tau)
+        size = float(tau @ tau)
+        return float(np.sqrt(max(size - float(np.sum(told**2 / values[shown])), 0.0) / size))
+
     def parameters(self, order: tuple[int, ...], gains: np.ndarray) -> np.ndarray:
         """The least-squares parameters of the visible columns, of least norm."""
         n, at = len(order), len(self.norms)
@@ -138,10 +155,10 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     sparse = dynamics.sparse_regressor(found.z, qd, qdd, motion.load)
     values = np.where(found.good, sparse.values, 0.0)
     Y = motion.filtered(values)
-    keep = np.ones(Y.shape[1], bool)
+    keep = motion.awake
     if not found.good.all():
-        keep = motion.filtered(found.good[None].astype(float))[0] > 1 - 1e-6
-    if keep.sum() < 50:
+        keep = keep & (motion.filtered(found.good[None].astype(float))[0] > 1 - 1e-6)
+    if keep.sum() < 30:
         return None
     Y, tau = Y[:, keep], motion.tau[keep].T
     rows, entries = dynamics.regressor_pattern

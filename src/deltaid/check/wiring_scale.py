@@ -1,5 +1,7 @@
 """How large torques are beside those of the prior: the only yardstick of a scale that all share."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from jaxtyping import Float
 
@@ -13,6 +15,8 @@ from deltaid.dynamics.parameters import prior_parameters
 _SMALL, _SMALLEST = 0.1, 0.003
 # What an explanation more has to be worth, in natural logarithms of ratios.
 _MORE = 0.3
+# Where friction asks for so little of the usual factor's logarithm, or the rest, that is no unit.
+_AGREED = 0.5
 # A speed at which only steps of friction are left, as a share of the usual one.
 _CREEP = 1e-6
 # Inertia, gravity, viscous and Coulomb friction.
@@ -42,18 +46,34 @@ def ratios(
 
 
 def overall(found: Float[np.ndarray, "..."]) -> float:
-    """The usual ratio: a prior may be wrong, but hardly most of its components alike."""
-    return float(np.exp(np.median(_logs(found))))
+    """The usual ratio: a prior may be wrong, but hardly most of its components alike.
+
+    Friction and the rest must both ask for it: what the less distant of them says is taken, and 1
+    where they point to different sides.
+    """
+    logs = [
+        float(np.median(_logs(part)))
+        for part in (found[..., :VISCOUS], found[..., VISCOUS:])
+        if np.any(part > 0)
+    ]
+    usual = float(np.median(_logs(found)))
+    if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
+        return float(np.exp(usual))
+    least = min(logs, key=abs)
+    return float(np.exp(least)) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
 
 
-def unit_of(found: Float[np.ndarray, " components"], pace: float) -> float:
-    """The unit of an angle, as a factor, that makes a drive's components agree with the prior best.
+def unit_of(
+    found: Float[np.ndarray, " components"], pace: float, units: Iterable[float] = TURNING
+) -> float:
+    """The unit of a position, a factor, that makes a drive's components agree best with the prior.
 
     1 where the torque's scale, or nothing, explains them as well. Angles that are too large by a
     factor make inertia and viscous friction too small by it, and leave Coulomb friction.
 
     Args:
         pace: the drive's largest speed over the largest one that is described; 0 where none is.
+        units: those that it may be in.
     """
 
     def odd(logs: np.ndarray, pace: float) -> float:
@@ -62,7 +82,7 @@ def unit_of(found: Float[np.ndarray, " components"], pace: float) -> float:
     usual = _logs(found)
     best = min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)
     factor = 1.0
-    for unit in TURNING:
+    for unit in units:
         moved = found.copy()
         moved[[INERTIA, VISCOUS]] /= unit
         left = odd(_logs(moved), pace * unit) + _MORE
@@ -72,8 +92,8 @@ def unit_of(found: Float[np.ndarray, " components"], pace: float) -> float:
 
 
 def _logs(found: np.ndarray) -> np.ndarray:
-    told = found[np.isfinite(found)]
-    return np.log(np.maximum(told, 1e-9)) if told.size else np.zeros(1)
+    told = found[found > 0]  # of the wrong sign is noise, or said by signs
+    return np.log(told) if told.size else np.zeros(1)
 
 
 def _components(

@@ -28,7 +28,7 @@ _SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # Hypotheses that leave so much more than the best one are as good as it.
 _AS_GOOD = 1.2
 # One that leaves more than this must leave half of what the mapping does.
-_DOUBTED = 0.08
+_DOUBTED = 0.03
 # Those that are looked at again on all samples, and how many at most.
 _NEAR, _DECIDED = 2.0, 6
 # A hypothesis must leave so much less than the mapping does.
@@ -354,10 +354,12 @@ def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
         u[tied] = vectors[:, 0]
         shown = float(np.sqrt(values[1] / max(values[0], 1e-30)))
     sign, gains = _settled(found.along[np.arange(n), list(order)], u, loose)
-    if shown < _SHOWN_FAR or found.share(order, sign) < _FAR_BETTER * found.share(order, gains):
-        gains = sign  # a drive that nothing explains would only be weighed less
-    raised = 1 + 3 * (1 - found.poses.share)
-    return Candidate(found, order, gains, loose, raised * found.share(order, gains), shown)
+    raised, left = 1 + 3 * (1 - found.poses.share), found.share(order, sign)
+    if shown > _SHOWN_FAR and np.any(gains != sign):
+        far = found.own_share(order, gains)
+        if left > _FAR_BETTER * far:  # else a drive that nothing explains is only weighed less
+            return Candidate(found, order, gains, loose, raised * far, shown)
+    return Candidate(found, order, sign, loose, raised * left, shown)
 
 
 def _loose(S: Float[np.ndarray, "drives drives"]) -> Bool[np.ndarray, " drives"]:

@@ -20,8 +20,10 @@ _SEEN, _NEEDED = 4.2, 3.5
 _LITTLE = 0.005
 # Share of what one drive's zero explains that another's has to.
 _RIVAL = 0.7
-# Difference of shares that is none.
-_SAME = 0.002
+# Difference of shares that is none, and one that noise makes, times the number of rows.
+_SAME, _CHANCE = 0.002, 6.0
+# Errors of zeros [rad or m] that slopes tell, and standard deviations of what does not show.
+_FARTHEST, _VAGUE = 0.5, 0.05
 # Gauss–Newton steps for a zero.
 _STEPS = 3
 
@@ -31,13 +33,15 @@ def zero_verdicts(
 ) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     told = shifts(evidence.dynamics, motion, best)
-    drives = [i for i in told.homing if _sure(told, [i]) > 0]
+    drives = [i for i in told.homing if _sensible(told, i) and _sure(told, [i]) > 0]
+    closes = best.residual.poses.share >= CLOSED
     if not drives:
+        if not closes:
+            yield _open(best)
         return
     one = max(drives, key=lambda i: told.gain([i]))
     tilted = _sure(told, told.tilt) if told.tilt else 0.0
     zeroed = _sure(told, [one])
-    closes = best.residual.poses.share >= CLOSED
     explains = max(told.gain([one]), told.gain(told.tilt) if told.tilt else 0.0)
     if max(zeroed, tilted) < _SEEN or explains < _LITTLE:
         if closes:
@@ -58,6 +62,15 @@ def zero_verdicts(
     yield _verdict(evidence, told, entries, rivals, way, grade=grade, zero=zero, either=either)
 
 
+def _sensible(told: Shifts, i: int) -> bool:
+    """Whether a zero's error is small enough for slopes to tell it, and told to a part of it.
+
+    What hardly shows, as a telescope's drive does, would take any error to explain the rest.
+    """
+    value, covariance = told.told([i])
+    return bool(abs(value[0]) < _FARTHEST and covariance[0, 0] < _VAGUE**2)
+
+
 def _rival(told: Shifts, one: int, other: int) -> bool:
     """Whether the zero of another drive explains as much as that of the first."""
     return told.gain([other]) > _RIVAL * told.gain([one]) and _sure(told, [one], [other]) < _NEEDED
@@ -75,6 +88,9 @@ def _better_explained(told: Shifts, one: int) -> bool:
             _sure(told, which, others) < _NEEDED <= _sure(told, others, which) for which in both
         ):
             return True
+    chance = max(_SAME, _CHANCE / told.rows)
+    if any(told.gain([k]) > most + chance for k in (*told.offsets, *told.gains)):
+        return True
     return any(
         told.gain([k]) > most - _SAME and all(_sure(told, w, [k]) < _NEEDED for w in both)
         for k in told.gains
@@ -172,7 +188,8 @@ def _tilt(told: Shifts) -> tuple[float, float]:
 def _gravity(evidence: Evidence, told: Shifts) -> tuple[Proposal, ...]:
     g = np.array(evidence.robot.gravity)
     value, _ = told.told(told.tilt)
-    turned = g + sum(v * np.cross(a, g) for v, a in zip(value, across(g), strict=True))
+    axes = across(g)[[i - told.drives for i in told.tilt]]
+    turned = g + sum(v * np.cross(a, g) for v, a in zip(value, axes, strict=True))
     turned *= np.linalg.norm(g) / np.linalg.norm(turned)
     return (Proposal("robot", (("gravity", [float(f"{x:.5g}") for x in turned]),)),)
 
