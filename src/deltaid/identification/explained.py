@@ -96,7 +96,8 @@ def _ranked(
 ) -> list[Explained]:
     """The candidates that explain anything, the most surprising first.
 
-    The noise is that of what they leave or, for the first few, its scatter between stretches of
+    One that explains hardly less with fewer columns goes first. The noise is that of what they
+    leave or, for the first few, its scatter between stretches of
     time if that is larger.
     """
     count, total = len(candidates), float(left @ left)
@@ -124,7 +125,23 @@ def _ranked(
         close.append(Explained(pattern, gain, surprise(gain / level, U.shape[1]) - tries, U))
     if close and close[0].pattern.kind in _ELSEWHERE and close[0].surprise > SEEN:
         return close
-    return sorted(close, key=lambda one: -one.surprise)
+    close.sort(key=lambda one: -one.surprise)
+    if close:
+        simplest = _simplest(close, total, len(left))
+        close = [simplest, *(one for one in close if one is not simplest)]
+    return close
+
+
+def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained:
+    """The first, or one of fewer columns that leaves hardly more (Bayesian information)."""
+    best = ranked[0]
+    for one in ranked[1:]:
+        fewer = best.directions.shape[1] - one.directions.shape[1]
+        if fewer > 0 and one.surprise > SEEN:
+            more = (total - one.gain) / max(total - best.gain, 1e-300)
+            if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
+                best = one
+    return best
 
 
 def _scaled(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:

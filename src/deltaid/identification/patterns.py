@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import Basis, model_slope
+from deltaid.identification.lag import Basis, Rows, model_slope
 from deltaid.identification.traces import Trace
 from deltaid.recording.windows import Samples
 
@@ -23,6 +23,8 @@ _SLOW = (0.03, 0.08, 0.2)
 _WARM = (0.1, 0.25, 0.6)
 # Steps [rad or m] that the slope by a drive's zero is taken with.
 _ZERO = 1e-4
+# Sweeps of a fit with a factor for each drive; directions that show less are left out.
+_SWEEPS, _SHOWN = 3, 0.05
 
 Stack = Float[np.ndarray, "dof samples"]
 
@@ -67,13 +69,18 @@ class Scene:
         trace: the recording.
         Y: the active columns of its regressor, filtered.
         basis: what these explain.
-        p: of least squares.
+        tau: its torques as rows.
     """
 
     trace: Trace
     Y: Float[np.ndarray, "dof samples columns"]
     basis: Basis
-    p: Parameters
+    tau: Rows
+
+    @cached_property
+    def p(self) -> Parameters:
+        """Of least squares."""
+        return self.basis.parameters(self.tau)
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -90,11 +97,31 @@ class Scene:
         """Torques of p."""
         return self.trace.model(self.p)
 
+    @cached_property
+    def scaled_model(self) -> Stack:
+        """Torques of parameters that are fitted together with a factor for every drive.
+
+        τ_i = (1 + g_i) Y_i p, by Gauss–Newton. What torques hardly show of the factors, such as one
+        common to all, stays 1.
+        """
+        model, active = self.model, active_columns(self.trace.dynamics)
+        for _ in range(_SWEEPS):
+            own = self.basis.own(model)
+            bare = self.basis.without(own)
+            gain = np.linalg.lstsq(bare, self.basis.without(self.tau), rcond=_SHOWN)[0]
+            model = self.Y @ self.basis.parameters(self.tau - own @ gain)[active]
+        return model
+
     def column(self, name: str) -> Stack:
         """One parameter's column of Y."""
         dynamics = self.trace.dynamics
         at = np.searchsorted(active_columns(dynamics), dynamics.layout.names.index(name))
         return self.Y[:, :, at]
+
+    def shows(self, name: str) -> bool:
+        """Whether a parameter has a column."""
+        dynamics = self.trace.dynamics
+        return dynamics.layout.names.index(name) in active_columns(dynamics)
 
     def patterns(self) -> Iterator[Pattern]:
         """All but ripples and changes of load, which are searched for."""
@@ -111,7 +138,7 @@ class Scene:
         yield Pattern("torque-lag", "", self.basis.own(slope))
 
     def _gains(self) -> Iterator[Pattern]:
-        own = self.basis.own(self.model)
+        own = self.basis.own(self.scaled_model)
         for i, drive in enumerate(self.drives):
             yield Pattern("drive-gain", drive, own[:, [i]])
         yield Pattern("drive-gain", "", own)
