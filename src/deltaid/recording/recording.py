@@ -161,5 +161,6 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
             cure="record longer, or record velocities and accelerations as well",
         )
     low_pass = design_low_pass(cutoff, log.rate)
-    log = replace(log, masks=before_stops(log.masks, cutoff, log.rate))
+    masks = before_stops(log.masks, cutoff, log.rate)
+    log = log if masks == log.masks else replace(log, masks=masks)
     return Recording(log.cut_at(cutoff, reach(low_pass) + 1), low_pass)
