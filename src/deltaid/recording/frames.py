@@ -95,7 +95,9 @@ def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Fie
 
 def _is_clock(kind: _DataType, first: pl.Series | None) -> bool:
     """Whether a column of text has dates and times of day."""
-    return isinstance(kind, pl.String) and first is not None and is_clock(first.first())
+    if not isinstance(kind, pl.String) or first is None or not len(first):
+        return False
+    return first[0] is not None and is_clock(str(first[0]))
 
 
 def _is_number(kind: _DataType) -> bool:
