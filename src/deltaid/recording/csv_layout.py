@@ -135,7 +135,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
                     Doubt(
                         f"row {first_row} is taken for a row of units ({', '.join(units.values())})",
                         cause="the logger writes them below the names",
-                        cure="check them; a mapping that states others with --columns goes first",
+                        cure="check them; units in a mapping go first",
                     )
                 )
                 first_row = _after_comments(lines, first_row + 1)
