@@ -14,9 +14,9 @@ resident set as the operating system counts it. All cores are used, as by defaul
 of all of them together and says more than the wall time on a machine that has other work to do.
 
 The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
-`progress` callback announces them, in CPU time: without the start of Python and with imports done. Then the CPU
-time of such a call for recordings of different rates and as many rows, with the cut-off given; and
-`deltaid base` with and without kernels on disk.
+`progress` callback announces them, in CPU time: without the start of Python and with imports done.
+Then the CPU time of such a call for recordings of different rates and as many rows, with the
+cut-off given; and `deltaid base` with and without kernels on disk.
 """
 
 import argparse
