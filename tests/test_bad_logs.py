@@ -353,7 +353,10 @@ SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
         (changed(q1=pl.lit(0.1)), "column q1 is constant"),
         ("Scope\n" + GOOD, "row 2 is taken for the column names"),
         (GOOD + "END\n", r"ends with text after its data \('END'\)"),
-        (GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1), r"row 2 .* of units \(s, rad, "),
+        (
+            GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1),
+            r"row 2 is taken for units \(s, rad, ",
+        ),
         (GOOD.rstrip("\n"), "the last line has no line break"),
         (with_field(150, "t", "0.1484"), "stamps of t jitter by .* positions are even, so rows"),
         (

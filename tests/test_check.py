@@ -276,7 +276,7 @@ def test_identify_begins_with_what_is_doubtful(tmp_path: Path) -> None:
 def test_two_recordings_are_judged_together() -> None:
     """What one does not move, the other does; all else is said of each."""
     name = "irb360-6-1600"
-    logs = [moved(name, which=(0, 1, 2)), moved(name, which=(3,))]
+    logs = [moved(name, which=(0, 1, 2)), moved(name, which=(2, 3))]
     result = deltaid.identify(name, logs)
     told = of(result.verdicts, "base-parameters")
     assert "drive4" not in told.seen + told.cure

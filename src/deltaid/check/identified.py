@@ -70,6 +70,7 @@ def identify(
         _refuse(found, description.name, DescriptionError)
     sources, opened = as_sources(logs), list[Evidence]()
     for source in sources:
+        progress(f"judging {source}")
         one = evidence(description, source, columns, settings)
         said = asked(one, _QUICK, "rows")
         if not force:
@@ -85,6 +86,7 @@ def identify(
         for one in opened:  # a check may know why
             _refuse(asked(one, _EXPLAINING, "rows"), str(one.table.path), RecordingError)
         raise
+    progress("judging what it tells")
     found += _after(result, opened)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_others(result, found)))

@@ -133,9 +133,9 @@ def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
             if not header.holds_numbers and (units := _units(lines[first_row], header, mapping)):
                 warnings.append(
                     Doubt(
-                        f"row {first_row} is taken for a row of units ({', '.join(units.values())})",
+                        f"row {first_row} is taken for units ({', '.join(units.values())})",
                         cause="the logger writes them below the names",
-                        cure="check them; a mapping that states others with --columns goes first",
+                        cure="check them; units in a mapping go first",
                     )
                 )
                 first_row = _after_comments(lines, first_row + 1)
