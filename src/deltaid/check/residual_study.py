@@ -24,10 +24,12 @@ from deltaid.identification.lag import (
 from deltaid.identification.patterns import Pattern, Scene, missing
 from deltaid.identification.searches import load_steps, ripples
 from deltaid.identification.traces import Delay, Trace, trace
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import WINDOW, Samples
 
 # Above this [Hz] next to nothing of a Delta's motion is left, but rows grow in number.
 _CUTOFF = 30.0
+# Windows of a log, and seconds, that are looked at; more hardly say more.
+_WINDOWS, _SECONDS = 6, 10.0
 # What is left of a drive's torque at least, as a share of its largest, to be compared with.
 _FLOOR = 1e-5
 # Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
@@ -68,9 +70,10 @@ def studied(evidence: Evidence) -> Study | None:
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
+    windows = max(_WINDOWS, round(_SECONDS * log.rate / WINDOW))
     load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
     try:
-        record = trace(dynamics, log, load, cutoff=cutoff, reach=REACH)
+        record = trace(dynamics, log, load, cutoff=cutoff, reach=REACH, windows=windows)
     except RecordingError:
         return None
     rough = record.regressor(between=True)
@@ -98,7 +101,9 @@ def studied(evidence: Evidence) -> Study | None:
         return Study(scene, account, common, each, 0.0, alike, plain, hidden=True)
     lag = common if alike else each
     reach = np.abs(lag.values).max() + 1.0 / log.rate
-    record = trace(dynamics, log, load, cutoff=cutoff, reach=float(reach), reversals=False)
+    record = trace(
+        dynamics, log, load, cutoff=cutoff, reach=float(reach), reversals=False, windows=windows
+    )
     exact = record.regressor()
     put_back = _accounted(record, exact, basis_of(dynamics, exact, scale), lag.values)
     return Study(*put_back, common, each, late, alike, plain)
