@@ -3,12 +3,17 @@
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from command import run
 from deltaid import load_mapping, load_robot, use_mechanism
+from deltaid.check.evidence import evidence
+from deltaid.check.verdict import Grade
+from deltaid.check.wiring import checked_wiring
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
@@ -245,3 +250,42 @@ def test_an_axis_in_a_mat_file_with_the_files_of_the_example(tmp_path: Path):
     for parameter in model.parameters:
         if parameter.name in truth:
             assert parameter.value == pytest.approx(truth[parameter.name], rel=0.01, abs=0.1)
+
+
+def swept(robot: RobotDescription, hertz: float) -> dict[str, np.ndarray]:
+    """Twenty seconds of two sines within the workspace of a lone drive: t, q, tau with noise."""
+    dynamics, rng, t = Dynamics(robot), np.random.default_rng(5), np.arange(5000) / 250
+    centre, half = robot.within(0.0)
+    w = 2 * np.pi * hertz * np.array([1.0, 2.3])
+    size = (half[0] or 1.0) * np.array([0.6, 0.3])  # a pendulum turns without bounds
+    q, qd, qdd = (np.sin(np.outer(t, w) + 0.5 * np.pi * k) @ (size * w**k) for k in range(3))
+    q = (q + centre[0])[:, None]
+    tau = dynamics.torque(q, qd[:, None], qdd[:, None], 1.1 * prior_parameters(robot))
+    tau += 0.01 * np.abs(tau).max() * rng.standard_normal(tau.shape)
+    return {"t": t, "q1": q[:, 0], "tau1": tau[:, 0]}
+
+
+def found_wrong(robot: RobotDescription, columns: dict[str, np.ndarray]) -> list[tuple[str, str]]:
+    """Keys and grades of verdicts on columns that are not good."""
+    found = checked_wiring(evidence(robot, pl.DataFrame(columns)))
+    assert found
+    return [(one.key, str(one.grade)) for one in found if one.grade is not Grade.GOOD]
+
+
+def test_columns_of_a_lone_drive(tmp_path: Path) -> None:
+    sled = made(tmp_path, SLED, SLED_ROBOT)
+    right = swept(sled, 0.5)
+    assert found_wrong(sled, right) == []
+    assert found_wrong(sled, right | {"q1": 1e3 * right["q1"]}) == [("angle-unit", "wrong")]
+    assert found_wrong(sled, right | {"tau1": 1e3 * right["tau1"]}) == [("torque-unit", "wrong")]
+    # Without gravity neither sign can be told from the other.
+    either = [("torque-sign", "doubtful"), ("angle-sign", "doubtful")]
+    assert found_wrong(sled, right | {"tau1": -right["tau1"]}) == either
+
+
+def test_signs_of_a_pendulum(tmp_path: Path) -> None:
+    pendulum = made(tmp_path, PENDULUM, PENDULUM_ROBOT)
+    right = swept(pendulum, 0.4)
+    assert found_wrong(pendulum, right) == []
+    assert found_wrong(pendulum, right | {"q1": -right["q1"]}) == [("angle-sign", "wrong")]
+    assert found_wrong(pendulum, right | {"tau1": -right["tau1"]}) == [("torque-sign", "wrong")]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
+from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdict import KEYS, Grade, Verdict
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError, RecordingError
@@ -14,7 +15,8 @@ from deltaid.identification.identify import identify as fitted
 from deltaid.model.record import Settings
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.memory import RecordingLike, as_sources
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described, yaml_text
 
 _QUICK = tuple(family for family in OF_RECORDING if family.quick)
 _EXPLAINING = tuple(family for family in OF_RECORDING if family.explains)
@@ -67,14 +69,14 @@ def identify(
     settings, description = settings or Settings(), described(robot)
     found = of_robot(description, QUICK_OF_ROBOT)
     if not force:
-        _refuse(found, description.name, DescriptionError)
+        _refuse(found, description.name, DescriptionError, description)
     sources, opened = as_sources(logs), list[Evidence]()
     for source in sources:
         progress(f"judging {source}")
         one = evidence(description, source, columns, settings)
         said = asked(one, _QUICK, "rows")
         if not force:
-            _refuse(said, str(one.table.path), RecordingError)
+            _refuse(said, str(one.table.path), RecordingError, one)
         found += named(one, said, several=len(sources) > 1)
         if len(sources) > 1:
             _ = one.moved
@@ -84,7 +86,7 @@ def identify(
         result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
     except (RecordingError, IdentificationError):
         for one in opened:  # a check may know why
-            _refuse(asked(one, _EXPLAINING, "rows"), str(one.table.path), RecordingError)
+            _refuse(asked(one, _EXPLAINING, "rows"), str(one.table.path), RecordingError, one)
         raise
     progress("judging what it tells")
     found += _after(result, opened)
@@ -106,22 +108,42 @@ def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]
     return (*kept, *of_fit)
 
 
-def _refuse(found: Iterable[Verdict], where: str, kind: type[DeltaidError]) -> None:
+def _refuse(
+    found: Iterable[Verdict],
+    where: str,
+    kind: type[DeltaidError],
+    of: RobotDescription | Evidence,
+) -> None:
     """Refuse the first thing that is wrong.
+
+    Args:
+        found: verdicts.
+        where: what they are on.
+        kind: of error.
+        of: what they are on; its files get the lines that are proposed.
 
     Raises:
         DeltaidError: of that kind.
     """
     for verdict in found:
         if verdict.grade is Grade.WRONG:
-            lines = [f"{key}: {value}" for p in verdict.proposals for key, value in p.changes]
-            text = f" ({', '.join(lines[:6])}{', …' if len(lines) > 6 else ''})" if lines else ""
+            lines = "".join(_lines(verdict, file, of) for file in files_of([verdict]))
             raise kind(
                 verdict.finding,
                 where=where,
-                cure=f"{verdict.cure}{text}; `deltaid check` tells more and writes what it "
-                "proposes, --force goes on as it is",
+                cure=f"{verdict.cure}; `deltaid check` tells more and --write writes what it "
+                f"proposes, --force goes on as it is{lines}",
             )
+
+
+def _lines(verdict: Verdict, file: File, of: RobotDescription | Evidence) -> str:
+    """What a verdict proposes: of a mapping as lines to paste, of a description by path."""
+    wanted = changes([verdict], file)
+    if file == "robot" or not isinstance(of, Evidence):
+        return "\nin the description:" + "".join(f"\n{key}: {x}" for key, x in wanted.items())
+    linear = tuple(of.robot.is_linear(drive) for drive in of.robot.drives)
+    data = mended(written_out(of.mapping, of.table, of.columns, linear), wanted)
+    return f"\ninto the mapping (--columns):\n{yaml_text(to_paste(data, wanted)).rstrip()}"
 
 
 def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict, ...]:

@@ -18,7 +18,7 @@ from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring_cures import Entries, Values
 from deltaid.check.wiring_motion import Motion, motion
 from deltaid.check.wiring_residual import Map
-from deltaid.check.wiring_scale import INERTIA, overall, ratios, unit_of
+from deltaid.check.wiring_scale import INERTIA, VISCOUS, overall, ratios, unit_of
 from deltaid.check.wiring_search import SLIDING, TURNING, Candidate, explained
 from deltaid.check.wiring_velocities import velocity_verdicts
 from deltaid.check.wiring_velocity import rates
@@ -36,6 +36,8 @@ _SURE = 0.08
 _GOES = 0.6
 # Inertia of a lone drive below zero, as a share of the prior's, that tells its sign.
 _MIRRORED = 0.3
+# Correlation with the prior's torque below which a drive's is of another thing.
+_SENSELESS = 0.2
 # The part of it that hypotheses are looked for on, if it has so many samples.
 _FEW, _FEWEST = 150, 40
 _PART = {"longest": 6.0, "oversampled": 10.0}
@@ -67,6 +69,11 @@ class Case:
         """Of the drives."""
         return self.evidence.robot.drives
 
+    @property
+    def along(self) -> float:
+        """Least correlation of a moving drive's torque with that of the prior."""
+        return float(self.best.along[~self.best.residual.still].min(initial=1.0))
+
     @cached_property
     def ratios(self) -> np.ndarray:
         """Torques over those of the prior, by drive and component."""
@@ -86,13 +93,21 @@ class Case:
         """Factors of units that only the prior tells, of drives that nothing ties to others."""
         found = {}
         for i in self.untied:
-            limits = self.evidence.robot.drive_limits.get(self.names[i])
-            top = limits.top_speed if limits else None
-            fastest = abs(self.best.map.scale[i]) * float(np.abs(self.motion.qd[:, i]).max())
             units = SLIDING if self.linear(i) else TURNING
-            unit = unit_of(self.ratios[i], fastest / top if top else 0.0, units)
+            unit = unit_of(self.ratios[i], self._beyond(i), units)
             found |= {i: unit} if unit != 1 else {}
         return found
+
+    def _beyond(self, i: int) -> float:
+        """How many times a drive goes beyond what is described of its speed or workspace."""
+        robot, scale = self.evidence.robot, abs(self.best.map.scale[i])
+        limits = robot.drive_limits.get(self.names[i])
+        top = limits.top_speed if limits else None
+        fast = scale * float(np.abs(self.motion.qd[:, i]).max()) / top if top else 0.0
+        if len(self.names) > 1 or not self.linear(i):
+            return fast
+        _, half = robot.within(0.0)
+        return max(fast, scale * float(np.ptp(self.motion.q[:, i]) / (2 * half[0])))
 
     @property
     def map(self) -> Map:
@@ -152,18 +167,18 @@ def _good(case: Case) -> Verdict:
     return Verdict(
         "drive-order",
         Grade.GOOD,
-        f"the loops close, torques go with the motion of their drives ({case.best.along.min():.2g} "
+        f"the loops close, torques go with the motion of their drives ({case.along:.2g} "
         f"is the least correlation with those of the prior) and are {size:.2g} times those",
-        number=float(case.best.along.min()),
+        number=case.along,
     )
 
 
 def _senseless(case: Case) -> bool:
-    return case.best.left > _EXPLAINED or bool(case.best.along.min() < 0.2)
+    return case.best.left > _EXPLAINED or case.along < _SENSELESS
 
 
 def _senseless_verdict(case: Case) -> Verdict:
-    i = int(np.argmin(case.best.along))
+    i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
     return Verdict(
         "drive-order",
         Grade.CANNOT_TELL,
@@ -398,8 +413,11 @@ def _torques(case: Case) -> Iterator[Verdict]:
     for i in far:
         yield _one_torque(case, i, float(abs(best.gains[i])))
     scaled = [abs(f) for f in best.map.scale if abs(f) != 1]
+    found = case.ratios.copy()
+    for i, unit in case.units.items():
+        found[i, [INERTIA, VISCOUS]] /= unit
     tied = [i for i in range(len(case.names)) if not best.loose[i]] or list(range(len(case.names)))
-    size = overall(case.ratios[tied])
+    size = overall(found[tied])
     if scaled and _torques_of_motor(case, scaled[0]):
         return
     common = max(size, 1 / size) > _DOUBTFUL_SCALE

@@ -172,7 +172,7 @@ def _others(dof: int, motion: Motion, best: Candidate) -> Float[np.ndarray, "col
     return np.concatenate([offsets, gains])
 
 
-def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
+def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "axes 3"]:
     """Two axes to turn gravity about."""
     if not g.any():
         return np.zeros((0, 3))

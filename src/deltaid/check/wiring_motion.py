@@ -73,7 +73,8 @@ class Motion:
     @cached_property
     def moves(self) -> Bool[np.ndarray, " drives"]:
         """Which drives move at all."""
-        return np.ptp(self.q, axis=0) > 1e-9 * (1 + np.abs(self.q).max(axis=0))
+        spread = np.ptp(self.q, axis=0)
+        return spread > np.maximum(1e-9 * (1 + np.abs(self.q).max(axis=0)), 1e-4 * spread.max())
 
 
 def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> Motion | None:

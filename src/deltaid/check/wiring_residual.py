@@ -87,6 +87,7 @@ class Residual:
         weights: of the rows of each drive.
         along: correlation of drive i's torque at the prior with column j, (drives, drives).
         prior: root mean square of the torque at the prior.
+        still: drives at rest, whose torques are friction's and tell no sign.
         keep: which of the kept samples are used.
         A: weighted rows of [Y, E], (columns + drives², drives · samples); Y scaled by `norms`.
     """
@@ -102,6 +103,7 @@ class Residual:
     weights: Float[np.ndarray, " dof"]
     along: Float[np.ndarray, "dof dof"]
     prior: Float[np.ndarray, " dof"]
+    still: Bool[np.ndarray, " dof"]
     keep: Bool[np.ndarray, " kept"]
     A: Float[np.ndarray, "n rows"]
 
@@ -184,4 +186,7 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     D = np.diag(G)[C:].reshape(dof, dof)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
     along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
-    return Residual(map, found, G, inverse, norms, columns, S, D, weights, along, prior, keep, A)
+    still = ~motion.moves[list(map.order)]
+    return Residual(
+        map, found, G, inverse, norms, columns, S, D, weights, along, prior, still, keep, A
+    )

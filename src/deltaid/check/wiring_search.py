@@ -29,6 +29,8 @@ _SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 _AS_GOOD = 1.2
 # One that leaves more than this must leave half of what the mapping does.
 _DOUBTED = 0.03
+# Signs against the prior must leave so much less than those that go with it.
+_CLEARLY = 0.7
 # Those that are looked at again on all samples, and how many at most.
 _NEAR, _DECIDED = 2.0, 6
 # A hypothesis must leave so much less than the mapping does.
@@ -153,6 +155,7 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     if plain is not None and settled and not _other_order(dynamics, coarse):
         return (plain,)
     maps = _orders(dynamics) if settled else _maps(dynamics)
+    maps = (one for one in maps if _told(one, fine.moves))
     found = _ranked(tried(dynamics, coarse, maps))
     if not settled and (not found or not found[0].clear or found[0].scaled):
         found = _ranked([*found, *_of_motors(dynamics, coarse)])
@@ -174,6 +177,14 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         good = [one for one in good if one.as_likely_as(good[0])]
     good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))
     return tuple(good)
+
+
+def _told(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
+    """Whether it changes columns that move: at rest none tells its sign, unit or drive."""
+    moved = [a != i or f != 1 for i, (a, f) in enumerate(zip(map.order, map.scale, strict=True))]
+    changed = np.flatnonzero(moved)
+    alone = changed[~moves[changed]]
+    return not alone.size or (len(changed) == len(moves) and len(set(map.scale)) == 1)
 
 
 def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
@@ -352,9 +363,16 @@ def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
     if len(tied) > 1:
         values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
         u[tied] = vectors[:, 0]
-        shown = float(np.sqrt(values[1] / max(values[0], 1e-30)))
+        shown = float(np.sqrt(max(values[1], 0.0) / max(values[0], 1e-30)))
     sign, gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    sign[found.still] = gains[found.still] = 1.0
     raised, left = 1 + 3 * (1 - found.poses.share), found.share(order, sign)
+    against = (found.along[np.arange(n), list(order)] < 0) & ~found.still
+    expected = np.where(against, -1.0, 1.0)
+    if np.any(expected != sign) and left > _CLEARLY * found.share(order, expected):
+        # The recording does not tell signs, such as one without noise or of one drive.
+        sign = gains = expected
+        left = found.share(order, sign)
     if shown > _SHOWN_FAR and np.any(gains != sign):
         far = found.own_share(order, gains)
         if left > _FAR_BETTER * far:  # else a drive that nothing explains is only weighed less

@@ -20,8 +20,9 @@ _SEEN, _NEEDED = 4.2, 3.5
 _LITTLE = 0.005
 # Share of what one drive's zero explains that another's has to.
 _RIVAL = 0.7
-# Difference of shares that is none, and one that noise makes, times the number of rows.
-_SAME, _CHANCE = 0.002, 6.0
+# Difference of shares that noise makes, times the number of rows, and a factor between those of
+# causes that are alike.
+_CHANCE, _MORE = 6.0, 1.05
 # Errors of zeros [rad or m] that slopes tell, and standard deviations of what does not show.
 _FARTHEST, _VAGUE = 0.5, 0.05
 # Gauss–Newton steps for a zero.
@@ -49,7 +50,7 @@ def zero_verdicts(
         else:
             yield _open(best)
         return
-    if _better_explained(told, one):
+    if _better_explained(told, one, np.flatnonzero(best.loose).tolist()):
         return
     beside = _sure(told, [one], told.tilt) if told.tilt else zeroed
     instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
@@ -76,10 +77,11 @@ def _rival(told: Shifts, one: int, other: int) -> bool:
     return told.gain([other]) > _RIVAL * told.gain([one]) and _sure(told, [one], [other]) < _NEEDED
 
 
-def _better_explained(told: Shifts, one: int) -> bool:
+def _better_explained(told: Shifts, one: int, loose: list[int]) -> bool:
     """Whether gains or offsets of the torques leave nothing to zeros and gravity.
 
-    Those of all drives must do what these cannot; that of one drive is as simple as they are.
+    Those of all drives must do what these cannot; that of one drive is as simple as they are, but
+    for a loose one's, which stand for whatever its prior lacks.
     """
     both = [which for which in ([one], told.tilt) if which]
     most = max(told.gain(which) for which in both)
@@ -88,13 +90,12 @@ def _better_explained(told: Shifts, one: int) -> bool:
             _sure(told, which, others) < _NEEDED <= _sure(told, others, which) for which in both
         ):
             return True
-    chance = max(_SAME, _CHANCE / told.rows)
-    if any(told.gain([k]) > most + chance for k in (*told.offsets, *told.gains)):
-        return True
-    return any(
-        told.gain([k]) > most - _SAME and all(_sure(told, w, [k]) < _NEEDED for w in both)
-        for k in told.gains
-    )
+    chance = _CHANCE / told.rows
+    for columns in (told.offsets, told.gains):
+        tied = [k for i, k in enumerate(columns) if i not in loose]
+        if any(told.gain([k]) > _MORE * most + chance for k in tied):
+            return True
+    return False
 
 
 def _sure(told: Shifts, which: list[int], beside: list[int] | None = None) -> float:
@@ -196,14 +197,11 @@ def _gravity(evidence: Evidence, told: Shifts) -> tuple[Proposal, ...]:
 
 def _good(evidence: Evidence, told: Shifts) -> Verdict:
     angle, by = _tilt(told)
-    return Verdict(
-        "homing-or-tilt",
-        Grade.GOOD,
-        "zeros and gravity go with the torques"
-        + (f": a tilt of {1e3 * angle:.2g} ± {1e3 * by:.1g} mrad" if told.tilt else ""),
-        number=1e3 * angle,
-        unit="mrad",
-    )
+    seen = "zeros and gravity go with the torques"
+    if not 0 < by < _FARTHEST:
+        return Verdict("homing-or-tilt", Grade.GOOD, seen)
+    seen += f": a tilt of {1e3 * angle:.2g} ± {1e3 * by:.1g} mrad"
+    return Verdict("homing-or-tilt", Grade.GOOD, seen, number=1e3 * angle, unit="mrad")
 
 
 def _open(best: Candidate) -> Verdict:
