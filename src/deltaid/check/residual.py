@@ -212,7 +212,7 @@ _WORDS = {
         lambda cause: (
             "the described friction law has no term for it, or the torque channel has an offset"
             if "direction" in cause.found[0].pattern.words
-            else "the described friction law has no term for it"
+            else "the described friction law has no term for it, or gears have play"
         ),
         lambda cause: "let the recording choose the law: --friction choose, or describe the term",
     ),
@@ -221,12 +221,13 @@ _WORDS = {
         lambda cause: (
             "cogging of the motor, or teeth of the gear"
             if _ripple(cause)
-            else "lengths, zeros or mounting are not as described, or a spring or cable pulls"
+            else "lengths, zeros or mounting are not as described, a spring or cable pulls, or "
+            "gears have play"
         ),
         lambda cause: (
             "let the drive compensate it, or take a lower --cutoff"
             if _ripple(cause)
-            else "measure arms, struts and radii, and set the drives' zeros anew"
+            else "measure arms, struts and radii, set the drives' zeros anew, and look for play"
         ),
     ),
     "drift": _Words(

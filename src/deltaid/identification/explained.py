@@ -15,6 +15,8 @@ _TAKEN = 1e-3
 # A pattern is seen where chance gives one like it once in so many decades of recordings.
 SEEN = 6.0
 # Where one of these explains nearly as much as the best, it is taken: others know better of it.
+# Zeros only where the best has more columns; to first order they may look like a single drive's
+# factor.
 _ELSEWHERE, _NEARLY = ("homing-or-tilt", "friction-missing"), 0.9
 # Of so many candidates the scatter is looked at, and so many patterns are taken at most.
 _CLOSE, _ROUNDS = 4, 5
@@ -115,8 +117,14 @@ def _ranked(
         judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
     judged.sort(key=lambda one: -one[0])
     if judged:
-        enough = _NEARLY * judged[0][1]
-        judged.sort(key=lambda one: one[4].kind not in _ELSEWHERE or one[1] < enough)
+        enough, most = _NEARLY * judged[0][1], judged[0][6].shape[1]
+        judged.sort(
+            key=lambda one: (
+                one[4].kind not in _ELSEWHERE
+                or one[1] < enough
+                or (one[4].kind == "homing-or-tilt" and one[6].shape[1] >= most)
+            )
+        )
     close = []
     for _, gain, noise, tries, pattern, F, by in judged[:_CLOSE]:
         U = F @ by
