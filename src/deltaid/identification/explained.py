@@ -15,9 +15,9 @@ _TAKEN = 1e-3
 # A pattern is seen where chance gives one like it once in so many decades of recordings.
 SEEN = 6.0
 # Where one of these explains nearly as much as the best, it is taken: others know better of it.
-# Zeros only where the best has more columns; to first order they may look like a single drive's
-# factor.
-_ELSEWHERE, _NEARLY = ("homing-or-tilt", "friction-missing"), 0.9
+# Zeros only where the best has more columns and, unless it bends with the place like zeros, does
+# not leave much less; to first order zeros may look like a drive's factor or offset.
+_ELSEWHERE, _NEARLY, _MUCH_LESS = ("homing-or-tilt", "friction-missing"), 0.9, 0.5
 # Of so many candidates the scatter is looked at, and so many patterns are taken at most.
 _CLOSE, _ROUNDS = 4, 5
 
@@ -117,12 +117,18 @@ def _ranked(
         judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
     judged.sort(key=lambda one: -one[0])
     if judged:
-        enough, most = _NEARLY * judged[0][1], judged[0][6].shape[1]
+        best, enough, most = judged[0], _NEARLY * judged[0][1], judged[0][6].shape[1]
+        much = np.inf
+        if best[4].kind != "geometry-or-cogging":
+            much = max(total - best[1], 0.0) / _MUCH_LESS
         judged.sort(
             key=lambda one: (
                 one[4].kind not in _ELSEWHERE
                 or one[1] < enough
-                or (one[4].kind == "homing-or-tilt" and one[6].shape[1] >= most)
+                or (
+                    one[4].kind == "homing-or-tilt"
+                    and (one[6].shape[1] >= most or total - one[1] > much)
+                )
             )
         )
     close = []
