@@ -14,9 +14,9 @@ resident set as the operating system counts it. All cores are used, as by defaul
 of all of them together and says more than the wall time on a machine that has other work to do.
 
 The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
-`progress` callback announces them: without the start of Python and with imports done. Then the CPU
-time of such a call for recordings of different rates and as many rows, with the cut-off given; and
-`deltaid base` with and without kernels on disk.
+`progress` callback announces them, in CPU time: without the start of Python and with imports done.
+Then the CPU time of such a call for recordings of different rates and as many rows, with the
+cut-off given; and `deltaid base` with and without kernels on disk.
 """
 
 import argparse
@@ -35,8 +35,8 @@ import numpy as np
 import polars as pl
 from _timing import machine, measure
 
+from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
@@ -49,6 +49,7 @@ RATE = 1000.0
 RATES, ROWS, CUTOFF = (1e3, 1e4, 2e5), 500_000, 50.0
 KINDS = {"CSV": "csv", "Parquet": "parquet"}
 STAGES = {
+    "judging": "verdicts: rows of the beginning, filter, hypotheses of wiring, information",
     "checking": "survey: read, check, forward kinematics, spectrum, checksum",
     "evaluating": "information: read, filter, forward kinematics, regressor, factor",
     "fitting": "fit: base parameters, objective, conic program",
@@ -142,15 +143,18 @@ def _cost(arguments: list[str], repeats: int) -> Cost:
 
 
 def stages(log: Path) -> dict[str, float]:
-    """Seconds of each stage of one `identify` call, named by what it announces."""
+    """CPU seconds of each stage of one `identify` call, named by what it announces."""
     marks: list[tuple[str, float]] = []
     identify(
         load_robot(ROBOT),
         [log],
-        progress=lambda text: marks.append((text.split()[0], time.perf_counter())),
+        progress=lambda text: marks.append((text.split()[0], time.process_time())),
     )
-    marks.append(("", time.perf_counter()))
-    return {name: end - start for (name, start), (_, end) in itertools.pairwise(marks)}
+    marks.append(("", time.process_time()))
+    found = dict.fromkeys((name for name, _ in marks[:-1]), 0.0)
+    for (name, start), (_, end) in itertools.pairwise(marks):
+        found[name] += end - start
+    return found
 
 
 def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -> None:
@@ -173,10 +177,10 @@ def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -
 
 
 def _print_stages(log: Path, repeats: int) -> None:
-    """Seconds and share of every stage, medians over the repeats."""
+    """CPU seconds and share of every stage, medians over the repeats."""
     runs = [stages(log) for _ in range(repeats)]
     found = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
-    print(f"stages of one identify call on {log.name}")
+    print(f"stages of one identify call on {log.name}, CPU time")
     for name, seconds in found.items():
         share = 100 * seconds / sum(found.values())
         print(f"{seconds:8.2f} s {share:4.0f} %  {STAGES.get(name, name)}")

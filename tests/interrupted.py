@@ -10,6 +10,10 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.identification.identify import identify
+from deltaid.identification.scatter import inverse
+from deltaid.identification.uncertainty import uncertainty
+from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.load import load_robot
@@ -80,25 +84,32 @@ def interrupted(
     seconds: float = 10.0,
     rests: tuple[tuple[float, float], ...] = (),
     ramp: float = 0.15,
+    braking: float = 0.0,
     slowly: float = 1.0,
 ) -> Interrupted:
     """A random motion that rests at some times, by start and end [s].
 
     Args:
         ramp: time in which it comes to rest, before and after [s].
+        braking: if positive, time in which brakes stop it before each rest [s], beginning with a
+            jump of the acceleration, the drives off until the rest is nearly over.
         slowly: how many times slower than the machine can move.
     """
     dynamics = compiled(load_robot(name))
     robot, kinematics = dynamics.robot, dynamics.kinematics
     truth, motion = surrogate_parameters(robot, rng), random_motion(kinematics, rng)
-    fine = 16
+    fine = 4
     t = np.arange(round(seconds * rate) * fine) / (rate * fine)
     pace = np.ones_like(t)
     for start, end in rests:
         # 0 from start to end, with four continuous derivatives.
         x = np.clip(np.maximum((start - t) / ramp, (t - end) / ramp), 0, 1)
-        pace = np.minimum(pace, x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4))
-    phase = (np.cumsum(pace) - pace)[::fine] / (rate * fine) / slowly
+        smooth = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
+        if braking:
+            smooth = np.where(t < start, np.clip((start - t) / braking, 0, 1), smooth)
+        pace = np.minimum(pace, smooth)
+    between = 0.5 * (pace[1:] + pace[:-1])
+    phase = np.cumsum(np.append(0.0, between))[::fine] / (rate * fine) / slowly
     pace = pace[::fine] / slowly
     change = np.gradient(pace, 1 / rate)
     z, z_1, z_2 = motion.evaluate(phase)
@@ -111,7 +122,10 @@ def interrupted(
         # Friction at rest: anything up to the Coulomb friction.
         tau[rows] += rng.uniform(-0.5, 0.5, dynamics.dof) * _coulomb(dynamics, truth)
         spans.append(("standing still", rows.start, min(rows.stop, len(q)) - 1))
-    return Interrupted(dynamics, rate, truth, z, q, tau, tuple(spans))
+    one = Interrupted(dynamics, rate, truth, z, q, tau, tuple(spans))
+    for start, end in rests if braking else ():
+        one = one.without_torque("emergency stop", start - braking, end - 0.1)
+    return one
 
 
 def _coulomb(dynamics: Dynamics, p: np.ndarray) -> np.ndarray:
@@ -126,3 +140,43 @@ def mass_error(one: Interrupted, p: np.ndarray) -> float:
     found, true = (one.dynamics.terms(q, np.zeros_like(q), x).M for x in (p, one.truth))
     scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
     return float((np.abs(found - true) / scale).max())
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What masks make of a clean recording.
+
+    Attributes:
+        lost: share of the rows that is left out.
+        known_less: standard deviations of base parameters, masked over all rows, if the noise were
+            the same.
+        widths: of the intervals of parameters that data decides, masked over all rows.
+        errors: of M, all rows and masked.
+    """
+
+    lost: float
+    known_less: np.ndarray
+    widths: np.ndarray
+    errors: tuple[float, float]
+
+
+# Bits of the encoders, one a seed.
+BITS = (12, 14, 16, 17, 18, 20)
+
+
+def cost_of_masks(name: str, rate: float, seed: int) -> Cost:
+    """A clean recording identified with all rows, and with what is left of them."""
+    rng = np.random.default_rng([seed, round(rate), len(name)])
+    one = interrupted(name, rng, rate=rate, seconds=8.0)
+    one = one.measured(rng, BITS[seed % len(BITS)], 0.02, 10.0 if seed % 2 else 1.0)
+    fits = [identify(name, one.frame, settings=Settings(keep_all=keep)) for keep in (True, False)]
+    all_rows, masked = (uncertainty(fit.problem) for fit in fits)
+    shown = all_rows.by_data & masked.by_data & (all_rows.interval > 0)
+    roots = (fit.problem.estimate.noise.root for fit in fits)
+    known = [np.linalg.norm(inverse(root), axis=1) for root in roots]
+    return Cost(
+        lost=sum(one.share for one in fits[1].model.sources[0].left_out),
+        known_less=known[1] / known[0],
+        widths=masked.interval[shown] / all_rows.interval[shown],
+        errors=(mass_error(one, fits[0].model.p), mass_error(one, fits[1].model.p)),
+    )

@@ -353,7 +353,10 @@ SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
         (changed(q1=pl.lit(0.1)), "column q1 is constant"),
         ("Scope\n" + GOOD, "row 2 is taken for the column names"),
         (GOOD + "END\n", r"ends with text after its data \('END'\)"),
-        (GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1), r"row 2 .* of units \(s, rad, "),
+        (
+            GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1),
+            r"row 2 is taken for units \(s, rad, ",
+        ),
         (GOOD.rstrip("\n"), "the last line has no line break"),
         (with_field(150, "t", "0.1484"), "stamps of t jitter by .* positions are even, so rows"),
         (
@@ -378,8 +381,8 @@ def test_leaving_the_workspace_is_warned_of(tmp_path, clavel: Dynamics) -> None:
     small = robot.workspace.changed(radius=1e-3)
     narrow = Dynamics(robot.changed(workspace=small))
     log = open_log(write(tmp_path / "log.csv", GOOD), narrow.kinematics)
-    pattern = rf"{ROWS} of {ROWS} samples lie outside .* first in row 2 at \[.*\] m"
-    assert re.fullmatch(pattern, log.warnings[0])
+    pattern = rf"{ROWS} of {ROWS} samples lie outside .* first in row 2 at \[.*\] m; likeliest"
+    assert re.match(pattern, log.warnings[0])
 
 
 def test_planned_motions_need_no_torques(tmp_path, clavel: Dynamics) -> None:

@@ -12,6 +12,7 @@ import pytest
 import deltaid
 from command import run
 from deltaid.check.evidence import evidence
+from deltaid.check.information import checked_information
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import as_written, changes, mended
 from deltaid.check.run import OF_ROBOT, of_robot, verdicts
@@ -19,6 +20,7 @@ from deltaid.check.verdict import KEYS, Grade, Proposal, Verdict, worst
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.motion.random_motion import random_motion
+from deltaid.recording.log import open_log
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from sessions import ROOT
 
@@ -211,10 +213,13 @@ def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def told() -> dict[str, tuple[Verdict, ...]]:
-    """Verdicts on recordings of the 4-DOF Delta by their motion."""
-    name, kinds = "irb360-6-1600", {"usual": {}, "slow": {"pace": 1 / 15}, "tool rests": {}}
-    kinds["tool rests"] = {"which": (0, 1, 2)}
-    return {key: verdicts(name, moved(name, **how)) for key, how in kinds.items()}
+    """Verdicts on recordings of the 4-DOF Delta by their motion: all of a usual one."""
+    name, kinds = "irb360-6-1600", {"slow": {"pace": 1 / 15}, "tool rests": {"which": (0, 1, 2)}}
+    found = {"usual": verdicts(name, moved(name))}
+    for key, how in kinds.items():
+        one = evidence(load_robot(name), moved(name, **how))
+        found[key] = checked_information(one)
+    return found
 
 
 def test_a_usual_motion_is_good(told: dict[str, tuple[Verdict, ...]]) -> None:
@@ -247,13 +252,6 @@ def test_a_recording_that_cannot_be_used_has_a_verdict() -> None:
     assert worst(found) is Grade.WRONG
 
 
-def test_several_recordings_say_which() -> None:
-    logs = [moved("clavel-delta3"), moved("clavel-delta3", pace=1 / 20)]
-    found = [one for one in verdicts("clavel-delta3", logs) if one.key == "excitation"]
-    assert [one.grade for one in found] == [Grade.GOOD, Grade.DOUBTFUL]
-    assert all(one.subject.startswith("arrays") for one in found)
-
-
 def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path) -> None:
     data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
     robot = written(data, tmp_path / "robot.yaml")
@@ -276,13 +274,37 @@ def test_identify_begins_with_what_is_doubtful(tmp_path: Path) -> None:
 
 
 def test_two_recordings_are_judged_together() -> None:
-    """What one does not move, the other does."""
+    """What one does not move, the other does; all else is said of each."""
     name = "irb360-6-1600"
-    logs = [moved(name, which=(0, 1, 2)), moved(name, which=(3,))]
+    logs = [moved(name, which=(0, 1, 2)), moved(name, which=(2, 3))]
     result = deltaid.identify(name, logs)
     told = of(result.verdicts, "base-parameters")
     assert "drive4" not in told.seen + told.cure
-    assert of(result.verdicts, "excitation").subject != "drive4"
+    assert "drive4" not in of(result.verdicts, "excitation").seen
+    assert not any("constant" in text for text in result.model.warnings)
+    found = verdicts(name, logs)
+    assert of(found, "base-parameters").seen == told.seen
+    assert of(found, "excitation").seen == of(result.verdicts, "excitation").seen
+    assert {one.subject for one in found if one.key == "velocity"} == {"arrays"}
+
+
+def test_a_drive_that_rests_in_all_recordings_is_named_once() -> None:
+    name = "irb360-6-1600"
+    result = deltaid.identify(name, [moved(name, which=which) for which in ((0, 1, 2), (0, 1))])
+    assert of(result.verdicts, "excitation").subject == "drive4"
+    assert sum("drive4 hardly moves" in text for text in result.model.warnings) == 1
+    assert not any("constant" in text for text in result.model.warnings)
+
+
+def test_what_a_fit_contradicts_is_not_said_where_a_verdict_tells_why() -> None:
+    name = "clavel-delta3"
+    rows = evidence(load_robot(name), moved(name)).rows
+    log = deltaid.Recording.from_arrays(t=rows.time, q=rows.q, tau=rows.tau * [1, -1, 1])
+    forced = deltaid.identify(name, log, force=True)
+    assert of(forced.verdicts, "torque-sign").grade is Grade.WRONG
+    assert (
+        sum("contradict" in text or "no robot has" in text for text in forced.model.warnings) == 0
+    )
 
 
 # The command.
@@ -368,7 +390,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
             Proposal("robot", (("friction.drive1.coulomb", 6.0),)),
         ),
     )  # fmt: skip
-    monkeypatch.setattr("deltaid.check.run.of_recording", lambda one: (wrong,))
+    monkeypatch.setattr("deltaid.check.run.of_recording", lambda *_: (wrong,))
     outcome = run("check", "clavel-delta3", log, "--write", tmp_path / "fixed.yaml")
     assert outcome.code == 4
     mapping = deltaid.load_mapping(tmp_path / "fixed-columns.yaml")
@@ -378,7 +400,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
     assert mapping.position[0].unit == "rad"
     robot = load_robot(tmp_path / "fixed-robot.yaml")
     assert robot.friction["drive1"].coulomb == 6.0
-    assert deltaid.identify(robot, log, columns=mapping, force=True).model.robot == robot
+    assert open_log(log, compiled(robot).kinematics, mapping).samples == len(rows.time)
 
 
 # The page.

@@ -208,6 +208,9 @@ def test_base(folder: Path) -> None:
     assert (value["base_parameters"], value["optimization_variables"]) == (37, 36)
     value = json.loads(run("base", ROBOT, folder / "log.csv", "--json").out)
     assert len(value["groups"]) == len(value["values"]) == value["base_parameters"]
+    every = json.loads(run("base", ROBOT, folder / "log.csv", "--keep-all", "--json").out)
+    np.testing.assert_allclose(every["values"], value["values"], rtol=0.2)
+    assert every["values"] != value["values"]  # reversals count
     assert "base parameter" in run("base", ROBOT).out
 
 

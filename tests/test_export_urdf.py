@@ -176,8 +176,8 @@ def test_roll_pitch_yaw() -> None:
 def test_what_urdf_has_no_words_for_is_told() -> None:
     assert urdf(subject("clavel-delta3")).warnings == ()
     armature, springs = urdf(composed(COMPOSED[0])).warnings
-    assert "motors and gears; those of drive1, drive2, drive3, drive4 stand in" in armature
-    assert "springs; those of drive1" in springs
+    assert "motors and gears of drive1, drive2, drive3, drive4 are not in the URDF" in armature
+    assert "springs of drive1" in springs
 
 
 def test_friction_that_urdf_lacks_is_refused(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_friction_that_urdf_lacks_is_refused(tmp_path: Path) -> None:
 def test_command_writes_both_files_or_none(tmp_path: Path) -> None:
     outcome = run("export", "irb360-6-1600", "--to", "urdf", "-o", tmp_path / "a.urdf", width=400)
     assert outcome.code == 0, outcome.err
-    assert "no words for inertia of motors and gears" in outcome.err
+    assert "inertia of motors and gears of drive4 are not in the URDF" in outcome.err
     assert {path.name for path in tmp_path.iterdir()} == {"a.urdf", "a.loops.json"}
     pin.buildModelFromUrdf(str(tmp_path / "a.urdf"))
     (tmp_path / "b.loops.json").mkdir()

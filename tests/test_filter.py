@@ -123,6 +123,35 @@ def test_a_line_counts_where_it_stands_20_decibels_over_the_noise(level: float, 
     assert found > 6
 
 
+@pytest.mark.parametrize("rate", [1000.0, 4000.0])
+def test_steps_of_a_coarse_encoder_are_no_motion(rate: float) -> None:
+    """Where the position stays on them for tens of samples, their noise is far from white."""
+    time, rng = np.arange(round(8 * rate)) / rate, np.random.default_rng(3)
+    for step in (2e-3, 5e-3):
+        phase = rng.uniform(0, 2 * np.pi, (3, 2))
+        q = sum(0.1 / k * np.sin(2 * np.pi * 0.6 * k * time[:, None] + phase[k - 1])
+                for k in (1, 2, 3))  # fmt: skip
+        assert np.mean(np.diff(np.round(q / step), axis=0) == 0) > 0.5
+        assert 2 * 1.8 < spectrum_of(step * np.round(q / step)).cutoff(rate) < 12
+
+
+def test_short_stretches_count_until_one_is_full() -> None:
+    time, rng = np.arange(6000) / RATE, np.random.default_rng(4)
+    noise = 1e-4 * rng.standard_normal(6000)
+    slow, fast = (np.sin(2 * np.pi * f * time) + noise for f in (2.0, 12.0))
+    spectrum = SpectrumEstimate(1)
+    for q, least, most in (
+        (slow[:200], None, None),  # too short to count
+        (slow[:900], 4, 14),
+        (fast[:900], 24, 36),
+        (slow, 4, 7),
+        (fast[:3000], 4, 7),
+    ):
+        spectrum.add(power_of(q[:, None]))
+        found = spectrum.cutoff(RATE)
+        assert found is None if least is None else least <= found <= most
+
+
 def together(recording: Recording, dynamics: Dynamics) -> list[np.ndarray]:
     """Time, motion, torques and decimated torques of all windows."""
 

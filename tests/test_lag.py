@@ -117,3 +117,17 @@ def test_reversals_are_left_out_on_demand() -> None:
 def test_a_recording_that_is_too_short_is_refused() -> None:
     with pytest.raises(RecordingError, match=r"too few|too short"):
         traced(frame(np.zeros(3)).head(200))
+
+
+def test_of_a_long_log_a_few_runs_are_kept() -> None:
+    dynamics, _, _ = moving()
+    log = open_log(frame(np.zeros(3), rate=2100.0), dynamics.kinematics)  # four windows
+    load = prior_parameters(dynamics.robot)
+    whole, some = (
+        trace(dynamics, log, load, cutoff=15.0, reach=0.0, windows=most) for most in (None, 2)
+    )
+    assert len(whole.stretches) == 1
+    first, last = some.stretches
+    assert first.time[0] == whole.stretches[0].time[0]
+    assert last.time[-1] == whole.stretches[0].time[-1]
+    assert len(first.time) + len(last.time) < 0.7 * len(whole.stretches[0].time)

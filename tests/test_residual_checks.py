@@ -1,5 +1,6 @@
 """Causes that what a fit leaves of the torques points at, each made by hand; clean has none."""
 
+import re
 from collections.abc import Callable
 from functools import cache
 
@@ -103,12 +104,45 @@ def test_a_load_is_told_by_its_mass_and_times() -> None:
     np.testing.assert_allclose([float(time) for time in told], [3.0, 7.0], atol=0.2)
 
 
-@pytest.mark.parametrize("gain", [0.9, 1.15])
+def test_a_load_that_comes_and_goes_is_followed() -> None:
+    _, z, _, qd, qdd = truth()
+    dynamics, p, _ = moving()
+    heavier = p.copy()
+    heavier[dynamics.layout.names.index("P.m")] += 1.5
+    load = dynamics.torque(z, qd, qdd, heavier) - dynamics.torque(z, qd, qdd, p)
+
+    verdicts = said(lambda t, q, qd, tau: load * (t % 0.6 > 0.3)[:, None])
+    assert bad(verdicts) == ["load-change"]
+    change = verdicts["load-change"]
+    assert change.number == pytest.approx(1.5, rel=0.05)
+    first, more = change.seen.split(" at ")[1].split(" s and ")
+    switches = np.array([float(x) for x in first.split(", ")]) / 0.3
+    np.testing.assert_allclose(switches, np.round(switches[0]) + np.arange(4), atol=0.2)
+    assert int(more.split()[0]) == pytest.approx(35, abs=2)
+
+
+@pytest.mark.parametrize("gain", [0.75, 1.15])
 def test_a_drive_whose_torque_constant_is_wrong_is_named(gain: float) -> None:
     verdicts = said(lambda t, q, qd, tau: [0.0, 0.0, gain - 1] * tau)
     assert bad(verdicts) == ["drive-gain"]
     assert verdicts["drive-gain"].subject == "drive3"
-    assert verdicts["drive-gain"].number == pytest.approx(100 * (gain - 1), rel=0.3)
+    assert verdicts["drive-gain"].number == pytest.approx(100 * (gain - 1), rel=0.05)
+
+
+def test_every_drive_whose_torque_constant_is_wrong_is_named_with_its_size() -> None:
+    verdicts = said(lambda t, q, qd, tau: [0.08, -0.08, 0.04] * tau)
+    assert bad(verdicts) == ["drive-gain"]
+    gain = verdicts["drive-gain"]
+    told = dict(re.findall(r"(drive\d)'s \D*([\d.]+) %", gain.seen))
+    mean = 1 + 0.04 / 3
+    for name, factor in zip(("drive1", "drive2", "drive3"), (1.08, 0.92, 1.04), strict=True):
+        assert float(told[name]) == pytest.approx(100 * abs(factor / mean - 1), abs=0.6)
+    assert gain.number == pytest.approx(100 * (0.92 / mean - 1), abs=0.5)
+
+
+def test_a_lag_that_does_nothing_is_left_unsaid() -> None:
+    verdicts = said(late=0.16e-3)
+    assert verdicts["torque-lag"].grade is Grade.GOOD
 
 
 def test_something_that_rings_is_told_by_its_frequency() -> None:

@@ -208,6 +208,15 @@ def test_an_open_end_is_told(tmp_path: Path) -> None:
     assert "no line break" in table.doubts[0]
 
 
+def test_an_export_cut_off_in_its_first_line_has_no_rows(clavel: Dynamics, tmp_path: Path) -> None:
+    whole = scope(CURVES, end="").rstrip("\n").split("\n")
+    first = next(k for k, line in enumerate(whole) if line[:1].isdigit())
+    path = tmp_path / "scope.csv"
+    path.write_text("\n".join([*whole[:first], whole[first].rsplit("\t", 2)[0] + "\t"]))
+    with pytest.raises(RecordingError, match="has fewer than two rows of data"):
+        open_log(path, clavel.kinematics)
+
+
 def test_other_tables_are_not_taken_for_an_export(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("Name,t,q1\na,0,1\na,1,2\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The package's own errors: what is wrong, where, and how to mend it."""
+"""The package's own errors and warnings: what is wrong, where, why, and how to mend it."""
 
 # Spaces that do not break a line: plain, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
@@ -37,6 +37,28 @@ class RecordingError(DeltaidError):
 
 class IdentificationError(DeltaidError):
     """The identification cannot be posed, or a solver did not reach its end."""
+
+
+class Doubt(str):
+    """A warning: a sentence of what was seen, the likeliest cause and the next step.
+
+    Attributes:
+        key: of the verdict of `deltaid check` that looks at the same thing with more care, and
+            replaces this where there is one; empty if none does.
+    """
+
+    key: str
+
+    def __new__(cls, seen: str, *, cause: str, cure: str, key: str = "") -> "Doubt":
+        """One cause in words."""
+        made = super().__new__(cls, sentence(seen, cause, cure))
+        made.key = key
+        return made
+
+
+def sentence(seen: str, cause: str, cure: str) -> str:
+    """What was seen, with cause and next step where there are any."""
+    return seen + (f"; likeliest cause: {cause}" if cause else "") + (f"; {cure}" if cure else "")
 
 
 def visible(text: str) -> str:

@@ -82,6 +82,11 @@ class Evidence:
         return _rows(self.table, self.columns, _MOST)
 
     @cached_property
+    def moved(self) -> Float[np.ndarray, " drives"]:
+        """How far each drive goes in these rows [rad or m]."""
+        return np.ptp(self.rows.q, axis=0)
+
+    @cached_property
     def surveyed(self) -> Recording | RecordingError:
         """The recording as an identification takes it, or why none can."""
         try:
@@ -125,7 +130,7 @@ def evidence(
 def with_fit(one: Evidence, problem: FittedProblem, recording: Recording) -> Evidence:
     """Evidence whose survey and fit are those that have been made, and are not made again."""
     known = replace(one, dynamics=problem.dynamics)
-    vars(known).update({key: vars(one)[key] for key in ("rows",) if key in vars(one)})
+    vars(known).update({key: vars(one)[key] for key in ("rows", "moved") if key in vars(one)})
     vars(known).update(surveyed=recording, fitted=problem)  # where cached properties are kept
     return known
 

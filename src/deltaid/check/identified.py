@@ -7,7 +7,7 @@ from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
-from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.verdict import KEYS, Grade, Verdict
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError, RecordingError
 from deltaid.identification.fit import Progress
 from deltaid.identification.identify import Identification
@@ -20,6 +20,9 @@ from deltaid.robot.load import RobotLike, described, yaml_text
 
 _QUICK = tuple(family for family in OF_RECORDING if family.quick)
 _EXPLAINING = tuple(family for family in OF_RECORDING if family.explains)
+
+# Verdicts that say why a fit contradicts the recording or the prior.
+_EXPLAIN_A_FIT = {*KEYS["units and wiring"], "millimetres", "prior-scale"}
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,14 @@ def identify(
         _refuse(found, description.name, DescriptionError, description)
     sources, opened = as_sources(logs), list[Evidence]()
     for source in sources:
+        progress(f"judging {source}")
         one = evidence(description, source, columns, settings)
         said = asked(one, _QUICK, "rows")
         if not force:
             _refuse(said, str(one.table.path), RecordingError, one)
         found += named(one, said, several=len(sources) > 1)
         if len(sources) > 1:
+            _ = one.moved
             vars(one).pop("rows", None)  # all of them might not fit into memory
         opened.append(one)
     try:
@@ -83,10 +88,24 @@ def identify(
         for one in opened:  # a check may know why
             _refuse(asked(one, _EXPLAINING, "rows"), str(one.table.path), RecordingError, one)
         raise
+    progress("judging what it tells")
     found += _after(result, opened)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
-    model = result.model.changed(warnings=(*poor, *result.model.warnings))
+    model = result.model.changed(warnings=(*poor, *_others(result, found)))
     return Judged(model, result.problem, result.recordings, found)
+
+
+def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:
+    """Warnings of survey and fit, without those whose cause a verdict tells already.
+
+    What the fit contradicts follows from units, wiring and priors wherever these are poor.
+    """
+    doubts = [(one.path, text) for one in result.recordings for text in one.log.warnings]
+    judged = {verdict.key for verdict in found}
+    poor = {v.key for v in found if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
+    kept = [f"{path}: {text}" for path, text in doubts if text.key not in judged]
+    of_fit = () if poor & _EXPLAIN_A_FIT else result.model.warnings[len(doubts) :]
+    return (*kept, *of_fit)
 
 
 def _refuse(
@@ -132,11 +151,11 @@ def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict,
     problem, several = result.problem, len(opened) > 1
     found: tuple[Verdict, ...] = ()
     if several:  # together they may tell what none of them tells alone
-        found += judged_information(problem.dynamics, problem.information)
+        moved = [one.moved for one in opened]
+        found += judged_information(problem.dynamics, problem.information, moved)
     for one, recording in zip(opened, result.recordings, strict=True):
         known = with_fit(one, problem, recording)
-        said = asked(known, _QUICK, "fit")
-        if not several:
-            said = asked(known, _QUICK, "survey") + said
+        families = [family for family in _QUICK if family.alone or not several]
+        said = asked(known, families, "survey") + asked(known, families, "fit")
         found += named(one, said, several=several)
     return found

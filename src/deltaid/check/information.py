@@ -9,7 +9,7 @@ nothing. The same holds for a motion within the robot's limits (as many samples,
 for both together: G adds up. The motion that leaves least open is the one to record.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +26,6 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.information import Information, merge
 from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.robot.description import RobotDescription
 
 # A base parameter is identifiable when the recording leaves less than this share of the prior's
 # standard deviation open, and not identifiable when it leaves more than the other.
@@ -37,6 +36,8 @@ _POOR = 6.0
 # Singular values below this share of the largest are none.
 _RANK = 1e-9
 _SHOWN = 4
+# A drive rests that moves less than this share of its usual range.
+_RESTING = 0.01
 # Noise of torques as a share of their largest.
 _USUAL_NOISE = 0.02
 
@@ -70,27 +71,37 @@ class Told:
         return self.motions[int(np.argmin(self.together[:, k]))]
 
 
-def checked_information(evidence: Evidence) -> Iterable[Verdict]:
+def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on what one recording tells."""
-    if isinstance(evidence.surveyed, DeltaidError):
+    information = information_of(evidence)
+    if information is None:
         return ()
+    return judged_information(evidence.dynamics, information, [evidence.moved])
+
+
+def information_of(evidence: Evidence) -> Information | None:
+    """What a recording tells, whether it can be fitted or not; None if it cannot be used."""
+    if isinstance(evidence.surveyed, DeltaidError):
+        return None
     fitted = evidence.fitted
     if isinstance(fitted, FittedProblem):
-        information = fitted.information
-    else:
-        try:
-            information = merge(gather_all(evidence.dynamics, [evidence.surveyed]).blocks)
-        except IdentificationError:
-            return ()
-    return judged_information(evidence.dynamics, information, _still(evidence))
+        return fitted.information
+    try:
+        return merge(gather_all(evidence.dynamics, [evidence.surveyed]).blocks)
+    except IdentificationError:
+        return None
 
 
 def judged_information(
-    dynamics: Dynamics, information: Information, still: tuple[str, ...] = ()
+    dynamics: Dynamics, information: Information, moved: Sequence[Float[np.ndarray, " drives"]]
 ) -> tuple[Verdict, ...]:
-    """Verdicts on what some information tells; `still` are drives that hardly move."""
+    """Verdicts on what recordings tell together.
+
+    Args:
+        moved: how far each drive goes in each of them [rad or m].
+    """
     try:
-        told = told_by(dynamics, information)
+        told, still = told_by(dynamics, information), _still(dynamics, np.max(moved, axis=0))
     except KinematicsError as error:
         cannot = Verdict(
             "base-parameters",
@@ -170,7 +181,7 @@ def _excitation(told: Told, still: tuple[str, ...]) -> Verdict:
         return Verdict(
             "excitation",
             Grade.DOUBTFUL,
-            f"{listed(still)} hardly {moves} in this recording",
+            f"{listed(still)} hardly {moves} in what is recorded",
             subject=listed(still),
             cause="a motion of single drives, or none",
             cure="record a motion of all drives, such as `deltaid excite` plans",
@@ -254,10 +265,8 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
     return np.linalg.norm(Vt.T / s, axis=1)
 
 
-def _still(evidence: Evidence) -> tuple[str, ...]:
+def _still(dynamics: Dynamics, moved: Float[np.ndarray, " drives"]) -> tuple[str, ...]:
     """Drives that hardly move, beside what a usual motion does."""
-    usual = np.ptp(candidates(evidence.dynamics)[0].q, axis=0)
-    moved = np.ptp(evidence.rows.q, axis=0)
-    robot: RobotDescription = evidence.robot
-    return tuple(drive for drive, own, other in zip(robot.drives, moved, usual, strict=True)
-                 if own < 0.01 * other)  # fmt: skip
+    usual = np.ptp(candidates(dynamics)[0].q, axis=0)
+    near = (moved < _RESTING * usual).tolist()
+    return tuple(drive for drive, still in zip(dynamics.robot.drives, near, strict=True) if still)

@@ -124,7 +124,7 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
     return Verdict(
         "prior-scale",
         Grade.WRONG if mass > _FAR * most else Grade.DOUBTFUL,
-        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have more than {most:.3g} kg",
+        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {most:.3g} kg",
         subject=name,
         cause="a mass in grams",
         cure="give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",

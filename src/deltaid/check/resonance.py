@@ -69,18 +69,16 @@ def _line(
 ) -> tuple[float, float] | None:
     """Frequency and power of the line that stands out most; None if none does."""
     inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
-    best, most = None, 0.0
-    for i in inner:
-        if power[i] < max(most, 1e-300) or power[i] < power[max(i - 1, 0)]:
-            continue
+    peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
+    for i in peaks[np.argsort(-power[peaks])]:
         near = np.abs(frequency / frequency[i] - 1) < _NEAR
         level = float(np.median(power[near]))
-        if power[i] < _STANDS * level:
+        if power[i] < max(_STANDS * level, 1e-300):
             continue
         high = np.flatnonzero(near & (power > 0.5 * power[i]))
         if frequency[high[-1]] - frequency[high[0]] > _NARROW * frequency[i] + 2 * frequency[1]:
             continue
         band = np.abs(frequency - frequency[i]) <= 0.5 * _NARROW * frequency[i] + 2 * frequency[1]
         total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
-        best, most = (float(frequency[i]), total), float(power[i])
-    return best
+        return float(frequency[i]), total
+    return None

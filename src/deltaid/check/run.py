@@ -4,9 +4,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+from jaxtyping import Float
+
 from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.information import checked_information
+from deltaid.check.information import checked_information, information_of, judged_information
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
@@ -15,7 +18,9 @@ from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring import checked_wiring
 from deltaid.check.workspace import checked_workspace
+from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.identification.information import Information, merge
 from deltaid.model.record import Settings
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.memory import RecordingLike, as_sources
@@ -26,6 +31,7 @@ Progress = Callable[[str], None]
 Needs = Literal["rows", "survey", "fit"]
 OfRobot = Callable[[RobotDescription], Iterable[Verdict]]
 OfRecording = Callable[[Evidence], Iterable[Verdict]]
+Told = tuple[Information, Float[np.ndarray, " drives"]]  # and how far each drive goes
 
 
 @dataclass(frozen=True)
@@ -40,12 +46,15 @@ class Family:
         needs: 'rows' looks at data whatever is wrong with it; 'survey' is asked of recordings that
             can be computed with and in which nothing has been found wrong; 'fit' if there also is
             a fit.
+        alone: whether it judges each of several recordings; if not, one may tell what another
+            leaves open, and they are judged together.
     """
 
     check: OfRecording
     quick: bool = False
     explains: bool = False
     needs: Needs = "rows"
+    alone: bool = True
 
 
 # One entry a family, in the order of the table of verdicts.
@@ -59,7 +68,7 @@ OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
     Family(checked_wiring, quick=True),
     Family(checked_signals),
-    Family(checked_information, quick=True, needs="survey"),
+    Family(checked_information, quick=True, needs="survey", alone=False),
     Family(checked_residual, needs="fit"),
 )
 
@@ -76,8 +85,8 @@ def verdicts(
 
     Args:
         robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
-        logs: none, one recording or a sequence of them, each judged on its own; the same as
-            `identify` takes.
+        logs: none, one recording or a sequence of them, the same as `identify` takes. Each is
+            judged on its own, but what they tell of the parameters by all of them together.
         columns: names and units of their columns, if not the default ones.
         settings: of the fit that verdicts on the fit rest on.
         progress: called with a sentence before each stage.
@@ -97,12 +106,21 @@ def verdicts(
             raise
         return (verdict,)
     found = list(of_robot(description))
-    sources = as_sources(logs)
+    sources, told = as_sources(logs), list[Told]()
+    several = len(sources) > 1
+    families = [family for family in OF_RECORDING if family.alone or not several]
     for source in sources:
         progress(f"checking {source}")
         one = evidence(description, source, columns, settings)
         _ = one.rows  # what cannot be read at all is an error and no verdict
-        found += named(one, of_recording(one), several=len(sources) > 1)
+        said = of_recording(one, families)
+        found += named(one, said, several=several)
+        if several and worst(said) is not Grade.WRONG and (known := information_of(one)):
+            told.append((known, one.moved))
+    if several and len(told) == len(sources):
+        progress("checking what they tell together")
+        known, moved = zip(*told, strict=True)
+        found += judged_information(compiled(description), merge(known), moved)
     return tuple(found)
 
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from deltaid.errors import sentence
+
 # Every key that a verdict may have, in the order of docs/check.md, by what it is about.
 KEYS = {
     "the description": (
@@ -77,13 +79,12 @@ class Verdict:
     def finding(self) -> str:
         """What was seen and the likeliest cause, as one sentence."""
         about = "" if self.subject in self.seen else f"{self.subject}: "
-        cause = f"; likeliest cause: {self.cause}" if self.cause else ""
-        return f"{about}{self.seen}{cause}"
+        return sentence(f"{about}{self.seen}", self.cause, "")
 
     @property
     def sentence(self) -> str:
         """The same with the next step."""
-        return f"{self.finding}; {self.cure}" if self.cure else self.finding
+        return sentence(self.finding, "", self.cure)
 
 
 def worst(verdicts: "tuple[Verdict, ...] | list[Verdict]") -> Grade:

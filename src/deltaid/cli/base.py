@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from deltaid.cli.options import KeepAll
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def base(
         float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.", min=0)] = 0,
+    keep_all: KeepAll = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""
@@ -53,7 +55,9 @@ def base(
             from deltaid.identification.least_squares import identify_base
 
             say("reading logs")
-            result, estimate = identify_base(dynamics, logs, method, columns=mapping, cutoff=cutoff)
+            result, estimate = identify_base(
+                dynamics, logs, method, columns=mapping, cutoff=cutoff, keep_all=keep_all
+            )
         else:
             say("trying a random motion")
             result, estimate = random_motion_base(dynamics, seed), None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import KeepAll, output_file
 
 if TYPE_CHECKING:
     from deltaid.check.mended import Changes, Data, File
@@ -42,6 +42,7 @@ def check(
     report: Annotated[
         Path | None, output_file(help="HTML page of all verdicts, works offline.")
     ] = None,
+    keep_all: KeepAll = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Tell what is wrong with a robot's description and recordings, why, and how to mend it.
@@ -64,7 +65,7 @@ def check(
         require_outputs(inputs, {f"--write {write}": path for path in targets.values()}, report)
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
-        settings = Settings(cutoff=cutoff)
+        settings = Settings(cutoff=cutoff, keep_all=keep_all)
         found = verdicts(robot, logs, columns=mapping, settings=settings, progress=say)
         cures = _cures(robot, mapping, logs, found)
     with together():

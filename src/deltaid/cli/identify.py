@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import KeepAll, output_file
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -62,12 +62,7 @@ def identify(
         FrictionLaws,
         typer.Option(help="Friction laws: as described, or chosen by cross-validation."),
     ] = "described",
-    keep_all: Annotated[
-        bool,
-        typer.Option(
-            "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
-        ),
-    ] = False,
+    keep_all: KeepAll = False,
     force: Annotated[
         bool, typer.Option("--force", help="Go on with what the checks call wrong.")
     ] = False,

@@ -3,11 +3,19 @@
 import glob
 import os
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from deltaid.errors import DeltaidError
+
+# Of every command that reads torques.
+KeepAll = Annotated[
+    bool,
+    typer.Option(
+        "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
+    ),
+]
 
 
 def output_file(*names: str, help: str) -> Any:

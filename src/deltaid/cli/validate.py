@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import KeepAll, output_file
 
 if TYPE_CHECKING:
     from deltaid.identification.torque_error import TorqueError
@@ -30,12 +30,7 @@ def validate(
     report: Annotated[
         Path | None, output_file(help="HTML page with figures of the comparison, works offline.")
     ] = None,
-    keep_all: Annotated[
-        bool,
-        typer.Option(
-            "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
-        ),
-    ] = False,
+    keep_all: KeepAll = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare a model's torques with a recording, drive by drive."""

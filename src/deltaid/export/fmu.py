@@ -23,6 +23,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from deltaid.errors import Doubt
 from deltaid.export.c_code import ParameterTable, accelerations, c_code, parameter_table
 from deltaid.export.fill import rendered
 from deltaid.export.fmu_variables import (
@@ -116,11 +117,10 @@ def _compiled(name: str, sources: dict[str, str]) -> tuple[dict[str, bytes], str
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     known = platform.machine() in ("x86_64", "AMD64") or sys.platform == "darwin"
     where = _BINARIES.get(sys.platform) if known else None
-    compile_it = "the unit holds sources only, which importing tools such as FMPy can compile"
     if compiler is None:
-        return {}, f"no C compiler was found (cc, gcc or clang); {compile_it}"
+        return {}, _sources_only("no C compiler was found (cc, gcc or clang)")
     if where is None:
-        return {}, f"binaries for this machine are not known to FMI 2; {compile_it}"
+        return {}, _sources_only("binaries for this machine are not known to FMI 2")
     folder, suffix = where
     with tempfile.TemporaryDirectory() as work:
         for path, text in sources.items():
@@ -132,8 +132,13 @@ def _compiled(name: str, sources: dict[str, str]) -> tuple[dict[str, bytes], str
         done = subprocess.run(command, cwd=work, capture_output=True, check=False)
         if done.returncode:
             reason = done.stderr.decode(errors="replace").strip().split("\n", 1)[0]
-            return {}, f"{compiler} failed ({reason[:200]}); {compile_it}"
+            return {}, _sources_only(f"{compiler} failed ({reason[:200]})")
         return {f"binaries/{folder}/{library}": (Path(work) / library).read_bytes()}, ""
+
+
+def _sources_only(why: str) -> Doubt:
+    cure = "let the importing tool compile them, as FMPy does, or export again with a C compiler"
+    return Doubt("the unit holds sources only", cause=why, cure=cure)
 
 
 def _zipped(files: dict[str, bytes]) -> bytes:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from deltaid.errors import Doubt
 from deltaid.export.joint_forces import JointForces, joint_forces
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.text import numbers, xml_comment
@@ -185,7 +186,11 @@ def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
         "springs": [j for j, f in forces.items() if f.stiffness],
     }
     return tuple(
-        f"URDF has no words for {what}; those of {', '.join(joints)} stand in the file of the loops"
+        Doubt(
+            f"{what} of {', '.join(joints)} are not in the URDF but in the file of the loops",
+            cause="URDF has no words for them",
+            cure="let the program that reads the URDF read that file as well",
+        )
         for what, joints in found.items()
         if joints
     )

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, Doubt
 from deltaid.forces.equations import ForceEquations, build_forces, splits
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
@@ -17,6 +17,8 @@ from deltaid.recording.windows import Samples as Motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.platform import H4Platform, RigidPlatform
+
+_SUMS = "only the sum of the forces of a limb's two struts is given"
 
 
 class ConstraintForces:
@@ -96,16 +98,22 @@ def motion_of(recording: Recording, kinematics: Kinematics) -> Iterator[Motion]:
 def _why_sums(robot: RobotDescription) -> str:
     limbs = robot.limbs
     if limbs is None or limbs.struts_per_limb == 1:
-        return "limbs of one strut: what keeps the platform from turning is not described"
+        return Doubt(
+            "forces of what keeps the platform from turning are not given",
+            cause="limbs of one strut leave open what it is",
+            cure="where limbs have two struts, describe both (limbs.struts_per_limb)",
+        )
     if not isinstance(robot.platform, RigidPlatform | H4Platform):
-        return (
-            f"a platform of kind {robot.platform.kind} has one joint less than its eight struts "
-            "need: how the struts of a limb share their force depends on how stiff they are, so "
-            "only their sum is given"
+        return Doubt(
+            _SUMS,
+            cause=f"a platform of kind {robot.platform.kind} has one joint less than its eight "
+            "struts need, so how they share their force depends on how stiff they are",
+            cure="for single struts, share the sum out by their stiffness",
         )
     if limbs.strut_spacing is None:
-        return (
-            "limbs.strut_spacing is not described, so only the sum of the forces of a limb's two "
-            "struts is given"
+        return Doubt(
+            _SUMS,
+            cause="limbs.strut_spacing is not described",
+            cure="describe it, or give --strut-spacing",
         )
     return ""

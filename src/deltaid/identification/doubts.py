@@ -70,7 +70,8 @@ def _grown(problem: FittedProblem) -> list[str]:
 
 def _scale(problem: FittedProblem) -> float:
     """How many times the prior's torques the measured ones are, by least squares."""
-    weights = problem.information.torque_max**-2.0
+    largest = problem.information.torque_max
+    weights = np.where(largest > 0, largest, np.inf) ** -2.0  # a drive that rests has no say
     factor = problem.information.weighted(weights)
     prior = factor[:, :-1] @ problem.reduction.p_reg[problem.information.columns]
     square = float(prior @ prior)

@@ -15,6 +15,8 @@ _TAKEN = 1e-3
 # A pattern is seen where chance gives one like it once in so many decades of recordings.
 SEEN = 6.0
 # Where one of these explains nearly as much as the best, it is taken: others know better of it.
+# Zeros only where the best has more columns; to first order they may look like a single drive's
+# factor.
 _ELSEWHERE, _NEARLY = ("homing-or-tilt", "friction-missing"), 0.9
 # Of so many candidates the scatter is looked at, and so many patterns are taken at most.
 _CLOSE, _ROUNDS = 4, 5
@@ -96,7 +98,8 @@ def _ranked(
 ) -> list[Explained]:
     """The candidates that explain anything, the most surprising first.
 
-    The noise is that of what they leave or, for the first few, its scatter between stretches of
+    One that explains hardly less with fewer columns goes first. The noise is that of what they
+    leave or, for the first few, its scatter between stretches of
     time if that is larger.
     """
     count, total = len(candidates), float(left @ left)
@@ -114,8 +117,14 @@ def _ranked(
         judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
     judged.sort(key=lambda one: -one[0])
     if judged:
-        enough = _NEARLY * judged[0][1]
-        judged.sort(key=lambda one: one[4].kind not in _ELSEWHERE or one[1] < enough)
+        enough, most = _NEARLY * judged[0][1], judged[0][6].shape[1]
+        judged.sort(
+            key=lambda one: (
+                one[4].kind not in _ELSEWHERE
+                or one[1] < enough
+                or (one[4].kind == "homing-or-tilt" and one[6].shape[1] >= most)
+            )
+        )
     close = []
     for _, gain, noise, tries, pattern, F, by in judged[:_CLOSE]:
         U = F @ by
@@ -124,7 +133,23 @@ def _ranked(
         close.append(Explained(pattern, gain, surprise(gain / level, U.shape[1]) - tries, U))
     if close and close[0].pattern.kind in _ELSEWHERE and close[0].surprise > SEEN:
         return close
-    return sorted(close, key=lambda one: -one.surprise)
+    close.sort(key=lambda one: -one.surprise)
+    if close:
+        simplest = _simplest(close, total, len(left))
+        close = [simplest, *(one for one in close if one is not simplest)]
+    return close
+
+
+def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained:
+    """The first, or one of fewer columns that leaves hardly more (Bayesian information)."""
+    best = ranked[0]
+    for one in ranked[1:]:
+        fewer = best.directions.shape[1] - one.directions.shape[1]
+        if fewer > 0 and one.surprise > SEEN:
+            more = (total - one.gain) / max(total - best.gain, 1e-300)
+            if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
+                best = one
+    return best
 
 
 def _scaled(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:

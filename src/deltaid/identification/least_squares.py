@@ -57,16 +57,18 @@ def identify_base(
     *,
     columns: ColumnMapping | None = None,
     cutoff: float | None = None,
+    keep_all: bool = False,
 ) -> tuple[BaseParameters, BaseEstimate]:
     """Base parameters and their values from recordings.
 
     Gauss–Markov takes Σ from the residuals of the weighted estimate and reads the logs twice more.
+    `keep_all` leaves nothing out of the recordings, as that of `Settings`.
 
     Raises:
         RecordingError: a log cannot be used.
         IdentificationError: the motion does not determine the base parameters.
     """
-    recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff)
+    recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff, keep_all=keep_all)
     gathered = gather_all(dynamics, recordings)
     information, groups = gathered.information, Groups(gathered.blocks, gathered.places)
     base = base_parameters(information, dynamics.layout)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import Basis, model_slope
+from deltaid.identification.lag import Basis, Rows, model_slope
 from deltaid.identification.traces import Trace
 from deltaid.recording.windows import Samples
 
@@ -23,6 +23,11 @@ _SLOW = (0.03, 0.08, 0.2)
 _WARM = (0.1, 0.25, 0.6)
 # Steps [rad or m] that the slope by a drive's zero is taken with.
 _ZERO = 1e-4
+# Sweeps of a fit with a factor for each drive; directions that show less are left out.
+_SWEEPS, _SHOWN = 3, 0.05
+# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
+# not quite white.
+_BENDS = 6.0
 
 Stack = Float[np.ndarray, "dof samples"]
 
@@ -67,13 +72,18 @@ class Scene:
         trace: the recording.
         Y: the active columns of its regressor, filtered.
         basis: what these explain.
-        p: of least squares.
+        tau: its torques as rows.
     """
 
     trace: Trace
     Y: Float[np.ndarray, "dof samples columns"]
     basis: Basis
-    p: Parameters
+    tau: Rows
+
+    @cached_property
+    def p(self) -> Parameters:
+        """Of least squares."""
+        return self.basis.parameters(self.tau)
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -90,11 +100,31 @@ class Scene:
         """Torques of p."""
         return self.trace.model(self.p)
 
+    @cached_property
+    def scaled_model(self) -> Stack:
+        """Torques of parameters that are fitted together with a factor for every drive.
+
+        τ_i = (1 + g_i) Y_i p, by Gauss–Newton. What torques hardly show of the factors, such as one
+        common to all, stays 1.
+        """
+        model, active = self.model, active_columns(self.trace.dynamics)
+        for _ in range(_SWEEPS):
+            own = self.basis.own(model)
+            bare = self.basis.without(own)
+            gain = np.linalg.lstsq(bare, self.basis.without(self.tau), rcond=_SHOWN)[0]
+            model = self.Y @ self.basis.parameters(self.tau - own @ gain)[active]
+        return model
+
     def column(self, name: str) -> Stack:
         """One parameter's column of Y."""
         dynamics = self.trace.dynamics
         at = np.searchsorted(active_columns(dynamics), dynamics.layout.names.index(name))
         return self.Y[:, :, at]
+
+    def shows(self, name: str) -> bool:
+        """Whether a parameter has a column."""
+        dynamics = self.trace.dynamics
+        return dynamics.layout.names.index(name) in active_columns(dynamics)
 
     def patterns(self) -> Iterator[Pattern]:
         """All but ripples and changes of load, which are searched for."""
@@ -111,7 +141,7 @@ class Scene:
         yield Pattern("torque-lag", "", self.basis.own(slope))
 
     def _gains(self) -> Iterator[Pattern]:
-        own = self.basis.own(self.model)
+        own = self.basis.own(self.scaled_model)
         for i, drive in enumerate(self.drives):
             yield Pattern("drive-gain", drive, own[:, [i]])
         yield Pattern("drive-gain", "", own)
@@ -120,7 +150,7 @@ class Scene:
         """Of each joint and of all: other friction near rest, at speed, by direction, by load."""
         joints = self._joints
         laws = [f"near {share:g}" for share in _SLOW] + ["square", "root"]
-        values = {joint.name: self._laws(joint) for joint in joints}
+        values = dict(zip([joint.name for joint in joints], self._laws(), strict=True))
         for k, law in enumerate(laws):
             each = np.stack([self.basis.stack(values[j.name][k]) for j in joints], axis=1)
             coulomb = np.array([self._size(f"coulomb.{j.name}") for j in joints])
@@ -143,29 +173,35 @@ class Scene:
             yield Pattern("friction-law", "", np.hstack(ways), _WORDS["way"])
             yield Pattern("friction-law", "", np.stack(loads, axis=1), _WORDS["load"])
 
-    def _laws(self, joint: _Joint) -> list[Stack]:
-        """Torques of further terms of a joint's friction, each at its size for a coefficient 1."""
-        dof, dynamics = len(self.drives), self.trace.dynamics
-        drive = self.drives.index(joint.name) if joint.name in self.drives else None
+    def _laws(self) -> list[list[Stack]]:
+        """For each joint torques of further terms of its friction, at a coefficient of 1."""
+        dof, dynamics, joints = len(self.drives), self.trace.dynamics, self._joints
+        drives = [self.drives.index(j.name) if j.name in self.drives else None for j in joints]
 
         def values(w: Samples) -> np.ndarray:
             load = dynamics.torque(w.z, w.qd, w.qdd, self.p)
-            entries = dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values
-            C, V = entries[joint.coulomb], entries[joint.viscous]
-            speed = np.abs(V).max(axis=0) / np.maximum(np.abs(C).max(axis=0), 1e-300)
-            x = speed / joint.fastest
-            laws = [C * np.exp(-x / share) for share in _SLOW] + [C * x**2, C * np.sqrt(x)]
-            if drive is not None:
-                laws += [np.ones_like(C), C * V, C * np.abs(load[:, drive])]
+            entries, laws = dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values, []
+            for joint, drive in zip(joints, drives, strict=True):
+                C, V = entries[joint.coulomb], entries[joint.viscous]
+                speed = np.abs(V).max(axis=0) / np.maximum(np.abs(C).max(axis=0), 1e-300)
+                x = speed / joint.fastest
+                laws += [C * np.exp(-x / share) for share in _SLOW] + [C * x**2, C * np.sqrt(x)]
+                if drive is not None:
+                    laws += [np.ones_like(C), C * V, C * np.abs(load[:, drive])]
             return np.concatenate(laws)
 
-        count = len(_SLOW) + 2 + (3 if drive is not None else 0)
-        filtered = self.trace.filtered(values, np.tile(joint.rows, count))
-        result = []
-        for one in filtered.reshape(count, len(joint.rows), -1):
-            full = np.zeros((dof, one.shape[1]))
-            full[joint.rows] = one
-            result.append(full)
+        counts = [len(_SLOW) + 2 + (0 if drive is None else 3) for drive in drives]
+        rows = [np.tile(j.rows, n) for j, n in zip(joints, counts, strict=True)]
+        if not rows:
+            return []
+        filtered = self.trace.filtered(values, np.concatenate(rows))
+        ends = np.cumsum([len(one) for one in rows])[:-1]
+        result: list[list[Stack]] = []
+        for joint, part in zip(joints, np.split(filtered, ends), strict=True):
+            laws = part.reshape(-1, len(joint.rows), part.shape[1])
+            full = np.zeros((len(laws), dof, part.shape[1]))
+            full[:, joint.rows] = laws
+            result.append(list(full))
         return result
 
     def _drifts(self) -> Iterator[Pattern]:
@@ -217,9 +253,9 @@ class Scene:
         times = [self.basis.own(self.model * shape) for shape in shapes[:dof]]
         for i, drive in enumerate(self.drives):
             columns = np.stack([one[:, i] for one in (*alone, *times)], axis=1)
-            yield Pattern("geometry-or-cogging", drive, columns, "the place of the platform")
+            yield Pattern("geometry-or-cogging", drive, columns, _WORDS["place"], _BENDS / dof)
         everything = np.hstack(alone + times)
-        yield Pattern("geometry-or-cogging", "", everything, "the place of the platform")
+        yield Pattern("geometry-or-cogging", "", everything, _WORDS["place"], _BENDS)
 
     def _size(self, name: str) -> float:
         return float(self.p[self.trace.dynamics.layout.names.index(name)])
@@ -248,6 +284,7 @@ _WORDS = {
     "root": "friction that flattens with speed",
     "way": "friction that differs by direction",
     "load": "friction that grows with the torque",
+    "place": "the place of the platform",
 }
 
 

@@ -60,38 +60,76 @@ def _only(x: np.ndarray, i: int, dof: int) -> np.ndarray:
 
 
 def load_steps(scene: Scene, left: Rows) -> Iterator[Pattern]:
-    """Masses at the platform or tool that change between two values, at the times seen best."""
-    dynamics = scene.trace.dynamics
-    robot, layout = dynamics.robot, dynamics.layout
-    limbs = 0 if robot.limbs is None else robot.limbs.count
-    arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
-    for body in layout.bodies:
-        name = f"{body}.m"
-        if body in arms or layout.names.index(name) not in scene_columns(scene):
-            continue
-        column = scene.basis.stack(scene.column(name))
-        if not np.any(column):
-            continue
-        found = _two_levels(scene, column, left)
+    """A load that comes and goes: parameters of a body that change between two sets of values.
+
+    The times come from its mass alone at first; then times and all that shows of the load, mass,
+    moments and inertia, are found by turns.
+    """
+    for body in _holders(scene):
+        mass = scene.basis.stack(scene.column(f"{body}.m"))
+        found = _two_levels(scene, mass, left) if np.any(mass) else None
         if found is None:
             continue
-        held, switches = found
-        per_sample = np.tile(held, len(scene.drives))
-        times = tuple(scene.motion.time[np.flatnonzero(np.diff(held))].tolist())
-        tries = float(np.log10(len(held))) * switches
-        yield Pattern("load-change", "", (column * per_sample)[:, None], body, tries, times)
+        yield _load(scene, body, mass[:, None], found)
+        whole = _columns_of(scene, body)
+        if (better := _refined(scene, whole, left, found)) is not None:
+            yield _load(scene, body, whole, better)
 
 
-def scene_columns(scene: Scene) -> set[int]:
-    """Parameters that the columns of Y are."""
-    from deltaid.identification.information import active_columns
+def _holders(scene: Scene) -> list[str]:
+    """The tool or, where there is none, the bodies that limbs carry, as far as their mass shows."""
+    robot, bodies = scene.trace.dynamics.robot, scene.trace.dynamics.layout.bodies
+    limbs = 0 if robot.limbs is None else robot.limbs.count
+    arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
+    free = ["EE"] if "EE" in bodies else [body for body in bodies if body not in arms]
+    return [body for body in free if scene.shows(f"{body}.m")]
 
-    return set(active_columns(scene.trace.dynamics).tolist())
+
+def _load(
+    scene: Scene,
+    body: str,
+    columns: Float[np.ndarray, "rows columns"],
+    held: Int[np.ndarray, " samples"],
+) -> Pattern:
+    """Columns while the load is held, the mass's first."""
+    at = np.flatnonzero(np.diff(held))
+    tries = float(np.log10(len(held))) * len(at)
+    rows = np.tile(held, len(scene.drives))[:, None]
+    times = tuple(scene.motion.time[at].tolist())
+    return Pattern("load-change", "", columns * rows, body, tries, times)
 
 
-def _two_levels(
-    scene: Scene, column: Rows, left: Rows
-) -> tuple[Float[np.ndarray, " samples"], int] | None:
+def _columns_of(scene: Scene, body: str) -> Float[np.ndarray, "rows columns"]:
+    """Those of a body's ten parameters that show, the mass first."""
+    names = [one.name for one in scene.trace.dynamics.layout.parameters if one.owner == body]
+    columns = [scene.column(name) for name in names if scene.shows(name)]
+    return np.stack([scene.basis.stack(x) for x in columns if np.any(x)], axis=1)
+
+
+def _refined(
+    scene: Scene, columns: Float[np.ndarray, "rows columns"], left: Rows, held: np.ndarray
+) -> Int[np.ndarray, " samples"] | None:
+    """The course of a load and its coefficients by turns; None where it is not held long enough."""
+    basis, dof, count = scene.basis, len(scene.drives), len(held)
+    for _ in range(_ROUNDS):
+        carried = columns * np.tile(held, dof)[:, None]
+        bare = basis.without(carried)
+        theta = np.linalg.lstsq(bare, left, rcond=1e-6)[0]
+        rest = left - bare @ theta
+        load = columns @ theta
+        # What the torques would be of, were parameters those that go with this load.
+        torque = rest + np.tile(held, dof) * load
+        gain = (load * (2 * torque - load)).reshape(dof, -1).sum(axis=0)
+        noise = float(rest @ rest) / len(rest)
+        course = _course(np.stack([np.zeros(count), -gain]), 4.0 * noise * np.log(count))
+        if np.array_equal(course, held):
+            break
+        held = course
+    step = float(np.median(np.diff(scene.motion.time)))
+    return held if min(held.sum(), count - held.sum()) * step >= _HELD else None
+
+
+def _two_levels(scene: Scene, column: Rows, left: Rows) -> Int[np.ndarray, " samples"] | None:
     """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
 
     Means of two levels by turns with the most likely course between them (Viterbi), where each
@@ -120,7 +158,7 @@ def _two_levels(
             continue
         total = float(errors[course, np.arange(count)].sum()) + cost * changes
         if changes and total < lowest:
-            best, lowest = (course[window].astype(float), changes), total
+            best, lowest = course[window], total
     return best
 
 

@@ -22,6 +22,8 @@ from deltaid.recording.windows import WINDOW, Samples
 
 # Windows that are kept at most: 262 s at 1 kHz.
 _MOST = 32
+# Runs of windows that stand for a longer log.
+_RUNS = 2
 # A time step this much longer than the usual one ends a stretch.
 _GAP = 1.5
 
@@ -138,6 +140,7 @@ def trace(
     cutoff: float | None,
     reach: float,
     reversals: bool = True,
+    windows: int | None = None,
 ) -> Trace:
     """The beginning of a log in memory; of a log of usual length all of it.
 
@@ -151,6 +154,7 @@ def trace(
             the ends and from samples that do not count.
         reversals: whether samples count at which a joint turns round. Steps of friction tell a lag
             best, but in torques that have been shifted they are known to half a sample only.
+        windows: at most so many of these (`WINDOW` rows each), in a few runs over the whole time.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
@@ -160,7 +164,7 @@ def trace(
     recording = with_filter(replace(log, columns=columns, keep_all=reversals), cutoff)
     assert recording.low_pass is not None  # positions alone are always filtered
     held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
-    joined = _joined(held)
+    joined = _joined(_spread(held, windows or _MOST))
     step, time = 1.0 / log.rate, joined.time
     ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
     stretches: list[Samples] = []
@@ -171,6 +175,16 @@ def trace(
     if not stretches:
         raise RecordingError("is too short to be filtered", where=str(log.path))
     return Trace(dynamics, load, tuple(stretches), recording.low_pass)
+
+
+def _spread(parts: list[Samples], most: int) -> list[Samples]:
+    """At most so many windows, in runs evenly spread from the first to the last."""
+    if len(parts) <= most:
+        return parts
+    runs = min(_RUNS, most)
+    size = most // runs
+    starts = np.linspace(0, len(parts) - size, runs).astype(int) if runs > 1 else [0]
+    return [parts[k] for k in np.unique(np.add.outer(starts, np.arange(size)))]
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from deltaid.errors import Doubt
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.columns import ColumnMapping
@@ -49,10 +50,12 @@ def _seen(model: Model, log: Log) -> tuple[str, ...]:
     own = [source.log for source in sources if source.sha256 == log.sha256]
     if not own:
         return ()
-    return (
-        f"the model was identified from this recording ({own[0]}), so it verifies nothing: an "
-        "error that the model has learned does not show; take a recording of another motion",
+    said = Doubt(
+        f"the model was identified from this recording ({own[0]}), so it verifies nothing",
+        cause="the file was given twice",
+        cure="take a recording of another motion",
     )
+    return (said,)
 
 
 def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
@@ -71,28 +74,35 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     drives = ", ".join(model.robot.drives[i] for i in bad)
     worst = int(bad[np.argmax(error.nrmse[bad])])
     drive, now, then = model.robot.drives[worst], error.nrmse[worst], fit.nrmse[worst]
-    return (
+    how_much, cause, cure = _likeliest(float(now))
+    said = Doubt(
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
-        f"{model.robot.units(drive).effort}, and was {100 * then:.2g} % in the identification; "
-        f"{_likeliest(float(now))}",
+        f"{model.robot.units(drive).effort}, {how_much}, and was {100 * then:.2g} % in the "
+        "identification",
+        cause=cause,
+        cure=cure,
     )
+    return (said,)
 
 
-def _likeliest(error: float) -> str:
-    """Cause and next step, by the error as a share of the torque."""
+def _likeliest(error: float) -> tuple[str, str, str]:
+    """How much is missed, cause and next step, by the error as a share of the torque."""
     if error > _WORSE_THAN_NOTHING:
         return (
-            "worse than no model at all, so likeliest sign, unit or order of its columns are not "
-            "those of the identification; deltaid check finds which"
+            "worse than no model at all",
+            "sign, unit or order of its columns are not those of the identification",
+            "deltaid check finds which",
         )
     if error > _MOSTLY:
         return (
-            "most of it is missed, so likeliest it is another robot, or its gear or torque "
-            "constant is another one; deltaid check compares them"
+            "most of it",
+            "it is another robot, or its gear or torque constant is another one",
+            "deltaid check compares them",
         )
     return (
-        "what is missed is a part of it, so likeliest load, temperature or speeds are not those of "
-        "the identification; identify from both recordings, or record under the same conditions"
+        "a part of it",
+        "load, temperature or speeds are not those of the identification",
+        "identify from both recordings, or record under the same conditions",
     )
 
 

@@ -1,13 +1,14 @@
 """The time of a recording: what its first pass looks at, and what is known of it in the end."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import lowest_rate
-from deltaid.recording.grid import usual_step
+from deltaid.recording.grid import FASTEST, usual_step
+from deltaid.recording.runs import Runs
 from deltaid.recording.source import Table
 from deltaid.recording.table import Batch
 
@@ -17,6 +18,8 @@ _JITTER = 0.05
 _APART = 5.0
 # A time column that goes back in a larger share of its rows is none.
 _MOST_BACKWARD = 0.2
+# Fewest steps of stamps that several rows share; fewer do not tell the rate.
+_FEWEST_STEPS = 32
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 _HIGHEST_RATE = 1e6
 
@@ -42,20 +45,29 @@ class Clock:
         even: whether samples were taken evenly, however they are stamped; None where the motion is
             too slow to show it (they are then taken as even).
         jitter: of the stamps against the even grid [s, rms]; 0 if steady.
+        wild, first_wild: how many rows are left out since their stamps are far off those before and
+            after, and the first such row; −1 without any.
         extra: rows that are left out, since they are there twice or have no place of their own.
-        doubled: how many of these only repeat the row before them.
+        doubled, late: how many of these only repeat the row before them, or have no place of their
+            own.
         holes: rows before which some are missing, or before which time starts again.
         lost: how many are missing there; −1 where time starts again.
         since, until: stamps of the rows before and after each hole [s].
+        first, last: stamps of the first and last row [s].
     """
 
     period: float
     rows: int
+    first: float
+    last: float
     steady: bool = True
     even: bool | None = True
     jitter: float = 0.0
+    wild: int = 0
+    first_wild: int = -1
     extra: Int[np.ndarray, " extra"] = field(default_factory=_no_rows)
     doubled: int = 0
+    late: int = 0
     holes: Int[np.ndarray, " holes"] = field(default_factory=_no_rows)
     lost: Int[np.ndarray, " holes"] = field(default_factory=_no_rows)
     since: Float[np.ndarray, " holes"] = field(default_factory=_no_times)
@@ -63,8 +75,41 @@ class Clock:
 
     @property
     def rate(self) -> float:
-        """Samples a second [Hz]."""
-        return 1 / self.period
+        """Samples a second [Hz]; infinite if time does not run."""
+        return 1 / self.period if self.period else np.inf
+
+    def stamps(self, rows: Int[np.ndarray, " _"]) -> Float[np.ndarray, " _"]:
+        """About when rows were written [s]."""
+        known = np.column_stack([self.holes - 1, self.holes]).ravel()
+        times = np.column_stack([self.since, self.until]).ravel()
+        return np.interp(
+            rows,
+            np.concatenate([[0], known, [self.rows - 1]]),
+            np.concatenate([[self.first], times, [self.last]]),
+        )
+
+    def without(self, runs: Runs) -> "Clock":
+        """The same with each of some runs of rows lost: the hole stands before the row after it."""
+        if not len(runs):
+            return self
+        gone = np.concatenate([np.arange(first, last + 1) for first, last in runs])
+        extra = np.union1d(self.extra, gone)
+        holes = np.stack([self.holes, self.lost, self.since, self.until], axis=1)
+        for first, last in runs:
+            after = last + 1
+            while after < self.rows and np.any(extra == after):
+                after += 1
+            inside = (holes[:, 0] >= first) & (holes[:, 0] <= after)
+            before = holes[inside, 1]
+            lost = -1 if (before < 0).any() else last - first + 1 + before.sum()
+            since, until = self.stamps(np.array([first - 1, after]))
+            holes = np.vstack([holes[~inside], [after, lost, since, until]])
+        holes = holes[np.argsort(holes[:, 0])].T
+        holes = holes[:, holes[0] < self.rows]
+        return replace(
+            self, steady=False, extra=extra, holes=holes[0].astype(int), lost=holes[1].astype(int),
+            since=holes[2], until=holes[3],
+        )  # fmt: skip
 
     def cuts(self, longest: int) -> Bool[np.ndarray, " holes"]:
         """Which holes end a segment: more rows missing than may be bridged, or time that restarts.
@@ -96,8 +141,9 @@ class Clock:
             steady=self.steady,
             even=self.even,
             jitter_s=self.jitter,
+            wild=self.wild,
             doubled=self.doubled,
-            out_of_place=len(self.extra) - self.doubled,
+            out_of_place=self.late,
             bridged=int(self.lost[~cuts].sum()),
             gaps=tuple(zip(self.since[gaps].tolist(), self.until[gaps].tolist(), strict=True)),
             restarts=int(restarts.sum()),
@@ -116,7 +162,8 @@ class ClockReport:
         even: whether samples were taken evenly, however they are stamped; None if the motion is
             too slow to show it. If not, they are interpolated.
         jitter_s: of the stamps against the even grid, rms.
-        doubled, out_of_place: rows left out, because they repeat the row before, or are late.
+        wild, doubled, out_of_place: rows left out, because their stamps are far off those before
+            and after, they repeat the row before, or are late.
         bridged: rows that are missing in short holes, made up for by the motion about them.
         gaps: from and to, in seconds, of those that no filter reaches across.
         restarts: how often time starts again.
@@ -128,6 +175,7 @@ class ClockReport:
     steady: bool
     even: bool | None
     jitter_s: float
+    wild: int
     doubled: int
     out_of_place: int
     bridged: int
@@ -163,6 +211,11 @@ class ClockCheck:
     _apart: float = np.inf
 
     @property
+    def usual_rate(self) -> float:
+        """By the first rows [Hz]."""
+        return 1 / self.step if self.step > 0 else 0.0
+
+    @property
     def steady(self) -> bool:
         """Whether all steps are alike, so that nothing is missing."""
         return not self.uneven
@@ -170,7 +223,8 @@ class ClockCheck:
     @property
     def clock(self) -> Clock:
         """Of a steady recording: its rate is the mean."""
-        return Clock((self.last_time - self.first_time) / (self.samples - 1), self.samples)
+        period = (self.last_time - self.first_time) / (self.samples - 1)
+        return Clock(period, self.samples, self.first_time, self.last_time)
 
     def add(self, batch: Batch) -> Int[np.ndarray, " runs"]:
         """Take in consecutive rows; gives those before which time leaves off, from 0."""
@@ -179,7 +233,8 @@ class ClockCheck:
         known = steps[~np.isnan(steps)]
         if not self.step and known.size:
             self.step = float(np.median(known))
-            self.period = self.step if self.step > 0 else usual_step(time)[0]
+            usual = self.step if self.step > 0 else usual_step(time)[0]
+            self.period = max(usual, FASTEST) if usual else 0.0
             self._apart = _APART * max(self.step, float(np.quantile(known, 0.95)))
         if not self.samples:
             self.first_time = float(time[0])
@@ -195,7 +250,7 @@ class ClockCheck:
         """Refuse what is no time.
 
         Raises:
-            RecordingError: it stands still, goes backwards, or jumps about.
+            RecordingError: it stands still, or nearly so, goes backwards, or jumps about.
         """
         where, cure = (
             str(self.table.path),
@@ -211,6 +266,13 @@ class ClockCheck:
                 else f"is {self.first_time:.10g} s in all rows: it does not run"
             )
             raise RecordingError(f"column {self.column} {what}", where=where, cure=cure)
+        if self.forward < _FEWEST_STEPS and 2 * self.forward < self.samples - 1:
+            raise RecordingError(
+                f"column {self.column} changes in only {self.forward} of {self.samples} rows, too "
+                "few to tell the sampling rate by",
+                where=where,
+                cure=cure,
+            )
         if self.backward > _MOST_BACKWARD * self.samples:
             raise RecordingError(
                 f"column {self.column} goes back in {self.backward} of {self.samples} rows; "

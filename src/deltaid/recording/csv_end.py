@@ -4,8 +4,14 @@ import io
 import re
 from dataclasses import dataclass
 
+from deltaid.errors import Doubt
 from deltaid.recording.stream import skip
 
+NO_LINE_BREAK = Doubt(
+    "the last line has no line break, so its last number may be cut off",
+    cause="the file was copied while it was being written, or the disk was full",
+    cure="nothing is to be done if the file is whole; else remove the line",
+)
 _TAIL = 1 << 16
 _LINES = 3
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.csv_end import find_end, is_marked_row, is_number
+from deltaid.recording.csv_end import NO_LINE_BREAK, find_end, is_marked_row, is_number
 from deltaid.recording.stream import content
 from deltaid.recording.units import is_unit
 
@@ -48,7 +48,7 @@ class CsvLayout:
     data_size: int
     ends_open: bool
     units: dict[str, str]
-    warnings: tuple[str, ...]
+    warnings: tuple[Doubt, ...]
     marked: list[int]
     comments: list[int] = field(default_factory=list[int])
 
@@ -61,19 +61,21 @@ class CsvLayout:
         return f"{self.path}, row {self.line(row)}"
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> list[Doubt]:
         """What was seen while all rows were read."""
-        found: list[str] = []
+        found: list[Doubt] = []
         if self.marked:
             found.append(
-                f"lines that begin with a comment mark are left out, but {len(self.marked)} of "
-                f"them hold a number for every other column, the first in row {self.marked[0]}"
+                Doubt(
+                    f"lines that begin with a comment mark are left out, but {len(self.marked)} of "
+                    "them hold a number for every other column, the first in row "
+                    f"{self.marked[0]}",
+                    cause="rows were commented out by hand",
+                    cure="if they are data, remove the mark",
+                )
             )
         if self.ends_open:
-            found.append(
-                "the last line has no line break; if the file was cut off there, its last number "
-                "may be wrong"
-            )
+            found.append(NO_LINE_BREAK)
         return found
 
     def cure(self, written: str) -> str:
@@ -130,8 +132,11 @@ def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
             first_row = _after_comments(lines, header.row + (not header.holds_numbers))
             if not header.holds_numbers and (units := _units(lines[first_row], header, mapping)):
                 warnings.append(
-                    f"row {first_row} is taken for a row of units ({', '.join(units.values())}), "
-                    "which hold where no mapping says otherwise"
+                    Doubt(
+                        f"row {first_row} is taken for units ({', '.join(units.values())})",
+                        cause="the logger writes them below the names",
+                        cure="check them; units in a mapping go first",
+                    )
                 )
                 first_row = _after_comments(lines, first_row + 1)
         before = lines[first_row - 1] if first_row > 1 else b""
@@ -146,7 +151,13 @@ def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
     with content(path) as file:
         end = find_end(file, data_start, header.separator)
     if end.tag:
-        warnings.append(f"ends with text after its data ('{end.tag}'), which is left out")
+        warnings.append(
+            Doubt(
+                f"ends with text after its data ('{end.tag}'), which is left out",
+                cause="the logger marks the end of its file",
+                cure="nothing is to be done; if data follows it, make a file of each part",
+            )
+        )
     return CsvLayout(
         path,
         header.names,
@@ -167,7 +178,7 @@ def is_comment(line: bytes) -> bool:
     return bool(_COMMENT.match(line.decode("latin-1")))
 
 
-def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[str]]:
+def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[Doubt]]:
     given = bool({"header_row", "data_row"} & mapping.model_fields_set)
     needed = mapping.needed
     numbered = all(name.isdecimal() for names in needed for name in names)
@@ -194,10 +205,14 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Head
     if numbered and (holds_numbers or not _are_among(needed, names)):
         names = tuple(str(i + 1) for i in range(len(names)))
     skipped = [i for i in range(1, row) if lines[i].strip() and not is_comment(lines[i])]
-    warnings: list[str] = []
+    warnings: list[Doubt] = []
     if skipped and not given:
         warnings.append(
-            f"row {row} is taken for the column names; what stands above it is left out"
+            Doubt(
+                f"row {row} is taken for the column names; what stands above it is left out",
+                cause="the logger writes a preamble",
+                cure="if the names stand elsewhere, say so with `header_row:` in a mapping",
+            )
         )
     return _Header(row, separator, names, holds_numbers), warnings
 

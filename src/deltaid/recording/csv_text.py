@@ -224,7 +224,7 @@ class Decimals:
     def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
         """Text as numbers, null where it is none."""
         # Fractions of a second have a mark of their own.
-        self._mark = self._mark or _first_mark([x for x in texts if not is_clock(x[0])])
+        self._mark = self._mark or _first_mark([x for x in texts if len(x) and not is_clock(x[0])])
         if self._mark == ",":
             texts = [_with_points(text) for text in texts]
         return [text.cast(pl.Float64, strict=False) for text in texts]

@@ -8,7 +8,7 @@ k = Σ ∫v dt Δq / Σ Δq² is 1 when both columns are declared rightly.
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 
 _STRETCH = 0.02  # s
 # Columns that go together this well (squared correlation) must agree in scale; below the other
@@ -45,21 +45,27 @@ class DerivativeCheck:
         self._sums += [product.sum(axis=0) for product in products]
         self._stretches += len(change)
 
-    def warnings(self, where: str) -> list[str]:
+    def warnings(self, where: str) -> list[Doubt]:
         """What is doubtful.
 
         Raises:
             RecordingError: a rate goes with its column, but has another scale or sign.
         """
-        doubts = []
+        doubts: list[Doubt] = []
         for (name, rate_name), (xx, vv, xv) in zip(self._names, self._sums.T, strict=True):
             if xx <= _SLIGHT**2 * self._stretches or vv == 0:
                 continue
             together, scale = xv**2 / (xx * vv), xv / xx
             if together < _APART:
                 doubts.append(
-                    f"column {rate_name} hardly goes with the changes of {name} (correlation "
-                    f"{np.sqrt(together):.2g}); is it of another drive?"
+                    Doubt(
+                        f"column {rate_name} hardly goes with the changes of {name} (correlation "
+                        f"{np.sqrt(together):.2g})",
+                        cause="it is of another drive, or another signal",
+                        cure="map the column of this drive with --columns, or leave it out: the "
+                        "rates then follow from the positions",
+                        key="velocity",
+                    )
                 )
             elif together > _TOGETHER and not _SCALE[0] < scale < _SCALE[1]:
                 raise RecordingError(

@@ -1,4 +1,4 @@
-"""Columns of polars as numbers: lists, structs, dates, decimals."""
+"""Columns of polars as numbers: lists, structs, dates, times as text, decimals."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import polars as pl
 
 from deltaid.recording.address import Field, Pick
+from deltaid.recording.seconds import is_clock
 from deltaid.recording.source import Rows
 
 # One of polars; the run-time check of types cannot read the name of its class.
@@ -16,15 +17,15 @@ _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 def fields_of(frame: pl.LazyFrame) -> tuple[Field, ...]:
     """What a table holds; entries of structs under names of their own, such as `pose.x`.
 
-    Reads one row, for the lengths of lists.
+    Reads one row, for the lengths of lists, and for text that is a time.
     """
     schema = frame.collect_schema()
-    lists = [name for name, kind in schema.items() if _has_lists(kind)]
-    first = frame.select(lists).head(1).collect() if lists else pl.DataFrame()
+    looked = [name for name, kind in schema.items() if _needs_a_look(kind)]
+    first = frame.select(looked).head(1).collect() if looked else pl.DataFrame()
     return tuple(
         field
         for name, kind in schema.items()
-        for field in _fields(name, kind, first[name] if name in lists else None)
+        for field in _fields(name, kind, first[name] if name in looked else None)
     )
 
 
@@ -41,16 +42,25 @@ def rows_of(part: pl.DataFrame, picks: Sequence[Pick], origins: dict[str, int]) 
         picks: which columns.
         origins: the first date of each column, which is set by the first rows.
     """
-    numbers = [_numbers(part, pick, origins) for pick in picks]
-    return Rows(numbers, numbers)
+    written = [_written(part, pick, origins) for pick in picks]
+    return Rows([_numbers(column) for column in written], written)
 
 
-def _numbers(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Series:
+def _numbers(written: pl.Series) -> pl.Series:
+    """Text is no number; what it says as a time is for `Seconds` to tell."""
+    if written.dtype == pl.String:
+        return pl.repeat(None, len(written), dtype=pl.Float64, eager=True)
+    return written
+
+
+def _written(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Series:
     series = _column(part, pick.field.name)
     if isinstance(series.dtype, pl.List):
         series = _element(series, pick)
     elif isinstance(series.dtype, pl.Array):
         series = series.arr.get(pick.at[1] or 0)
+    if pick.field.is_clock and series.dtype == pl.String:
+        return series
     if pick.field.is_clock:
         return _seconds(series, pick.field.name, origins)
     if isinstance(series.dtype, pl.Duration):
@@ -59,10 +69,10 @@ def _numbers(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Seri
     return series if whole else series.cast(pl.Float64, strict=False)
 
 
-def _has_lists(kind: _DataType) -> bool:
+def _needs_a_look(kind: _DataType) -> bool:
     if isinstance(kind, pl.Struct):
-        return any(_has_lists(entry.dtype) for entry in kind.fields)
-    return isinstance(kind, pl.List)
+        return any(_needs_a_look(entry.dtype) for entry in kind.fields)
+    return isinstance(kind, pl.List | pl.String)
 
 
 def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Field]:
@@ -75,12 +85,19 @@ def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Fie
         yield Field(name, (None, size or 0))
     elif isinstance(kind, pl.Array) and _is_number(kind.inner):
         yield Field(name, (None, *kind.shape))
-    elif isinstance(kind, pl.Datetime | pl.Time):
+    elif isinstance(kind, pl.Datetime | pl.Time) or _is_clock(kind, first):
         yield Field(name, is_clock=True)
     elif _is_number(kind):
         yield Field(name)
     else:
         yield Field(name, holds=str(kind))
+
+
+def _is_clock(kind: _DataType, first: pl.Series | None) -> bool:
+    """Whether a column of text has dates and times of day."""
+    if not isinstance(kind, pl.String) or first is None or not len(first):
+        return False
+    return first[0] is not None and is_clock(str(first[0]))
 
 
 def _is_number(kind: _DataType) -> bool:

@@ -20,9 +20,12 @@ SHARP = 0.1
 _BLURRED, _AVERAGED = 0.17, 0.1
 # Rows that share a stamp, on average, from which stamps count as rounded.
 ROUNDED = 1.05
-# A step of this many periods and of as many shared stamps may be a gap, within which the phase of
-# the grid need not go on; rows at either side that must agree on it.
-_GAP, _AGREE = 20.0, 64
+# No usual step is taken for shorter [s], or places would be no numbers; what is sampled so fast is
+# refused.
+FASTEST = 5e-7
+# A step of this many periods and of as many shared stamps is a gap, within which the phase of the
+# grid need not go on. Rows on either side of one that must agree on where it is.
+FAR, _AGREE = 20.0, 64
 # Rows about a place whose median shows its level, up to so much jitter; how often rows that are too
 # many are looked for.
 _ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
@@ -46,23 +49,31 @@ class Grid:
     lost: Int[np.ndarray, " kept"]
     off: Float[np.ndarray, " kept"]
 
+    def without(self, gone: Bool[np.ndarray, " kept"]) -> "Grid":
+        """The same with some of the rows lost."""
+        index = np.cumsum(1 + np.maximum(self.lost, 0))[~gone]
+        piece = np.cumsum(self.lost < 0)[~gone]
+        lost = np.diff(index, prepend=index[:1] - 1) - 1
+        lost[np.flatnonzero(np.diff(piece)) + 1] = -1
+        return Grid(self.period, self.kept[~gone], lost, self.off[~gone])
+
 
 def place(time: Times) -> Grid:
-    """Places of consecutive rows by their stamps; at least two of them differ."""
+    """Places of consecutive rows by their stamps, none of which is wild; at least two differ."""
     period, sharing = usual_step(time)
-    breaks = _breaks(time, period, sharing)
+    breaks = far_steps(time, period, sharing)
     pieces = np.split(np.arange(len(time)), breaks)
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
     rates = np.array([[len(one.kept), one.period] for one in placed if len(one.kept) >= _FEWEST])
     if len(rates):
         period = float(rates[:, 0] @ rates[:, 1] / rates[:, 0].sum())
     lost = [one.lost for one in placed]
-    for at, before, after in zip(breaks, placed[:-1], placed[1:], strict=True):
-        step = time[at] - time[at - 1]
-        off = period * (after.off[0] - before.off[-1])
-        missing = round((step - off) / period) - 1
-        lost[placed.index(after)][0] = -1 if step < 0 else max(0, missing)
     kept = [rows[one.kept] for rows, one in zip(pieces, placed, strict=True)]
+    for here in range(1, len(placed)):
+        step = time[kept[here][0]] - time[kept[here - 1][-1]]
+        off = period * (placed[here].off[0] - placed[here - 1].off[-1])
+        missing = round((step - off) / period) - 1
+        lost[here][0] = -1 if step < 0 else max(0, missing)
     return Grid(
         period, np.concatenate(kept), np.concatenate(lost), np.concatenate([p.off for p in placed])
     )
@@ -74,32 +85,31 @@ def usual_step(time: Times) -> tuple[float, float]:
     sharing = max(1.0, len(steps) / max(1, np.count_nonzero(steps)))
     apart = min(int(np.ceil((16 if sharing > ROUNDED else 4) * sharing)), len(time) - 1)
     usual = float(np.median(time[apart:] - time[:-apart])) / apart
-    return (usual if usual > 0 else float(np.ptp(time)) / len(steps)), sharing
+    usual = usual if usual > 0 else float(np.ptp(time)) / max(1, len(steps))
+    return (max(usual, FASTEST) if usual else 0.0), sharing
 
 
-def _breaks(time: Times, period: float, sharing: float) -> Int[np.ndarray, " breaks"]:
-    """Rows before which time leaves off, and goes on elsewhere for good."""
-    steps = np.diff(time) / period
-    far = np.flatnonzero(np.abs(steps) > _GAP * sharing) + 1
-    level = time / period - np.arange(len(time))
+def spread(off: Times) -> float:
+    """Standard deviation of stamps that a few far off do not add to: at most what the quartiles
+    say, for which normal and even distributions of jitter come out as they are."""
+    low, high = np.quantile(off, [0.25, 0.75])
+    return float(min(np.std(off), 0.75 * (high - low)))
 
-    def stays(row: int) -> bool:
-        before, after = level[max(0, row - _AGREE) : row], level[row : row + _AGREE]
-        moved = float(np.median(after) - np.median(before))
-        return abs(moved) > 0.5 * abs(float(steps[row - 1]))
 
-    return np.array([row for row in far.tolist() if stays(row)], dtype=int)
+def far_steps(time: Times, period: float, sharing: float) -> Int[np.ndarray, " breaks"]:
+    """Rows before which time leaves off, and goes on elsewhere."""
+    return np.flatnonzero(np.abs(np.diff(time)) > FAR * sharing * period) + 1
 
 
 def _placed(time: Times, period: float, sharing: float) -> Grid:
     """Places of rows among which there is no gap."""
     rows = np.arange(len(time))
     if len(time) < _FEWEST:
-        level = time / period - rows
-        steps = np.maximum(np.round(np.diff(level, prepend=level[0])), 0).astype(int)
-        return Grid(period, rows, steps, level - level[0] - np.cumsum(steps))
+        return _counted(time, rows, period)
     noise = _noise(time / period, sharing)
     kept = np.flatnonzero(~_extra(time / period, noise, sharing))
+    if len(kept) < _FEWEST:
+        return _counted(time, kept, period)
     period, level, width = _level(time[kept], period, noise, sharing)
     for _ in range(_TRIES):
         falls = _falls(level, noise, sharing)
@@ -112,7 +122,15 @@ def _placed(time: Times, period: float, sharing: float) -> Grid:
     lost = np.diff(stairs, prepend=stairs[:1])
     index = np.arange(len(time)) + stairs
     index = index - index.mean()
-    return Grid(float(index @ time / (index @ index)), kept, lost, level - stairs)
+    fitted = float(index @ time / (index @ index))
+    return Grid(max(fitted, FASTEST), kept, lost, level - stairs)
+
+
+def _counted(time: Times, kept: Int[np.ndarray, " kept"], period: float) -> Grid:
+    """Places of rows that are too few for a phase."""
+    level = time[kept] / period - np.arange(len(kept))
+    lost = np.maximum(np.round(np.diff(level, prepend=level[:1])), 0).astype(int)
+    return Grid(period, kept, lost, level - level[:1] - np.cumsum(lost))
 
 
 def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[float, Times, int]:
@@ -152,6 +170,12 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
     usual = medians(level, 9)
     back = np.diff(place_, prepend=-np.inf)
     late = (back < 0) & (level < usual - (0.5 if noise < SHARP else 3 + 6 * noise))
+    if noise < SHARP:
+        # Whole runs that belong further up, and single rows that belong further down.
+        highest = _lowest(-medians(place_, 5), _AGREE)
+        late[1:] |= place_[1:] < -highest[:-1] - 0.5
+        late[:-1] |= (back[1:] < 0) & (level[:-1] > usual[:-1] + 1.5)
+        late[0] = False
     if sharing > ROUNDED:
         return late
     low = medians(level, 5)
@@ -231,4 +255,5 @@ def medians(x: Times, width: int) -> Times:
     """Medians over neighbouring values."""
     from scipy.ndimage import median_filter
 
-    return median_filter(x, width, mode="nearest")
+    # One wider than x is slow, and no wiser.
+    return median_filter(x, min(width, len(x) - 1 + len(x) % 2), mode="nearest")

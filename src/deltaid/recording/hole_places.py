@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.grid import Grid
+from deltaid.recording.grid import Grid, spread
 
 # How far from where stamps suggest it a hole may be: at least so many rows, and so many times the
-# jitter. Rows beside these.
-_NEAR, _REACH, _BESIDE = 8, 4.0, 4
+# jitter, and no more than so many. Rows beside these.
+_NEAR, _REACH, _FARTHEST, _BESIDE = 8, 4.0, 128, 4
 # Degree of the polynomial.
 _DEGREE = 5
 # Longest hole that is looked at; longer ones show in the stamps.
@@ -31,7 +31,7 @@ def revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
         q: positions at the rows that are kept.
     """
     lost, rows = grid.lost.copy(), len(grid.lost)
-    near = max(_NEAR, int(_REACH * np.std(grid.off)))
+    near = int(np.clip(_REACH * spread(grid.off), _NEAR, _FARTHEST))
     side = near + _BESIDE
     faults = np.flatnonzero(lost)
     alone = np.diff(faults, prepend=-2 * side, append=rows + 2 * side) > side + near
@@ -60,12 +60,14 @@ def _likelihood(
     x = np.arange(-side, side)
     places = [side, *range(-near, near + 1)]
     free = len(x) - _DEGREE - 1
+    y = around - around.mean(axis=1, keepdims=True)
     found: list[np.ndarray] = []
     for place in places:
         basis = np.polynomial.legendre.legvander(
             (x + missing * (x >= place)) / (side + missing), _DEGREE
         )
-        rest = np.linalg.svd(basis)[0][:, _DEGREE + 1 :]
-        squares = np.einsum("hrd,rf->hfd", around, rest) ** 2
-        found.append(-0.5 * free * np.log(squares.sum(axis=1) + 1e-20).sum(axis=1))
+        q = np.linalg.qr(basis)[0]
+        rest = y - q @ (q.T @ y)
+        squares = np.einsum("hrd,hrd->hd", rest, rest)
+        found.append(-0.5 * free * np.log(squares + 1e-20).sum(axis=1))
     return np.stack(found, axis=1)

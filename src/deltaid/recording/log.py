@@ -3,16 +3,17 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
-from deltaid.recording.clock import Clock
+from deltaid.recording.clock import Clock, require_rate
 from deltaid.recording.clock_words import told_of_holes
 from deltaid.recording.columns import (
     ColumnMapping,
@@ -22,16 +23,19 @@ from deltaid.recording.columns import (
 )
 from deltaid.recording.masks import Mask, Weights, require_rest
 from deltaid.recording.memory import Recording, RecordingLike, as_source
+from deltaid.recording.runs import runs_of
 from deltaid.recording.segments import longest_hole, segments
 from deltaid.recording.source import Table
+from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.stale import bridged
 from deltaid.recording.study import study
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
 from deltaid.recording.unwrap import Unwrapping
 
-# Holes that are bridged while the cut-off is not known yet [s].
-_BRIDGED = 0.005
+# Holes that are bridged while the cut-off is not known yet, and the longest stretch of stale rows
+# in whose place a motion is put [s].
+_BRIDGED, _HELD = 0.005, 0.1
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,8 @@ class Log:
         position_noise: standard deviation of each drive's position, steps of the encoder included
             [rad or m]; 0 where it is not seen.
         reach: lowest and highest of the platform's coordinates [m].
-        suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz].
+        suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz], from the
+            stretches between emergency stops.
         masks: what is left out of it; without any where all is kept.
         keep_all: whether nothing is to be left out.
         warnings: what is doubtful, with rows and columns.
@@ -64,7 +69,7 @@ class Log:
     suggested_cutoff: float | None
     masks: tuple[Mask, ...]
     keep_all: bool
-    warnings: tuple[str, ...]
+    warnings: tuple[Doubt, ...]
 
     @property
     def path(self) -> Path:
@@ -81,14 +86,27 @@ class Log:
         """Whether velocities and accelerations are recorded."""
         return bool(self.columns.velocity and self.columns.acceleration)
 
+    @cached_property
+    def laid(self) -> Clock:
+        """The clock with long stretches of stale rows taken for holes."""
+        runs = [(mask.first, mask.last) for mask in self._stale if self._is_long(mask)]
+        return self.clock.without(np.array(runs, dtype=int).reshape(-1, 2))
+
+    @property
+    def _stale(self) -> list[Mask]:
+        return [mask for mask in self.masks if mask.reason == "stale rows"]
+
+    def _is_long(self, mask: Mask) -> bool:
+        return mask.last - mask.first >= _HELD * self.rate
+
     def batches(self) -> Iterator[Batch]:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
 
         A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
-        torques has none. In the place of stale rows stands a smooth motion.
+        torques has none. In the place of a few stale rows stands a smooth motion.
         """
         weights = Weights(self.masks, len(self.columns.torque))
-        stale = [mask for mask in self.masks if mask.reason == "stale rows"]
+        stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, motion = 0, slice(1, len(self.columns.all) - len(self.columns.torque))
         for batch in bridged(read_batches(self.table, self.columns), stale, motion):
             yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
@@ -101,7 +119,7 @@ class Log:
             cutoff: what is filtered away later [Hz]; shorter holes are bridged.
         """
         rows = (batch.values for batch in self.batches())
-        return segments(rows, self.clock, self.bridged(cutoff), len(self.columns.torque))
+        return segments(rows, self.laid, self.bridged(cutoff), len(self.columns.torque))
 
     def bridged(self, cutoff: float | None) -> int:
         """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""
@@ -116,9 +134,9 @@ class Log:
         Raises:
             RecordingError: no segment has so many.
         """
-        if self.clock.steady:
+        if self.laid.steady:
             return self
-        told = told_of_holes(self.clock, self.table, self.bridged(cutoff), shortest)
+        told = told_of_holes(self.laid, self.table, self.bridged(cutoff), shortest)
         told = [text for text in told if text not in self.warnings]
         return replace(self, warnings=(*self.warnings, *told))
 
@@ -159,8 +177,12 @@ def open_log(
     survey.warnings += table.warnings
     if extra := extra_drives(table, columns, kinematics.dof):
         survey.warnings.append(
-            f"has columns of another drive ({', '.join(extra)}), but the robot has "
-            f"{kinematics.dof}; is the log of another robot?"
+            Doubt(
+                f"has columns of another drive ({', '.join(extra)}), but the robot has "
+                f"{kinematics.dof}",
+                cause="the log is of another robot, or of an axis beside it as well",
+                cure="give the robot that was recorded; an axis beside it does no harm",
+            )
         )
     with ThreadPoolExecutor(1) as beside:
         digest = beside.submit(table.checksum, [one.column for one in columns.recorded])
@@ -170,9 +192,9 @@ def open_log(
         survey.warnings += unwrapping.told(table)
         clock = _clock(survey)
         survey.finish(clock)
-    masks = survey.search.masks if survey.search and not keep_all else ()
+    masks = survey.search.masks(clock) if survey.search and not keep_all else ()
     require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
-    return Log(
+    log = Log(
         table=table,
         columns=columns,
         sha256=digest.result(),
@@ -186,6 +208,7 @@ def open_log(
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
     )
+    return _with_cutoff_between_stops(log)
 
 
 def resolved_table(
@@ -207,6 +230,23 @@ def resolved_table(
     return table, resolve_columns(table, linear, mapping), mapping
 
 
+def _with_cutoff_between_stops(log: Log) -> Log:
+    """Brakes stop a robot with a jerk, whose spectrum is no motion's: without it, the cut-off."""
+    stops = tuple(mask for mask in log.masks if mask.reason == "emergency stop")
+    if not stops:
+        return log
+    q = slice(1, 1 + len(log.columns.position))
+    spectrum = SpectrumEstimate(len(log.columns.position))
+    for segment in replace(log, masks=stops).segments(None):
+        for rows in segment:
+            for first, last in runs_of(rows[:, -1] > 0):
+                spectrum.add(power_of(rows[first : last + 1, q]))
+    cutoff = spectrum.cutoff(log.rate)
+    if cutoff is None:
+        return log
+    return replace(log, suggested_cutoff=cutoff, position_noise=spectrum.noise)
+
+
 def _clock(survey: Survey) -> Clock:
     """The clock of a surveyed log. Where rows are not steady, what compares neighbours in the
     survey is begun again, now over segments."""
@@ -218,7 +258,10 @@ def _clock(survey: Survey) -> Clock:
     def rows() -> Iterator[Float[np.ndarray, "_ _"]]:
         return (batch.values for batch in read_batches(table, columns))
 
+    # Before any row is placed by such a step.
+    require_rate(table, columns.time.column, survey.clock.usual_rate, differentiated=False)
     clock = study(rows(), dof)
+    require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()
     for segment in segments(rows(), clock, int(_BRIDGED * clock.rate), 0):
         survey.add_even(segment)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.recording.clock import Clock
 from deltaid.recording.masks import Mask, Reason
 from deltaid.recording.rest import RestSearch
 from deltaid.recording.runs import NONE, Runs, joined, without
@@ -19,13 +20,11 @@ _BETWEEN = 0.003
 _SHORT = 0.04
 # An emergency stop ends so long after the drives are without torque at most [s].
 _STOPS = 1.5
-# A step of time this much longer than the usual one is a gap.
-_GAP = 1.5
 
 
 @dataclass
 class MaskSearch:
-    """Running search; `add` consecutive rows, then read `masks`.
+    """Running search; `add` consecutive rows, then ask for `masks`.
 
     Attributes:
         dof: number of drives.
@@ -39,7 +38,6 @@ class MaskSearch:
     _rest: RestSearch | None = None
     _before: np.ndarray | None = None
     _row: int = 0
-    _knots: list[tuple[int, float]] = field(default_factory=list[tuple[int, float]])
 
     def __post_init__(self) -> None:
         self._stale = StaleSearch(self.dof)
@@ -66,21 +64,12 @@ class MaskSearch:
         for (top, bottom), torque in zip(self._ends, values[:, -n:].T, strict=True):
             top.add(torque, new, self._row)
             bottom.add(-torque, new, self._row)
-        self._note_times(values[:, 0], period)
         self._row += len(values)
 
-    def _note_times(self, time: Float[np.ndarray, " rows"], period: float) -> None:
-        """Keep the first, the last, and those on either side of a gap."""
-        at = np.flatnonzero(np.abs(np.diff(time)) > _GAP * period)
-        at = np.unique(np.concatenate([[0], at, at + 1, [len(time) - 1]]))
-        self._knots += zip((self._row + at).tolist(), time[at].tolist(), strict=True)
-
-    @property
-    def masks(self) -> tuple[Mask, ...]:
-        """All that is left out, in the order of time."""
-        rows, times = np.array(self._knots or [(0, 0.0)]).T
+    def masks(self, clock: Clock) -> tuple[Mask, ...]:
+        """All that is left out, in the order of rows; the clock tells when that was."""
         masks = [
-            Mask(reason, drives, first, last, *np.interp([first, last], rows, times).tolist())
+            Mask(reason, drives, first, last, *clock.stamps(np.array([first, last])).tolist())
             for reason, drives, runs in self.runs()
             for first, last in runs.tolist()
         ]

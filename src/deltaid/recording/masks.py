@@ -1,5 +1,6 @@
 """What of a recording is left out, because it is no motion under power of the drives."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -13,11 +14,19 @@ from deltaid.recording.runs import Runs, joined
 # A recording is refused where less than this share of the rows is left for a drive.
 _LEAST = 0.02
 
-Reason = Literal["standing still", "on brakes", "emergency stop", "saturated torque", "stale rows"]
+Reason = Literal[
+    "standing still",
+    "on brakes",
+    "before a stop",
+    "emergency stop",
+    "saturated torque",
+    "stale rows",
+]
 # Why such rows say nothing, or something wrong, about the drives' torques.
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",
     "on brakes": "at rest with the torque off or constant; the brakes hold the robot",
+    "before a stop": "the low-pass of the positions sees the brakes' jerk ahead of it",
     "emergency stop": "brakes slow the robot down, the drives are without torque",
     "saturated torque": "on the largest or smallest number of its channel; the torque went on",
     "stale rows": "the logger repeated a row while the robot moved",
@@ -66,6 +75,25 @@ class Weights:
             for first, last in spans[near]:
                 weights[max(first - row, 0) : last - row + 1, i] = 0.0
         return weights
+
+
+def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mask, ...]:
+    """Masks with those rows in which a low-pass feels that brakes will set in.
+
+    Acceleration jumps there, and the filtered one begins to change a period 1 / cutoff ahead: no
+    torque goes with that.
+
+    Args:
+        cutoff: of the low-pass [Hz].
+        rate: of the rows [Hz].
+    """
+    found = [mask for mask in masks if mask.reason != "before a stop"]
+    rows = math.ceil(rate / cutoff)
+    for mask in [mask for mask in found if mask.reason == "emergency stop" and mask.first]:
+        first, last = max(0, mask.first - rows), mask.first - 1
+        times = (mask.start - (mask.first - row) / rate for row in (first, last))
+        found.append(Mask("before a stop", mask.drives, first, last, *times))
+    return tuple(sorted(found, key=lambda mask: (mask.first, mask.drives)))
 
 
 def kept(masks: Iterable[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:

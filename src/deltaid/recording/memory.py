@@ -222,7 +222,7 @@ def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
 
 
 def _series(key: str, column: Any) -> pl.Series:
-    """A column of pandas: numbers, dates, or a list in each row."""
+    """A column of pandas: numbers, dates, text, or a list in each row."""
     kind = column.dtype.kind
     if hasattr(column, "cat"):
         column = column.astype(column.cat.categories.dtype)
@@ -240,6 +240,9 @@ def _series(key: str, column: Any) -> pl.Series:
             return pl.Series(key, np.stack([numbers_of(one, key) for one in column]))
         except (RecordingError, ValueError):
             pass  # no numbers, or not as many in each row
+    elif kind == "O" and len(column) and isinstance(column.iloc[0], str):
+        texts = [one if isinstance(one, str) else None for one in column]
+        return pl.Series(key, texts, dtype=pl.String)
     return pl.repeat(None, len(column), dtype=pl.String, eager=True)
 
 

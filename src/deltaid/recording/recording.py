@@ -15,6 +15,7 @@ from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.windows import Uncut, Window, cut, reach
@@ -58,7 +59,7 @@ class Recording:
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
         shortest = reach(self.low_pass) + 1 if self.low_pass else 1
-        return self.log.clock.report(self.log.bridged(self.cutoff), shortest)
+        return self.log.laid.report(self.log.bridged(self.cutoff), shortest)
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]
@@ -160,4 +161,6 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
             cure="record longer, or record velocities and accelerations as well",
         )
     low_pass = design_low_pass(cutoff, log.rate)
+    masks = before_stops(log.masks, cutoff, log.rate)
+    log = log if masks == log.masks else replace(log, masks=masks)
     return Recording(log.cut_at(cutoff, reach(low_pass) + 1), low_pass)

@@ -2,7 +2,9 @@
 
 At rest all drives stay within the steps and the noise of their encoders for longer than a reversal
 takes. Slow motion stays there as well if steps are coarse, so in hindsight rest must also be slow
-against the recording's largest speeds, as far as its length can tell.
+against the recording's largest speeds, as far as its length can tell; of what is not, parts may be.
+A torque that does not change at all is off only if its channel has noise elsewhere: without, what
+holds a robot at rest does not change either.
 """
 
 from dataclasses import dataclass, field
@@ -22,16 +24,20 @@ _SLOW = 0.005
 # Torque is off where for so long [s] and so many rows its mean and its range stay below these
 # shares of the largest torque, or where no torque changes at all.
 _OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2
+# A channel has noise if so large a share of its changes go back on the one before; of white noise
+# two thirds do, of a smooth torque next to none.
+_NOISY = 0.2
 
 
 @dataclass
 class _Rest:
-    """Rows at rest, and the lowest and highest positions there."""
+    """Rows at rest, the lowest and highest positions there, and parts that stay in a band each."""
 
     first: int
     last: int
     low: Float[np.ndarray, " dof"]
     high: Float[np.ndarray, " dof"]
+    parts: list["_Rest"] = field(default_factory=list["_Rest"])
 
 
 @dataclass
@@ -54,11 +60,14 @@ class RestSearch:
     _reach: Float[np.ndarray, "2 dof"] = field(init=False)
     _rests: list[_Rest] = field(default_factory=list[_Rest])
     _off: list[Runs] = field(default_factory=list[Runs])
+    _constant: list[Runs] = field(default_factory=list[Runs])
+    _changes: Float[np.ndarray, "2 dof"] = field(init=False)
 
     def __post_init__(self) -> None:
         self.step, self._band = np.full((2, self.dof), np.inf)
         self._speed, self._torque = np.zeros((2, self.dof))
         self._reach = np.array([[np.inf], [-np.inf]]) * np.ones(self.dof)
+        self._changes = np.zeros((2, self.dof))
 
     @property
     def length(self) -> int:
@@ -91,20 +100,27 @@ class RestSearch:
         self._reach = np.array([np.minimum(self._reach[0], q.min(axis=0)),
                                 np.maximum(self._reach[1], q.max(axis=0))])  # fmt: skip
         for first, last in runs_of(np.all(width <= self._widest, axis=1), row).tolist():
-            at = slice(first - row, last - row + self.length)
-            rest = _Rest(first, last + self.overlap, q[at].min(axis=0), q[at].max(axis=0))
+            at = q[first - row : last - row + self.length]
+            rest = _Rest(first, last + self.overlap, at.min(axis=0), at.max(axis=0))
+            if np.any(rest.high - rest.low > self._widest):
+                rest.parts = self._parts(at, first)
             self._take(rest)
 
     @property
     def at_rest(self) -> Runs:
         """Runs at rest."""
-        rests = [(rest.first, rest.last) for rest in self._rests if self._slow(rest)]
-        return np.array(rests, dtype=np.int64).reshape(-1, 2)
+        rests = []
+        for rest in self._rests:
+            slow = [rest] if self._slow(rest) else filter(self._slow, rest.parts)
+            rests += [(one.first, one.last) for one in slow]
+        return joined(np.array(rests, dtype=np.int64).reshape(-1, 2))
 
     @property
     def off(self) -> Runs:
         """Runs without torque of any drive."""
-        return joined(np.concatenate([NONE, *self._off]))
+        back, changes = self._changes
+        noisy = np.any(back > _NOISY * changes)
+        return joined(np.concatenate([NONE, *self._off, *(self._constant if noisy else [])]))
 
     @property
     def _widest(self) -> Float[np.ndarray, " dof"]:
@@ -118,7 +134,25 @@ class RestSearch:
             rest.first, rest.last = before.first, max(rest.last, before.last)
             rest.low = np.minimum(rest.low, before.low)
             rest.high = np.maximum(rest.high, before.high)
+            rest.parts = before.parts + rest.parts
         self._rests.append(rest)
+
+    def _parts(self, q: Float[np.ndarray, "rows dof"], row: int) -> list[_Rest]:
+        """Consecutive parts of rows, each as long as it stays in the band of rest."""
+        parts, start = list[_Rest](), 0
+        while start < len(q):
+            size, stays = self.length, np.ones(1, dtype=bool)
+            while stays.all() and len(stays) < len(q) - start:  # no longer than needed
+                size *= 2
+                ahead = q[start : start + size]
+                width = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
+                stays = np.all(width <= self._widest, axis=1)
+            count = len(stays) if stays.all() else int(np.argmin(stays))
+            at = q[start : start + count]
+            last = row + start + count - 1
+            parts.append(_Rest(row + start, last, at.min(axis=0), at.max(axis=0)))
+            start += count
+        return parts
 
     def _slow(self, rest: _Rest) -> bool:
         """Whether it was rest in hindsight."""
@@ -139,5 +173,8 @@ class RestSearch:
         sums = np.cumsum(np.vstack([np.zeros(self.dof), torque]), axis=0)
         mean = (sums[length:] - sums[:-length]) / length
         near = (np.abs(mean) <= _OFF * self._torque) & (high - low <= _OFF_RANGE * self._torque)
-        off = np.all(near, axis=1) | np.all(high == low, axis=1)
-        self._off.append(joined(runs_of(off, row) + np.array([0, length - 1])))
+        for found, flags in ((self._off, near), (self._constant, high == low)):
+            found.append(joined(runs_of(np.all(flags, axis=1), row) + np.array([0, length - 1])))
+        change = np.diff(torque, axis=0)
+        turned = change[1:] * change[:-1]
+        self._changes += [np.count_nonzero(turned < 0, axis=0), np.count_nonzero(change, axis=0)]

@@ -76,7 +76,8 @@ def _parts(
         for k, (values, missing, own) in enumerate(pieces):
             if k:
                 yield from ((number, block) for block in run.end())
-                number, run = number + 1, _Run(clock, longest, drives)
+                begin = float(clock.until[here][cuts[here]][k - 1])
+                number, run = number + 1, _Run(clock, longest, drives, begin)
             yield from ((number, block) for block in run.add(values[own], missing[own]))
         start = stop
     yield from ((number, block) for block in run.end())

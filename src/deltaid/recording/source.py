@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field, Pick, locate
 
 Column = pl.Series | np.ndarray
@@ -52,7 +52,7 @@ class Table:
     fields: tuple[Field, ...]
     first_row: int = field(default=1, kw_only=True)
     units: dict[str, str] = field(default_factory=dict[str, str], kw_only=True)
-    warnings: tuple[str, ...] = field(default=(), kw_only=True)
+    warnings: tuple[Doubt, ...] = field(default=(), kw_only=True)
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -65,7 +65,7 @@ class Table:
         return str(self.path)
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> list[Doubt]:
         """What was seen while all rows were read."""
         return []
 

@@ -10,6 +10,9 @@ from deltaid.recording.filter import HIGHEST, LOWEST_CUTOFF
 
 # Samples of a segment.
 _SEGMENT = 4096
+# Power that stands out is so many times the noise: 20 dB. Noise of an encoder that stays on its
+# steps is taken for what it is where it is so many times that of the upper half of the band.
+_ABOVE, _COLOURED = 100.0, 4.0
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
 
@@ -20,10 +23,14 @@ class Power:
     Attributes:
         sum: over the segments.
         segments: how many; none where consecutive samples are fewer than a segment.
+        step: smallest change from one sample to the next; infinite without any.
+        changes: in what share of the samples each position changes.
     """
 
     sum: Float[np.ndarray, "dof frequencies"]
     segments: int
+    step: Float[np.ndarray, " dof"]
+    changes: Float[np.ndarray, " dof"]
 
 
 def power_of(q: Float[np.ndarray, "samples dof"]) -> Power:
@@ -35,7 +42,10 @@ def power_of(q: Float[np.ndarray, "samples dof"]) -> Power:
         total += _segment(q[start : start + _SEGMENT])
     if not starts and len(q) >= SpectrumEstimate.SHORTEST:
         total += _segment(q)
-    return Power(total, len(starts))
+    change = np.abs(np.diff(q, axis=0))
+    step = np.where(change > 0, change, np.inf).min(axis=0, initial=np.inf)
+    changes = np.count_nonzero(change, axis=0) / max(len(change), 1)
+    return Power(total, len(starts), step, changes)
 
 
 def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof frequencies"]:
@@ -58,31 +68,60 @@ class SpectrumEstimate:
     SHORTEST = 256
 
     def __init__(self, dof: int) -> None:
+        self._full = False
+        self._clear(dof)
+
+    def _clear(self, dof: int) -> None:
         self._power = np.zeros((dof, _SEGMENT // 2 + 1))
         self._segments = 0
+        self._step, self._changes = np.full(dof, np.inf), np.zeros(dof)
 
     def add(self, power: Power) -> None:
-        """Take in the power of consecutive samples."""
-        if power.segments or not self._segments:
+        """Take in the power of consecutive samples; shorter ones count while no segment is full."""
+        if power.segments and not self._full:
+            self._clear(len(self._power))
+            self._full = True
+        if power.segments or not self._full:
             self._power += power.sum
-            self._segments += power.segments or int(power.sum.any())
+            segments = power.segments or int(power.sum.any())
+            self._segments += segments
+            self._step = np.minimum(self._step, power.step)
+            self._changes += segments * power.changes
 
     @property
     def noise(self) -> Float[np.ndarray, " dof"]:
         """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
-        floor = np.median(self._power[:, _SEGMENT // 4 :], axis=1) / max(self._segments, 1)
+        floor = self._floor / max(self._segments, 1)
         return np.sqrt(floor / np.sum(_blackman_harris(_SEGMENT) ** 2))
+
+    @property
+    def _floor(self) -> Float[np.ndarray, " dof"]:
+        return np.median(self._power[:, _SEGMENT // 4 :], axis=1)
+
+    @property
+    def _noise_floor(self) -> Float[np.ndarray, " dof"]:
+        """Power of the noise in one bin, where a motion may be.
+
+        Steps Δ of an encoder are noise of variance Δ²/12. Where the position stays on each for many
+        samples, all of it lies below the rate at which it changes.
+        """
+        floor, changes = self._floor, self._changes / self._segments
+        step = np.where(np.isfinite(self._step), self._step, 0.0)
+        white = step**2 / 12 * np.sum(_blackman_harris(_SEGMENT) ** 2) * self._segments
+        steps = white / np.maximum(2 * changes, 1 / _SEGMENT)
+        return np.where((2 * changes < 1) & (steps > _COLOURED * floor), steps, floor)
 
     def cutoff(self, rate: float) -> float | None:
         """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
 
-        The noise floor is the median power of the upper half of the band. Twice, because torques
-        hold products of velocities. None without a full segment.
+        The noise floor is the median power of the upper half of the band, or what the steps of a
+        coarse encoder make of it. Twice, because torques hold products of velocities. None without
+        a full segment.
         """
         if not self._segments:
             return None
         frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
-        floor = np.median(self._power[:, len(frequency) // 2 :], axis=1, keepdims=True)
-        above = np.flatnonzero((self._power > 100 * floor).any(axis=0))
+        loud = self._power > _ABOVE * self._noise_floor[:, None]
+        above = np.flatnonzero(loud.any(axis=0))
         top = frequency[above[-1]] if above.size else frequency[1]
         return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))

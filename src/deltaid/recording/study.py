@@ -7,9 +7,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.recording.clock import Clock
-from deltaid.recording.grid import ROUNDED, SHARP, medians, place, usual_step
+from deltaid.recording.grid import (
+    ROUNDED,
+    SHARP,
+    far_steps,
+    medians,
+    place,
+    spread,
+    usual_step,
+)
 from deltaid.recording.hole_places import revised
 from deltaid.recording.table import recut
+from deltaid.recording.wild import repaired
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
 _SIZE, _EDGE = 1 << 16, 1024
@@ -19,6 +28,8 @@ _GAP = 3.0
 _CLEAR = 0.7
 # Rows on either side of one that may be there twice.
 _ABOUT = 12
+# So many rows out of place in a row end a segment.
+_OUT_OF_PLACE = 4
 # Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
 _SMOOTH, _SHARP = 1e-12, 0.01
 
@@ -80,7 +91,11 @@ class _Notes:
 
     dof: int
     rows: int = 0
+    first: float = np.nan
+    last: float = np.nan
     doubled: int = 0
+    wild: int = 0
+    first_wild: int = -1
     even: _Reading = field(default_factory=_Reading)
     uneven: _Reading = field(default_factory=_Reading)
     rounded: bool = False
@@ -90,22 +105,43 @@ class _Notes:
     def add(self, block: Rows, start: int, *, last: bool) -> None:
         """Take in a block; at its ends the blocks beside it speak for the rows."""
         own = range(_EDGE if start else 0, len(block) if last else len(block) - _EDGE)
+        time, wild = repaired(block[:, 0], *usual_step(block[:, 0]))
+        self.first = self.first if self.rows else float(time[0])
+        self.last = float(time[-1])
+        if wild.any():
+            block = np.column_stack([time, block[:, 1:]])
+            self._note_wild(wild, own, start)
         doubled = _doubled(block)
         self.doubled += int(np.count_nonzero(doubled[own.start : own.stop]))
         self.rows += len(own)
         single = np.flatnonzero(~doubled)
-        self._read_even(block, single, own, start)
-        self._read_uneven(block[:, 0], single, own, start)
+        if wild[single].all():
+            wild = np.zeros_like(wild)
+        self._read_even(block, single, wild, own, start)
+        self._read_uneven(time, np.flatnonzero(~doubled & ~wild), own, start)
 
-    def _read_even(self, block: Rows, single: Places, own: range, start: int) -> None:
+    def _note_wild(self, wild: Bool[np.ndarray, " rows"], own: range, start: int) -> None:
+        rows = np.flatnonzero(wild[own.start : own.stop]) + own.start + start
+        self.wild += len(rows)
+        if self.first_wild < 0 and len(rows):
+            self.first_wild = int(rows[0])
+
+    def _read_even(
+        self, block: Rows, single: Places, wild: Bool[np.ndarray, " rows"], own: range, start: int
+    ) -> None:
         time = block[:, 0]
         if not np.ptp(time[single]) > 0:  # nothing to tell places by
             self.even.add(time, single, np.zeros_like(single), own, start)
             return
         grid = place(time[single])
         kept, reading = single[grid.kept], self.even
-        if np.std(grid.off) > SHARP:
+        if spread(grid.off) > SHARP:
             grid = revised(grid, block[kept, 1 : 1 + self.dof])
+        # Where many were stamped alike, or written between others, nobody knows what is missing.
+        grid.lost[np.flatnonzero(np.diff(grid.kept) > _OUT_OF_PLACE) + 1] = -1
+        if wild.any():
+            grid = grid.without(wild[kept])
+            kept = single[grid.kept]
         reading.add(time, kept, grid.lost, own, start)
         inside = (kept >= own.start) & (kept < own.stop)
         off = grid.period * grid.off[inside]
@@ -116,12 +152,18 @@ class _Notes:
         self._compare(index, time[kept] / grid.period, block[kept, 1 : 1 + self.dof], inside)
 
     def _read_uneven(self, time: np.ndarray, single: Places, own: range, start: int) -> None:
-        stamps, reading = time[single], self.uneven
-        kept = single[np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])]
-        steps = np.diff(time[kept], prepend=time[kept[0]])
+        reading, period = self.uneven, usual_step(time[single])[0]
+        again = far_steps(time[single], period, 1.0)
+        again = again[time[single[again]] < time[single[again - 1]]]
+        later = [_later(time, rows) for rows in np.split(single, again)]
+        kept = np.concatenate(later)
+        steps = np.diff(time[kept], prepend=time[kept[:1]])
         usual = float(np.median(steps[1:])) if len(steps) > 1 else 1.0
         far = steps > _GAP * usual
         lost = np.where(far, np.round(steps / usual) - 1, 0).astype(int)
+        restarts = np.cumsum([len(rows) for rows in later[:-1]], dtype=int)
+        lost[restarts] = -1
+        far[restarts] = True
         reading.add(time, kept, lost, own, start)
         near = steps[(kept >= max(own.start, 1)) & (kept < own.stop) & ~far]
         reading.steps += near.size
@@ -169,16 +211,27 @@ class _Notes:
         return Clock(
             period=reading.total / max(1, reading.steps),
             rows=self.rows,
+            first=self.first,
+            last=self.last,
             steady=False,
             even=even,
             jitter=float(np.sqrt(reading.squares / max(1, reading.steps))),
+            wild=self.wild,
+            first_wild=self.first_wild,
             extra=np.concatenate(reading.extra),
             doubled=self.doubled,
+            late=sum(map(len, reading.extra)) - self.doubled - self.wild,
             holes=holes.astype(int),
             lost=lost.astype(int),
             since=since,
             until=until,
         )
+
+
+def _later(time: np.ndarray, rows: Places) -> Places:
+    """Rows that are stamped later than all before them."""
+    stamps = time[rows]
+    return rows[np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])]
 
 
 def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
@@ -210,7 +263,7 @@ def _rough(
     nodes = np.stack([x[k : k + count] for k in (0, 1, 3, 4)])
     middle = x[2:-2]
     missed = q[2:-2].copy()
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for j, k in enumerate((0, 1, 3, 4)):
             others = np.delete(nodes, j, axis=0)
             weight = ((middle - others) / (nodes[j] - others)).prod(axis=0)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity
 from deltaid.recording.bounds import Bounds
@@ -28,6 +28,8 @@ _LARGEST_ARM_ANGLE = np.pi
 _JUMP = 0.75 * 2 * np.pi
 # Rows of an even segment that are looked at together.
 _EVEN_ROWS = 1 << 16
+# Rows between two places where time leaves off that show a passage from branch to branch.
+_SHOWN = 4
 _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
@@ -61,7 +63,7 @@ class Survey:
     strained: int = 0
     first_strained: str = ""
     first_outside: str = ""
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Doubt] = field(default_factory=list)
     spectrum: SpectrumEstimate = field(init=False)
     derivatives: DerivativeCheck = field(init=False)
     branch: BranchCheck = field(init=False)
@@ -167,14 +169,23 @@ class Survey:
         self.warnings += self.derivatives.warnings(where)
         if self.outside:
             self.warnings.append(
-                f"{self.outside} of {self.samples} samples lie outside the workspace of the "
-                f"description, the first in {self.first_outside}"
+                Doubt(
+                    f"{self.outside} of {self.samples} samples lie outside the workspace of the "
+                    f"description, the first in {self.first_outside}",
+                    cause="the robot uses more room than 'workspace' says",
+                    cure="widen it; if the robot was not there, check its lengths and zeros",
+                )
             )
         if self.strained:
             self.warnings.append(
-                f"{self.strained} of {self.samples} samples are nearer to a singular pose than the "
-                f"description's largest_condition of {self.kinematics.robot.largest_condition:g}, "
-                f"the first in {self.first_strained}"
+                Doubt(
+                    f"{self.strained} of {self.samples} samples are nearer to a singular pose than "
+                    f"the description's largest_condition of "
+                    f"{self.kinematics.robot.largest_condition:g}, the first in "
+                    f"{self.first_strained}",
+                    cause="a motion at the edge of what the limbs reach",
+                    cure="keep away from it, for small errors of lengths and zeros are large there",
+                )
             )
         self.warnings += told_of_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
@@ -259,6 +270,8 @@ class Survey:
         for start, stop in pairwise([0, *apart[apart > 0].tolist(), len(time)]):
             if start in apart:
                 self.branch = BranchCheck(self.kinematics)
+                if stop - start < _SHOWN and stop < len(time):
+                    continue
             run = slice(start, stop)
             left = self.branch.add(time[run], q[run], z[run], regular.part(run))
             if left is not None:
@@ -319,8 +332,14 @@ class Survey:
         for i, channel in enumerate(c.position):
             if resting[channel.column]:
                 self.warnings.append(
-                    f"column {channel.column} is constant: that drive does not move, so what only "
-                    "it shows stays undetermined"
+                    Doubt(
+                        f"column {channel.column} is constant, so what only this drive shows stays "
+                        "undetermined",
+                        cause="it was not moved",
+                        cure="record a motion of all drives, such as `deltaid excite` plans; if it "
+                        "was moved, map the column that holds its position",
+                        key="excitation",
+                    )
                 )
                 continue
             for rates in (c.velocity, c.acceleration):

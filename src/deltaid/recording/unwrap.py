@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import Table
 
@@ -118,22 +119,36 @@ class Unwrapping:
             return self._time
         return self._positions[channel - 1] if channel <= len(self._positions) else None
 
-    def told(self, table: Table) -> list[str]:
+    def told(self, table: Table) -> list[Doubt]:
         """What was made to go on."""
         names = [channel.column for channel in self._columns.all]
         found: Sequence[Unwrapper] = (self._time, *self._positions)
         return [
-            f"column {name} starts again after {_numbers(one.period)} in {one.count} "
-            f"row{'s' if one.count > 1 else ''}, the first "
-            f"{table.row_place(one.first).removeprefix(f'{table.path}, ')}: taken to go on"
+            Doubt(
+                f"column {name} starts again after {_numbers(one.period)} in {one.count} "
+                f"row{'s' if one.count > 1 else ''}, the first "
+                f"{table.row_place(one.first).removeprefix(f'{table.path}, ')}: taken to go on",
+                cause=_why(one.period),
+                cure="nothing is to be done, unless it was set anew there: then split the log",
+            )
             for name, one in zip(names, found, strict=False)
             if one.count
         ]
 
 
+def _is_counter(period: float) -> bool:
+    bits = np.log2(period)
+    return bool(bits == round(bits) and period >= _CYCLES[0])
+
+
+def _why(period: float) -> str:
+    if _is_counter(period):
+        return "a counter that is full begins anew"
+    return "the controller keeps angles within one turn"
+
+
 def _numbers(period: float) -> str:
     """A period in the column's numbers."""
-    bits = np.log2(period)
-    if bits == round(bits) and period >= _CYCLES[0]:
-        return f"{period:.0f} counts ({bits:.0f} bits)"
+    if _is_counter(period):
+        return f"{period:.0f} counts ({np.log2(period):.0f} bits)"
     return f"{period:.6g}, one turn,"

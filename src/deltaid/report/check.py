@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from deltaid.check.verdict import Grade, Verdict
-from deltaid.report.check_tables import verdict_table
+from deltaid.report.check_tables import page_table
 from deltaid.report.page import Block, Fact, Lines, Page, Section, Text
 
 
@@ -22,15 +22,13 @@ def check_page(
     """
     poor = [one for one in verdicts if one.grade is not Grade.GOOD]
     good = [one for one in verdicts if one.grade is Grade.GOOD]
-    blocks: list[Block] = (
-        [verdict_table(poor)] if poor else [Text("All that was looked at is good.")]
-    )
+    blocks: list[Block] = [page_table(poor)] if poor else [Text("All that was looked at is good.")]
     sections = [Section("To be mended" if poor else "Verdict", tuple(blocks))]
     if lines:
         pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
         sections.append(Section("Lines to paste", pasted))
     if good:
-        sections.append(Section("Good", (verdict_table(good),)))
+        sections.append(Section("Good", (page_table(good),)))
     grades = [one.grade for one in verdicts]
     return Page(
         title=title,

@@ -23,6 +23,19 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     )
 
 
+def page_table(verdicts: Sequence[Verdict]) -> Table:
+    """The same for a page, whose width the columns of a terminal's table would not fit."""
+    table = verdict_table(verdicts)
+    rows = [
+        (grade, key, seen if about in seen else f"{about}: {seen}", f"{cause} → {cure}".strip())
+        for grade, key, about, seen, cause, cure in table.rows
+    ]
+    columns = ("verdict", "check", "seen", "likeliest cause → next step")
+    if all(grade == Grade.GOOD for grade, *_ in rows):  # which have neither
+        rows, columns = [row[:3] for row in rows], columns[:3]
+    return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
+
+
 def tally(verdicts: Sequence[Verdict]) -> str:
     """How many verdicts of each grade there are: '1 wrong, 12 good'."""
     grades = [verdict.grade for verdict in verdicts]

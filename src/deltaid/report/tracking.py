@@ -10,6 +10,7 @@ from plotly.subplots import make_subplots
 from deltaid.control.comparison import Run
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.dynamics.limits import effort_limits
+from deltaid.errors import Doubt
 from deltaid.report import style
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Text
@@ -117,7 +118,11 @@ def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
 
 def _lost(runs: Sequence[tuple[str, Tracking]]) -> tuple[str, ...]:
     return tuple(
-        f"{name}: lost after {run.ended:.4g} s, where a limb was stretched"
+        Doubt(
+            f"{name}: lost after {run.ended:.4g} s, where a limb was stretched",
+            cause="its gains or its model do not hold the robot on this motion",
+            cure="lower the gains, or take a slower motion",
+        )
         for name, run in runs
         if run.ended is not None
     )

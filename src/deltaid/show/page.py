@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.at_rest import AtRest, Poses
+from deltaid.errors import Doubt
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section, Table, Text
 from deltaid.show.figures import NOTHING, picture, sections
@@ -79,7 +80,12 @@ def warnings(robot: AtRest, surveyed: Survey) -> tuple[str, ...]:
     because = [f"beyond {', '.join(broken)}"] if broken else []
     if surveyed.standing < 1:
         because.append("out of reach")
-    return (f"{text}: {'; '.join(because)}." if because else f"{text}.",)
+    said = Doubt(
+        text,
+        cause=f"poses lie {' or '.join(because)}" if because else "limits differ from pose to pose",
+        cure="make 'workspace' smaller, or correct the limits; `deltaid check` says by how much",
+    )
+    return (said,)
 
 
 def drive_table(robot: AtRest, surveyed: Survey) -> Table:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from deltaid.errors import Doubt
 from deltaid.recording.address import Field
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.csv_layout import CsvLayout, open_csv
@@ -53,7 +54,7 @@ class CsvTable(Table):
         return self.row_place(self.layout.header_row)
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> list[Doubt]:
         """Lines that may be data behind a comment mark, and an open end."""
         return self.layout.doubts
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field, Pick, find, listing
 from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.bag_reader import is_bag, opened_bag, storage
@@ -49,14 +49,18 @@ class RosBag:
             topics = topics_of(bag)
         names = default_columns(topics)
         taken = [joint for _, (quantity, joint) in names.values() if quantity == "position"]
-        said = [f"joints {', '.join(taken)} are taken for drives 1 to {len(taken)}"] * bool(taken)
+        said = Doubt(
+            f"joints {', '.join(taken)} are taken for drives 1 to {len(taken)}",
+            cause="their names end in numbers, and no mapping says more",
+            cure="if the order is another, name the joints in a mapping",
+        )
         arrays = [one for topic in topics for one in topic.fields]
         return BagTable(
             path,
             (Field(_STAMPED), *map(Field, names), *arrays, Field(_RECEIVED)),
             {topic.name: topic for topic in topics},
             names,
-            warnings=tuple(said),
+            warnings=(said,) if taken else (),
         )
 
 
@@ -84,10 +88,10 @@ class BagTable(Table):
 
     topics: dict[str, Topic]
     names: dict[str, tuple[str, Number]]
-    noticed: list[str] = field(default_factory=list[str], compare=False)
+    noticed: list[Doubt] = field(default_factory=list[Doubt], compare=False)
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> list[Doubt]:
         """Clocks, and messages that are left out."""
         return self.noticed
 
@@ -150,8 +154,12 @@ class BagTable(Table):
         received = _RECEIVED in places or not all(self.topics[name].stamped for name in wanted)
         if received and _RECEIVED not in places:
             self.noticed.append(
-                "header stamps are all zero; the time of receipt is used in their place, which "
-                "has the jitter of the way to the recorder"
+                Doubt(
+                    "header stamps are all zero; the time of receipt is used in their place, which "
+                    "has the jitter of the way to the recorder",
+                    cause="the publisher does not set header.stamp",
+                    cure="set it to the instant of measurement",
+                )
             )
         pieces = self._pieces(wanted, received)
         if len(wanted) > 1:
@@ -213,8 +221,12 @@ class BagTable(Table):
                 )
             if lost[name]:
                 self.noticed.append(
-                    f"{lost[name]} of {kept[name] + lost[name]} messages of {name} do not have a "
-                    "number in each of the columns in use; they are left out"
+                    Doubt(
+                        f"{lost[name]} of {kept[name] + lost[name]} messages of {name} do not have "
+                        "a number in each of the columns in use; they are left out",
+                        cause="a second node publishes there",
+                        cure="nothing is to be done, unless it is the wrong topic",
+                    )
                 )
 
     def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> _Piece:
@@ -235,8 +247,12 @@ class BagTable(Table):
             names = list(wanted)
             others = [name for k, name in enumerate(names) if k != onto]
             self.noticed.append(
-                f"{', '.join(others)} is interpolated to the instants of {names[onto]}, because "
-                "their stamps differ"
+                Doubt(
+                    f"{', '.join(others)} is interpolated to the instants of {names[onto]}, "
+                    "because their stamps differ",
+                    cause="they are published by different nodes or in different cycles",
+                    cure="publish positions and torques in one message to keep them in step",
+                )
             )
             time, values = merge(signals, onto)
         else:

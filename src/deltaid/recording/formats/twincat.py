@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field
 from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.csv_end import NO_LINE_BREAK
 from deltaid.recording.csv_text import Decimals, per_line, whole_lines
 from deltaid.recording.formats.twincat_layout import ScopeLayout, Trace, is_scope, open_scope
 from deltaid.recording.resampling import Signal, fastest, merge
@@ -70,10 +71,10 @@ class ScopeTable(Table):
     shared: dict[tuple[int, ...], bool] = field(
         default_factory=dict[tuple[int, ...], bool], compare=False
     )
-    noticed: list[str] = field(default_factory=list[str], compare=False)
+    noticed: list[Doubt] = field(default_factory=list[Doubt], compare=False)
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> list[Doubt]:
         """Clocks, scales, and an open end."""
         return self.noticed
 
@@ -98,10 +99,7 @@ class ScopeTable(Table):
         times = tuple(sorted({trace.time for trace in used or self.layout.traces[:1]}))
         self.noticed[:] = [said for trace in used for said in _scaled(trace)]
         if self.layout.ends_open:
-            self.noticed.append(
-                "the last line has no line break; if the file was cut off there, its last number "
-                "may be wrong"
-            )
+            self.noticed.append(NO_LINE_BREAK)
         if times not in self.shared:
             self.shared[times] = self._share(times)
         groups = {k: [trace.values for trace in used if trace.time == k] for k in times}
@@ -161,8 +159,13 @@ class ScopeTable(Table):
         )
         onto = fastest(signals)
         self.noticed.append(
-            "channels in use have times of their own; they are interpolated to those of "
-            f"{', '.join(map(self._named, order[onto]))}"
+            Doubt(
+                "channels in use have times of their own; they are interpolated to those of "
+                f"{', '.join(map(self._named, order[onto]))}",
+                cause="they are recorded in tasks of different cycles",
+                cure="nothing is to be done if all were of one controller; one task for all of "
+                "them keeps them in step",
+            )
         )
         time, values = merge(signals, onto)
         found = dict(zip([k for group in order for k in group], np.hstack(values).T, strict=True))
@@ -265,7 +268,7 @@ def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
     return np.logical_or.reduce([(frame[str(k)] != "").to_numpy() for k in columns])
 
 
-def _scaled(trace: Trace) -> list[str]:
+def _scaled(trace: Trace) -> list[Doubt]:
     """What is to be said of a channel that Scope scales."""
     scales = {word: _number(trace.scales.get(word), one) for word, one in _NEUTRAL.items()}
     said = [f"{word} {scales[word]:g}" for word, one in _NEUTRAL.items() if scales[word] != one]
@@ -278,9 +281,12 @@ def _scaled(trace: Trace) -> list[str]:
         unit = f"{abs(factor):g} {trace.unit or 'UNIT'}"
         how = f"declare {{unit: {unit}, zero: {0 - offset / factor:g}{sign}}}"
     return [
-        f"channel {trace.name} is scaled in Scope ({', '.join(said)}), which an export applies to "
-        "its numbers only with the option Scale values before export, and the file does not tell; "
-        f"they are taken as they stand; if they are those of the PLC, {how}"
+        Doubt(
+            f"channel {trace.name} is scaled in Scope ({', '.join(said)}); the file does not tell "
+            "whether its numbers are, and they are taken as they stand",
+            cause="an export scales them only with the option Scale values before export",
+            cure=f"if they are those of the PLC, {how}",
+        )
     ]
 
 

@@ -1,0 +1,174 @@
+"""A recording looked at for lags and patterns: what verdicts on its residual rest on."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.evidence import Evidence
+from deltaid.check.spectra import white_noise
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import RecordingError
+from deltaid.identification.explained import SEEN, Account, account, surprise
+from deltaid.identification.lag import (
+    REACH,
+    Basis,
+    Lag,
+    Rows,
+    basis_of,
+    coarse_lag,
+    estimate_lag,
+)
+from deltaid.identification.patterns import Pattern, Scene, missing
+from deltaid.identification.searches import load_steps, ripples
+from deltaid.identification.traces import Delay, Trace, trace
+from deltaid.recording.windows import WINDOW, Samples
+
+# Above this [Hz] next to nothing of a Delta's motion is left, but rows grow in number.
+_CUTOFF = 30.0
+# Windows of a log, and seconds, that are looked at; more hardly say more.
+_WINDOWS, _SECONDS = 6, 10.0
+# What is left of a drive's torque at least, as a share of its largest, to be compared with.
+_FLOOR = 1e-5
+# Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
+_SMALL, _AT_ONCE = 1.5e-4, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A recording looked at with all patterns.
+
+    Attributes:
+        scene: the recording, with lags put back if they show.
+        account: the patterns, at these lags.
+        common, each: lags.
+        late: surprise of the lag that shows; 0 if none does.
+        alike: whether all drives have the same lag.
+        plain: M_ii at home of least squares without any of this.
+        hidden: whether there is something like a lag that other causes explain better.
+    """
+
+    scene: Scene
+    account: Account
+    common: Lag
+    each: Lag
+    late: float
+    alike: bool
+    plain: Float[np.ndarray, " dof"]
+    hidden: bool = False
+
+
+def studied(evidence: Evidence) -> Study | None:
+    """None where nothing can be differentiated; other checks say why."""
+    recording, dynamics = evidence.surveyed, evidence.dynamics
+    if isinstance(recording, RecordingError):
+        return None
+    log = recording.log
+    cutoff = recording.cutoff or log.suggested_cutoff
+    if cutoff is None:
+        return None
+    cutoff = min(cutoff, _CUTOFF)
+    windows = max(_WINDOWS, round(_SECONDS * log.rate / WINDOW))
+    load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
+    try:
+        record = trace(dynamics, log, load, cutoff=cutoff, reach=REACH, windows=windows)
+    except RecordingError:
+        return None
+    rough = record.regressor(between=True)
+    basis = basis_of(dynamics, rough, log.torque_max)
+    left = basis.without(basis.stack(record.torques(still))).reshape(dynamics.dof, -1)
+    share = np.sqrt(np.mean(left**2, axis=1))
+    scale = np.maximum(share, _FLOOR) * log.torque_max
+    between = basis_of(dynamics, rough, scale)
+    start = np.full(dynamics.dof, coarse_lag(record, between))
+    common = estimate_lag(record, between, start, common=True)
+    each = estimate_lag(record, between, common.values, common=False)
+    exact = record.regressor()
+    basis = basis_of(dynamics, exact, scale)
+    scene, account = _accounted(record, exact, basis, still)
+    late = _surprise_of_lag(common, each)
+    others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
+    first = account.found[0].pattern.kind if account.found else ""
+    apart = np.abs(each.values - common.values) / np.maximum(each.deviation, 1e-12)
+    apart_by = float(np.abs(each.values - common.values).max()) / _AT_ONCE
+    alike = surprise(float(np.sum(apart**2)), dynamics.dof) < SEEN or apart_by < _SMALL
+    plain = _inertia(scene, scene.p)
+    if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
+        return Study(scene, account, common, each, 0.0, alike, plain)
+    if first != "torque-lag" and late < max(others, default=0.0):
+        return Study(scene, account, common, each, 0.0, alike, plain, hidden=True)
+    lag = common if alike else each
+    reach = np.abs(lag.values).max() + 1.0 / log.rate
+    record = trace(
+        dynamics, log, load, cutoff=cutoff, reach=float(reach), reversals=False, windows=windows
+    )
+    exact = record.regressor()
+    put_back = _accounted(record, exact, basis_of(dynamics, exact, scale), lag.values)
+    return Study(*put_back, common, each, late, alike, plain)
+
+
+def _accounted(
+    record: Trace, Y: Float[np.ndarray, "dof samples columns"], basis: Basis, delay: Delay
+) -> tuple[Scene, Account]:
+    """The patterns of a recording whose torques have been put back by some lags."""
+    tau = basis.stack(record.torques(delay))
+    scene = Scene(record, Y, basis, tau)
+
+    def searched(left: Rows) -> Iterator[Pattern]:
+        yield from ripples(scene, left)
+        yield from load_steps(scene, left)
+
+    patterns = [*scene.patterns()]
+    if np.any(delay):
+        patterns = [one for one in patterns if one.kind != "torque-lag"]
+    if (friction := missing(scene)) is not None:
+        patterns.append(friction)
+    return scene, account(patterns, searched, basis, basis.without(tau))
+
+
+def _surprise_of_lag(common: Lag, each: Lag) -> float:
+    """How surprising lags are, by their own standard deviations."""
+    tries = 1.0
+    together = (common.values[0] / max(common.deviation[0], 1e-12)) ** 2
+    apart = float(np.sum((each.values / np.maximum(each.deviation, 1e-12)) ** 2))
+    return max(surprise(together, 1), surprise(apart, len(each.values))) - tries
+
+
+def _inertia(scene: Scene, p: Parameters) -> Float[np.ndarray, " dof"]:
+    """M_ii at home."""
+    dynamics = scene.trace.dynamics
+    dof, home = dynamics.dof, dynamics.kinematics.home
+    z, rest = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
+    tau = dynamics.torque(z, rest, np.vstack([np.eye(dof), np.zeros(dof)]), p)
+    return np.diag(tau[:-1] - tau[-1])
+
+
+def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
+    """Torques less those of the model, of the longest stretch, nothing put back or filtered."""
+    w, dynamics = longest(study), study.scene.trace.dynamics
+    left = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.scene.p)
+    return np.where(w.weights > 0, left, 0.0)
+
+
+def longest(study: Study) -> Samples:
+    """The longest stretch without a gap."""
+    return max(study.scene.trace.stretches, key=lambda one: len(one.time))
+
+
+def largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
+    """Of the model, each drive's."""
+    return np.maximum(np.abs(study.scene.model).max(axis=1), 1e-300)
+
+
+def white_share(study: Study) -> Float[np.ndarray, " dof"]:
+    """What white noise of the torques would leave after the filter."""
+    low_pass = study.scene.trace.low_pass
+    return white_noise(unexplained(study), low_pass.rate) * low_pass.noise_gain
+
+
+def spoilt(study: Study, p: Parameters) -> Float[np.ndarray, " dof"]:
+    """By which share M_ii at home changes when causes are left alone."""
+    right = _inertia(study.scene, p)
+    return study.plain / np.where(right == 0, 1.0, right) - 1.0

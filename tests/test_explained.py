@@ -1,0 +1,25 @@
+"""Which patterns a residual is said to have."""
+
+import numpy as np
+import pytest
+
+from deltaid.identification.explained import account
+from deltaid.identification.lag import Basis
+from deltaid.identification.patterns import Pattern
+
+ROWS = 1000
+
+
+@pytest.mark.parametrize(("second", "found"), [(4.0, "one"), (12.0, "four")])
+def test_of_two_patterns_that_explain_nearly_the_same_the_one_of_fewer_columns(
+    second: float, found: str
+) -> None:
+    rng = np.random.default_rng(0)
+    Q, _ = np.linalg.qr(rng.standard_normal((ROWS, 5)))
+    basis = Basis(Q[:, :1], np.ones((1, 1)), np.ones(1))
+    noise = rng.standard_normal(ROWS)
+    noise -= Q @ (Q.T @ noise)
+    left = 30 * Q[:, 1] + second * Q[:, 2] + noise
+    patterns = [Pattern("four", "", Q[:, 1:]), Pattern("one", "", Q[:, 1:2])]
+    first = account(patterns, lambda _: (), basis, left).found[0]
+    assert first.pattern.kind == found
