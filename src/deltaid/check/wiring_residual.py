@@ -18,6 +18,8 @@ from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
 # Singular values below this share of the largest are zero.
 _DEPENDENT = 1e-6
+# Weight of a drive at rest, whose torque friction balances as it likes.
+_AT_REST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,8 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     p = prior_parameters(dynamics.robot)
     expected = np.stack([(p[entries[rows == i]] @ Y[rows == i]) for i in range(dof)])
     prior = np.sqrt(np.mean(expected**2, axis=1))
-    weights = 1 / np.maximum(prior, 1e-3 * prior.max())
+    still = ~motion.moves[list(map.order)]
+    weights = np.where(still, _AT_REST, 1.0) / np.maximum(prior, 1e-3 * prior.max())
     C, k = len(columns), Y.shape[1]
     A = np.zeros((C + dof * dof, dof, k))
     for i in range(dof):
@@ -186,7 +189,6 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     D = np.diag(G)[C:].reshape(dof, dof)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
     along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
-    still = ~motion.moves[list(map.order)]
     return Residual(
         map, found, G, inverse, norms, columns, S, D, weights, along, prior, still, keep, A
     )

@@ -43,6 +43,8 @@ _CERTAIN = 25.0
 _TIED = 0.25
 # Factors that positions of a motor are looked for by, and how many.
 _SMALLEST, _LARGEST, _GRID, _HALVINGS = 1 / 3000, 1 / 1.5, 16, 9
+# The longest lead of a linear drive [m per rad]: half a metre per revolution.
+_LONGEST = 0.5 / (2 * np.pi)
 
 # Units that numbers may really be in, by the factor to the joint's own.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
@@ -171,7 +173,7 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         return ()
     decided = _ranked(decided)
     good = [one for one in decided if one.left < _AS_GOOD * decided[0].left]
-    if plain is not None and plain.closes:
+    if plain is not None and plain.residual.poses.share >= _CLOSED:
         good = [one for one in good if one.beats(plain)] or [plain]
     if good[0].scaled:
         good = [one for one in good if one.as_likely_as(good[0])]
@@ -288,7 +290,8 @@ def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candi
     def closes(factor: float) -> bool:
         return poses(dynamics, at(factor).values(motion.q[few])).share >= CLOSED
 
-    low, high = _SMALLEST, _LARGEST
+    linear = dynamics.robot.is_linear(f"drive{drives[0] + 1}")
+    low, high = _SMALLEST, _LONGEST if linear else _LARGEST
     if not closes(high):
         if not closes(low):
             return None
@@ -304,7 +307,11 @@ def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candi
     if not np.isfinite(left[k]):
         return None
     one = found[k]
-    return None if one is None else _narrowed(dynamics, motion, one, float(grid[1] / grid[0]))
+    if one is None:
+        return None
+    best = _narrowed(dynamics, motion, one, float(grid[1] / grid[0]))
+    lead = abs(best.map.scale[drives[0]])
+    return None if linear and lead > _LONGEST else best
 
 
 def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[Candidate]:

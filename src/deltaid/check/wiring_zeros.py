@@ -51,6 +51,8 @@ def zero_verdicts(
             yield _open(best)
         return
     if _better_explained(told, one, np.flatnonzero(best.loose).tolist()):
+        if not closes:
+            yield _open(best)
         return
     beside = _sure(told, [one], told.tilt) if told.tilt else zeroed
     instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
