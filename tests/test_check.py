@@ -269,8 +269,9 @@ def test_identify_begins_with_what_is_doubtful(tmp_path: Path) -> None:
     log = moved("clavel-delta3", pace=1 / 15)
     result = deltaid.identify("clavel-delta3", log)
     poor = [one for one in result.verdicts if one.grade is not Grade.GOOD]
-    assert [one.key for one in poor] == ["base-parameters", "excitation"]
-    assert result.model.warnings[:2] == tuple(one.sentence for one in poor)
+    assert [one.key for one in poor] == ["base-parameters", "excitation", "torque-lag"]
+    assert poor[2].grade is Grade.CANNOT_TELL  # at this pace a lag hardly shows
+    assert result.model.warnings[:3] == tuple(one.sentence for one in poor)
 
 
 def test_two_recordings_are_judged_together() -> None:

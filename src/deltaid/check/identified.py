@@ -8,7 +8,7 @@ from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdict import KEYS, Grade, Verdict
-from deltaid.errors import DeltaidError, DescriptionError, IdentificationError, RecordingError
+from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.fit import Progress
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
@@ -18,8 +18,10 @@ from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, yaml_text
 
-_QUICK = tuple(family for family in OF_RECORDING if family.quick)
-_EXPLAINING = tuple(family for family in OF_RECORDING if family.explains)
+_FIRST = tuple(family for family in OF_RECORDING if family.first)
+_AFTER = tuple(family for family in OF_RECORDING if not family.first)
+# Verdicts on what has been left out, which the table of that tells with its spans.
+_TOLD = {"standing", "saturation"}
 
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {*KEYS["units and wiring"], "millimetres", "prior-scale"}
@@ -30,7 +32,7 @@ class Judged(Identification):
     """An identification with the verdicts that it began and ended with.
 
     Attributes:
-        verdicts: of the quick checks of `deltaid check`, good ones included.
+        verdicts: as of `deltaid check` but for the workspace, good ones included.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -47,8 +49,9 @@ def identify(
 ) -> Judged:
     """Identify a robot's dynamic parameters from recordings of the same machine.
 
-    The quick checks of `deltaid.verdicts` come first: what they call wrong is refused in their
-    words. What is doubtful stands in `model.warnings`, before anything else that is.
+    Checks of `deltaid.verdicts` come first, of the description and of units and wiring: what they
+    call wrong is refused in their words. Signals, information and what the fit leaves are judged
+    after it. What is not good stands in `model.warnings`, before anything else that does.
 
     Args:
         robot: the description with geometry, priors and reductions; or what has one, a catalogue
@@ -74,7 +77,7 @@ def identify(
     for source in sources:
         progress(f"judging {source}")
         one = evidence(description, source, columns, settings)
-        said = asked(one, _QUICK, "rows")
+        said = asked(one, _FIRST, "rows")
         if not force:
             _refuse(said, str(one.table.path), RecordingError, one)
         found += named(one, said, several=len(sources) > 1)
@@ -82,14 +85,9 @@ def identify(
             _ = one.moved
             vars(one).pop("rows", None)  # all of them might not fit into memory
         opened.append(one)
-    try:
-        result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
-    except (RecordingError, IdentificationError):
-        for one in opened:  # a check may know why
-            _refuse(asked(one, _EXPLAINING, "rows"), str(one.table.path), RecordingError, one)
-        raise
+    result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
     progress("judging what it tells")
-    found += _after(result, opened)
+    found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_others(result, found)))
     return Judged(model, result.problem, result.recordings, found)
@@ -147,7 +145,7 @@ def _lines(verdict: Verdict, file: File, of: RobotDescription | Evidence) -> str
 
 
 def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict, ...]:
-    """Quick verdicts that rest on the survey or the fit, of those that there are."""
+    """Verdicts on signals, on what the recordings tell, and on what the fit leaves."""
     problem, several = result.problem, len(opened) > 1
     found: tuple[Verdict, ...] = ()
     if several:  # together they may tell what none of them tells alone
@@ -155,7 +153,7 @@ def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict,
         found += judged_information(problem.dynamics, problem.information, moved)
     for one, recording in zip(opened, result.recordings, strict=True):
         known = with_fit(one, problem, recording)
-        families = [family for family in _QUICK if family.alone or not several]
-        said = asked(known, families, "survey") + asked(known, families, "fit")
+        families = [family for family in _AFTER if family.alone or not several]
+        said = (v for needs in ("rows", "survey", "fit") for v in asked(known, families, needs))
         found += named(one, said, several=several)
     return found

@@ -40,9 +40,8 @@ class Family:
 
     Attributes:
         check: gives a verdict for whatever it looked at, a good one too.
-        quick: whether `identify` runs it by itself.
-        explains: whether it may know why the survey or the fit refuses a recording; `identify` asks
-            it then.
+        first: whether `identify` asks it before it fits, and refuses what it calls wrong; what
+            others say of a fit is said beside it.
         needs: 'rows' looks at data whatever is wrong with it; 'survey' is asked of recordings that
             can be computed with and in which nothing has been found wrong; 'fit' if there also is
             a fit.
@@ -51,8 +50,7 @@ class Family:
     """
 
     check: OfRecording
-    quick: bool = False
-    explains: bool = False
+    first: bool = False
     needs: Needs = "rows"
     alone: bool = True
 
@@ -66,9 +64,9 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
-    Family(checked_wiring, quick=True),
+    Family(checked_wiring, first=True),
     Family(checked_signals),
-    Family(checked_information, quick=True, needs="survey", alone=False),
+    Family(checked_information, needs="survey", alone=False),
     Family(checked_residual, needs="fit"),
 )
 
