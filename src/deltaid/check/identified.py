@@ -24,7 +24,9 @@ _AFTER = tuple(family for family in OF_RECORDING if not family.first)
 _TOLD = {"standing", "saturation"}
 
 # Verdicts that say why a fit contradicts the recording or the prior.
-_EXPLAIN_A_FIT = {*KEYS["units and wiring"], "millimetres", "prior-scale"}
+_EXPLAIN_A_FIT = {
+    *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "millimetres",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

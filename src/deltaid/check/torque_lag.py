@@ -13,8 +13,10 @@ from deltaid.check.words import listed, percent
 _SPOILT = 0.05
 # A smaller lag [s] that spoils no inertia by this share is left unsaid.
 _LARGE, _HARMS = 2e-4, 0.003
-# Nothing is said of a lag whose interval is wider [s].
-_UNKNOWN = 1e-3
+# Nothing is said of a lag whose interval is wider than the one [s], and of one that is wider than
+# the other only where it is so many times as large: a slow motion shows a lag at its reversals
+# alone, where encoders and friction near rest play in.
+_UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
 
 
 def lag_verdicts(study: Study) -> Iterator[Verdict]:
@@ -35,7 +37,7 @@ def lag_verdicts(study: Study) -> Iterator[Verdict]:
         return
     harm = spoilt(study, study.scene.p)
     if not study.late or not _matters(study, harm):
-        if half > 1e3 * _UNKNOWN:
+        if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
             yield Verdict(
                 "torque-lag",
                 Grade.CANNOT_TELL,
@@ -91,7 +93,7 @@ def _matters(study: Study, harm: Float[np.ndarray, " dof"]) -> bool:
     """Whether a lag is clear of its interval, and large or harmful."""
     lag = study.common if study.alike else study.each
     size = np.abs(lag.values)
-    clear = size > lag.interval
+    clear = size > lag.interval * np.where(lag.interval > _WIDE, _CLEAR, 1.0)
     largest = np.max(size, where=clear, initial=0.0)
     return bool(largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS))
 
