@@ -311,7 +311,7 @@ def test_rows_of_data_behind_a_comment_mark_are_told(
     (warning,) = open_log(path, clavel.kinematics).warnings
     count, first = (3, 2) if at == 1 else (21, 282)
     assert f"{count} of them hold a number" in warning
-    assert warning.endswith(f"the first in row {first}")
+    assert f"the first in row {first};" in warning
 
 
 @pytest.mark.parametrize(("share", "uneven"), [(0.04, False), (0.08, True)])

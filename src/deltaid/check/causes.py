@@ -32,7 +32,7 @@ class Cause:
     kind: str
     found: tuple[Explained, ...]
     rms: Float[np.ndarray, " dof"]
-    coefficients: tuple[Float[np.ndarray, " columns"], ...]
+    coefficients: tuple[Float[np.ndarray, " _"], ...]
 
 
 def causes_of(study: Study) -> list[Cause]:

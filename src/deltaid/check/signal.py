@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.spectra import bandwidth, step_of, white_noise
@@ -22,6 +22,8 @@ _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
 _ROUGH, _USELESS = 0.1, 1.0
 # Steps of the encoder over a stroke that are too few whatever the filter makes of them.
 _FEW = 250.0
+# A drive that goes less far than this share of the others' way rests.
+_AT_LEAST = 0.01
 # Jitter of the stamps that is said, as a share of the period.
 _JITTER = 0.005
 # Share of the rows on a torque's largest or smallest number, and at rest.
@@ -105,8 +107,10 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
         rough = step / np.sqrt(12) * np.linalg.norm(response)
         size = np.std(_convolved(rows.q[:, i], response, low_pass.thinned))
         shares[i] = rough / np.sqrt(max(size**2 - rough**2, (0.1 * size) ** 2, 1e-300))
+    moves = _moving(evidence)
+    shares[~moves] = 0.0
     counts = np.ptp(rows.q, axis=0) / np.maximum(steps, 1e-300)
-    bad = np.flatnonzero((shares > _ROUGH) | ((counts < _FEW) & (counts > 0)))
+    bad = np.flatnonzero(moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0))))
     worst = int(np.argmax(shares))
     drive = robot.drives[worst]
     unit = robot.units(drive).coordinate
@@ -131,6 +135,15 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
         number=100 * float(shares[worst]),
         unit="%",
     )
+
+
+def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
+    """Drives that do not rest while others of their kind move: encoder and torque of one at rest
+    hold nothing but steps and noise, and nothing is wrong with that."""
+    robot, span = evidence.robot, np.ptp(evidence.rows.q, axis=0)
+    slides = np.array([robot.is_linear(drive) for drive in robot.drives])
+    largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
+    return span > _AT_LEAST * largest
 
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
@@ -259,9 +272,10 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
     steps = np.array([step_of(x) for x in tau.T])
     noise = white_noise(tau, 1.0 / evidence.rows.step)
     noise = np.sqrt(np.maximum(noise**2 - steps**2 / 12, 0.0))
-    coarse = np.flatnonzero(steps > _COARSE * spread).tolist()
-    noisy = [i for i in np.flatnonzero(noise > _NOISY * largest) if i not in coarse]
-    worst = int(np.argmax(noise / largest))
+    moves = _moving(evidence)
+    coarse = np.flatnonzero(moves & (steps > _COARSE * spread)).tolist()
+    noisy = [i for i in np.flatnonzero(moves & (noise > _NOISY * largest)) if i not in coarse]
+    worst = int(np.argmax(np.where(moves, noise / largest, 0.0)))
     if not noisy:
         number = 100 * float(noise[worst] / largest[worst])
         seen = f"at most {percent(noise[worst] / largest[worst])} of the largest torque"

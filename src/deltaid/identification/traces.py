@@ -173,7 +173,9 @@ def trace(
             part = joined.part(slice(first, last))
             stretches.append(replace(part, weights=_eroded(part.weights, reach / step)))
     if not stretches:
-        raise RecordingError("is too short to be filtered", where=str(log.path))
+        raise RecordingError(
+            "is too short to be filtered", where=str(log.path), cure="give a longer recording"
+        )
     return Trace(dynamics, load, tuple(stretches), recording.low_pass)
 
 

@@ -13,6 +13,8 @@ _SEGMENT = 4096
 # Power that stands out is so many times the noise: 20 dB. Noise of an encoder that stays on its
 # steps is taken for what it is where it is so many times that of the upper half of the band.
 _ABOVE, _COLOURED = 100.0, 4.0
+# A drive rests whose power is this share of the liveliest one's: 0.1 % of its way.
+_RESTS = 1e-6
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
 
@@ -115,13 +117,15 @@ class SpectrumEstimate:
         """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
 
         The noise floor is the median power of the upper half of the band, or what the steps of a
-        coarse encoder make of it. Twice, because torques hold products of velocities. None without
-        a full segment.
+        coarse encoder make of it. Drives that rest have no say: one that flickers between two
+        steps stands over its floor at all frequencies. Twice, because torques hold products of
+        velocities. None without a full segment.
         """
         if not self._segments:
             return None
         frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
         loud = self._power > _ABOVE * self._noise_floor[:, None]
-        above = np.flatnonzero(loud.any(axis=0))
+        power = self._power.sum(axis=1)
+        above = np.flatnonzero(loud[power > _RESTS * power.max()].any(axis=0))
         top = frequency[above[-1]] if above.size else frequency[1]
         return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))
