@@ -14,7 +14,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.recording import with_filter
-from deltaid.recording.study import study
+from deltaid.recording.time.study import study
 from test_clocks import even
 
 # A step of the number that stands for a row, in the column of the first torque.

@@ -11,12 +11,12 @@ from clocks import Rows
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.recording.clock import Clock
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.recording import Recording as Filtered
 from deltaid.recording.recording import with_filter
-from deltaid.recording.segments import longest_hole, segments
-from deltaid.recording.study import study
+from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.segments import longest_hole, segments
+from deltaid.recording.time.study import study
 
 
 @cache

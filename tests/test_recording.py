@@ -11,9 +11,9 @@ import pytest
 import zstandard
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.recording import csv_text, table
+from deltaid.recording import table
 from deltaid.recording.columns import ColumnMapping, load_mapping
-from deltaid.recording.formats import parquet
+from deltaid.recording.formats import csv_text, parquet
 from deltaid.recording.log import open_log
 from deltaid.recording.table import open_table, recut
 from logs import Spelling, comma, names, read, recorded, text, write

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deltaid.recording.resampling import Signal, fastest, interpolate, merge
+from deltaid.recording.time.resampling import Signal, fastest, interpolate, merge
 
 
 def wave(time: np.ndarray, frequency: float = 10.0) -> np.ndarray:

@@ -10,8 +10,8 @@ import pytest
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.wiring import checked_wiring
-from deltaid.check.wiring_motion import motion
+from deltaid.check.wiring.motion import motion
+from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.motion.random_motion import random_motion

@@ -16,7 +16,7 @@ from deltaid.check.priors import checked_priors
 from deltaid.check.residual import checked_residual
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
-from deltaid.check.wiring import checked_wiring
+from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.check.workspace import checked_workspace
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError

@@ -12,7 +12,7 @@ from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.words import listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
-from deltaid.recording.masks import Reason, kept
+from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.recording import Recording
 
 # Samples for one wave of the fastest part of a motion: fewer are doubtful, or wrong. Differentiated

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.left_out import LeftOut, Span
 from deltaid.recording.log import Log
-from deltaid.recording.masks import WHY, Mask, Reason
+from deltaid.recording.masks.masks import WHY, Mask, Reason
 
 REVERSAL, WHY_REVERSAL = (
     "reversal",

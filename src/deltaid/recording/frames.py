@@ -6,8 +6,8 @@ from typing import Any
 import polars as pl
 
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.seconds import is_clock
 from deltaid.recording.source import Rows
+from deltaid.recording.time.seconds import is_clock
 
 # One of polars; the run-time check of types cannot read the name of its class.
 _DataType = Any

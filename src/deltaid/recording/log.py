@@ -13,25 +13,25 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
-from deltaid.recording.clock import Clock, require_rate
-from deltaid.recording.clock_words import told_of_holes
 from deltaid.recording.columns import (
     ColumnMapping,
     Columns,
     extra_drives,
     resolve_columns,
 )
-from deltaid.recording.masks import Mask, Weights, require_rest
+from deltaid.recording.masks.masks import Mask, Weights, require_rest
+from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.masks.stale import bridged
 from deltaid.recording.memory import Recording, RecordingLike, as_source
-from deltaid.recording.runs import runs_of
-from deltaid.recording.segments import longest_hole, segments
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
-from deltaid.recording.stale import bridged
-from deltaid.recording.study import study
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import Batch, open_table, read_batches
-from deltaid.recording.unwrap import Unwrapping
+from deltaid.recording.time.clock import Clock, require_rate
+from deltaid.recording.time.segments import longest_hole, segments
+from deltaid.recording.time.study import study
+from deltaid.recording.time.unwrap import Unwrapping
+from deltaid.recording.time.words import told_of_holes
 
 # Holes that are bridged while the cut-off is not known yet, and the longest stretch of stale rows
 # in whose place a motion is put [s].

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Channel, Columns
 from deltaid.recording.source import Rows, Table
-from deltaid.recording.unwrap import Unwrapping
+from deltaid.recording.time.unwrap import Unwrapping
 
 
 def to_si(

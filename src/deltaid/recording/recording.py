@@ -10,14 +10,14 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
-from deltaid.recording.clock import ClockReport
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
-from deltaid.recording.masks import before_stops
+from deltaid.recording.masks.directions import Directions
+from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.spectrum import SpectrumEstimate
+from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")

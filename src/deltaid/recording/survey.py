@@ -12,14 +12,14 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity
 from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
-from deltaid.recording.clock import Clock, ClockCheck, require_rate
-from deltaid.recording.clock_words import told_of_stamps
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
-from deltaid.recording.mask_search import MaskSearch
+from deltaid.recording.masks.search import MaskSearch
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import Power, SpectrumEstimate, power_of
 from deltaid.recording.table import Batch, recut
+from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
+from deltaid.recording.time.words import told_of_stamps
 
 # No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
 # are degrees.

@@ -12,11 +12,11 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import ColumnMapping, Columns
 from deltaid.recording.formats import FORMATS
+from deltaid.recording.formats.stream import content, packed_by
 from deltaid.recording.numbers import to_si
-from deltaid.recording.seconds import Seconds
 from deltaid.recording.source import Rows, Table
-from deltaid.recording.stream import content, packed_by
-from deltaid.recording.unwrap import Unwrapping
+from deltaid.recording.time.seconds import Seconds
+from deltaid.recording.time.unwrap import Unwrapping
 
 # Rows of a batch, however the file is read, so that nothing depends on how it is.
 _BATCH_ROWS = 1 << 16

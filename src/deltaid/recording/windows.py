@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
-from deltaid.recording.directions import Directions
 from deltaid.recording.filter import LowPass, apply, convolve
+from deltaid.recording.masks.directions import Directions
 from deltaid.recording.table import recut
 
 # Samples of a window: long against the filter's length, short against memory, and no power of two,

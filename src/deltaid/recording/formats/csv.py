@@ -7,8 +7,8 @@ from pathlib import Path
 from deltaid.errors import Doubt
 from deltaid.recording.address import Field
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.csv_layout import CsvLayout, open_csv
-from deltaid.recording.csv_text import read_csv
+from deltaid.recording.formats.csv_layout import CsvLayout, open_csv
+from deltaid.recording.formats.csv_text import read_csv
 from deltaid.recording.source import Rows, Table
 
 

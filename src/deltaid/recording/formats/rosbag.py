@@ -20,8 +20,8 @@ from deltaid.recording.formats.joint_topics import (
     topics_of,
 )
 from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
-from deltaid.recording.resampling import Signal, fastest, merge
 from deltaid.recording.source import Rows, Table, opened
+from deltaid.recording.time.resampling import Signal, fastest, merge
 
 # Names of the times: of the headers, and of the receipt.
 _STAMPED, _RECEIVED = "t", "received"

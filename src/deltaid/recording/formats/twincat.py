@@ -11,11 +11,11 @@ import polars as pl
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field
 from deltaid.recording.columns import ColumnMapping
-from deltaid.recording.csv_end import NO_LINE_BREAK
-from deltaid.recording.csv_text import Decimals, per_line, whole_lines
+from deltaid.recording.formats.csv_end import NO_LINE_BREAK
+from deltaid.recording.formats.csv_text import Decimals, per_line, whole_lines
 from deltaid.recording.formats.twincat_layout import ScopeLayout, Trace, is_scope, open_scope
-from deltaid.recording.resampling import Signal, fastest, merge
 from deltaid.recording.source import Rows, Table
+from deltaid.recording.time.resampling import Signal, fastest, merge
 
 _TIME = "t"
 _NEUTRAL = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}

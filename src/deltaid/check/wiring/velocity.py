@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.wiring_motion import Motion
-from deltaid.check.wiring_residual import Map
+from deltaid.check.wiring.motion import Motion
+from deltaid.check.wiring.residual import Map
 from deltaid.recording.filter import apply
 
 _BLOCKS = 16

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.runs import NONE, Runs, joined, rolling, runs_of
+from deltaid.recording.masks.runs import NONE, Runs, joined, rolling, runs_of
 
 # Rest lasts so long at least [s], and so many rows.
 _LASTS, _ROWS = 0.04, 5

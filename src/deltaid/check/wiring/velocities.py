@@ -6,10 +6,10 @@ import numpy as np
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.wiring_cures import Entries, Values
-from deltaid.check.wiring_motion import Motion
-from deltaid.check.wiring_residual import Map
-from deltaid.check.wiring_velocity import Rate, rates
+from deltaid.check.wiring.cures import Entries, Values
+from deltaid.check.wiring.motion import Motion
+from deltaid.check.wiring.residual import Map
+from deltaid.check.wiring.velocity import Rate, rates
 
 # Correlation above which a column is some drive's velocity, and by which another's goes better.
 _TOGETHER, _BETTER = 0.9, 0.05

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.recording.masks import Mask
-from deltaid.recording.runs import NONE, Runs
+from deltaid.recording.masks.masks import Mask
+from deltaid.recording.masks.runs import NONE, Runs
 from deltaid.recording.table import Batch
 
 # Positions jump by so many steps of the encoder, and so many times as far as from row to row

@@ -14,11 +14,11 @@ import polars as pl
 from jaxtyping import Int
 
 from deltaid.errors import RecordingError
-from deltaid.recording.csv_end import is_marked_row
-from deltaid.recording.csv_layout import LONGEST_LINE, CsvLayout
-from deltaid.recording.seconds import is_clock
+from deltaid.recording.formats.csv_end import is_marked_row
+from deltaid.recording.formats.csv_layout import LONGEST_LINE, CsvLayout
+from deltaid.recording.formats.stream import content, skip
 from deltaid.recording.source import Rows
-from deltaid.recording.stream import content, skip
+from deltaid.recording.time.seconds import is_clock
 
 _BLOCK_BYTES = 4 << 20
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.clock import Clock
-from deltaid.recording.masks import Mask, Reason
-from deltaid.recording.rest import RestSearch
-from deltaid.recording.runs import NONE, Runs, joined, without
-from deltaid.recording.saturation import Extreme
-from deltaid.recording.stale import StaleSearch
+from deltaid.recording.masks.masks import Mask, Reason
+from deltaid.recording.masks.rest import RestSearch
+from deltaid.recording.masks.runs import NONE, Runs, joined, without
+from deltaid.recording.masks.saturation import Extreme
+from deltaid.recording.masks.stale import StaleSearch
+from deltaid.recording.time.clock import Clock
 
 # A channel at its end is taken to stay there for so long [s] between two samples on it: noise took
 # it off for a moment, and what it leaves there is noise of one sign.

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.check.wiring_motion import Motion
-from deltaid.check.wiring_residual import Map, Residual, poses, residual
+from deltaid.check.wiring.motion import Motion
+from deltaid.check.wiring.residual import Map, Residual, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
 
 # A gain so far from the others' is no error of calibration.

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 
 from deltaid.errors import Doubt
-from deltaid.recording.stream import skip
+from deltaid.recording.formats.stream import skip
 
 NO_LINE_BREAK = Doubt(
     "the last line has no line break, so its last number may be cut off",

@@ -12,8 +12,8 @@ from itertools import groupby
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.recording.clock import Clock
-from deltaid.recording.resampling import interpolate, weights_at
+from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.resampling import interpolate, weights_at
 
 Rows = Float[np.ndarray, "_ _"]
 Places = Float[np.ndarray, " _"]

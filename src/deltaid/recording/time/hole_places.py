@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.grid import Grid, spread
+from deltaid.recording.time.grid import Grid, spread
 
 # How far from where stamps suggest it a hole may be: at least so many rows, and so many times the
 # jitter, and no more than so many. Rows beside these.

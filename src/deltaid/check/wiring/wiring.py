@@ -15,14 +15,14 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.verdict import Grade, Verdict, worst
-from deltaid.check.wiring_cures import Entries, Values
-from deltaid.check.wiring_motion import Motion, motion
-from deltaid.check.wiring_residual import Map
-from deltaid.check.wiring_scale import INERTIA, VISCOUS, overall, ratios, unit_of
-from deltaid.check.wiring_search import SLIDING, TURNING, Candidate, explained
-from deltaid.check.wiring_velocities import velocity_verdicts
-from deltaid.check.wiring_velocity import rates
-from deltaid.check.wiring_zeros import zero_verdicts
+from deltaid.check.wiring.cures import Entries, Values
+from deltaid.check.wiring.motion import Motion, motion
+from deltaid.check.wiring.residual import Map
+from deltaid.check.wiring.scale import INERTIA, VISCOUS, overall, ratios, unit_of
+from deltaid.check.wiring.search import SLIDING, TURNING, Candidate, explained
+from deltaid.check.wiring.velocities import velocity_verdicts
+from deltaid.check.wiring.velocity import rates
+from deltaid.check.wiring.zeros import zero_verdicts
 from deltaid.check.words import listed, percent
 from deltaid.recording.columns import Quantity
 

@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import lowest_rate
-from deltaid.recording.grid import FASTEST, usual_step
-from deltaid.recording.runs import Runs
+from deltaid.recording.masks.runs import Runs
 from deltaid.recording.source import Table
 from deltaid.recording.table import Batch
+from deltaid.recording.time.grid import FASTEST, usual_step
 
 # A step that is off the usual one by more than this share is uneven.
 _JITTER = 0.05

@@ -7,7 +7,7 @@ their neighbours all the same.
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.recording.grid import FAR, medians
+from deltaid.recording.time.grid import FAR, medians
 
 # Rows about a stamp whose median it is compared with: up to half as many may be off in a row, and a
 # staircase of gaps is its own median.

@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.clock import Clock
 from deltaid.recording.source import Table
+from deltaid.recording.time.clock import Clock
 
 # Jitter that is worth a word, as a share of a period.
 _WORTH = 0.01

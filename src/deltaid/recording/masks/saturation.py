@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.runs import NONE, Runs, joined, runs_of
+from deltaid.recording.masks.runs import NONE, Runs, joined, runs_of
 
 # Levels next to the extreme that it is compared with, and how many times as often it is met.
 _BESIDE, _OFTEN = 4, 8

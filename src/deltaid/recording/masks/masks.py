@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.recording.runs import Runs, joined
+from deltaid.recording.masks.runs import Runs, joined
 
 # A recording is refused where less than this share of the rows is left for a drive.
 _LEAST = 0.02

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.recording.clock import Clock
-from deltaid.recording.grid import (
+from deltaid.recording.table import recut
+from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.grid import (
     ROUNDED,
     SHARP,
     far_steps,
@@ -16,9 +17,8 @@ from deltaid.recording.grid import (
     spread,
     usual_step,
 )
-from deltaid.recording.hole_places import revised
-from deltaid.recording.table import recut
-from deltaid.recording.wild import repaired
+from deltaid.recording.time.hole_places import revised
+from deltaid.recording.time.wild import repaired
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
 _SIZE, _EDGE = 1 << 16, 1024

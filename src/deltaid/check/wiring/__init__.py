@@ -1,0 +1,1 @@
+"""Verdicts on units and wiring: what the columns of a log are, and of which drive."""
