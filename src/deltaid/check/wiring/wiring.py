@@ -1,7 +1,7 @@
 """Units, gears, signs, order and zeros of columns: what makes sense of a recording, and what not.
 
 All hypotheses are tried on the same filtered stretch (`wiring_motion`): do the loops close, and how
-much of the torques do least squares leave (`wiring_residual`, `wiring_search`)? What all drives may
+much of the torques do least squares leave (`residual`, `search`)? What all drives may
 have in common is judged by the prior (`wiring_scale`), zeros and gravity by their own columns
 (`wiring_homing`), velocities by the derivatives of positions (`wiring_velocity`).
 """
