@@ -408,7 +408,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
 
 
 CODE = "\n".join(
-    path.read_text(encoding="utf-8") for path in (ROOT / "src/deltaid/check").glob("*.py")
+    path.read_text(encoding="utf-8") for path in (ROOT / "src/deltaid/check").rglob("*.py")
     if path.name != "verdict.py"
 )  # fmt: skip
 
