@@ -13,7 +13,7 @@ import scipy.io
 
 import bags
 import scopes
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from logs import recorded, write
 
 FRAME = recorded(1500)

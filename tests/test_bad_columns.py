@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats import parquet
 from deltaid.recording.log import open_log
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.units import si_factor
 from logs import recorded, refusal, text, write
 

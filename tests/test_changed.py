@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import deltaid
 from deltaid.errors import DescriptionError
-from deltaid.recording.columns import ColumnMapping, load_mapping
+from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, load_robot
 from deltaid.robot.own import OwnMechanism

@@ -16,7 +16,7 @@ from ruamel.yaml import YAML
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import catalogue, catalogue_text, load_robot, load_yaml, parse, save_yaml

@@ -15,7 +15,7 @@ import typer
 import deltaid
 from deltaid.cli.app import app
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from sessions import ROOT, SKIPPED, blocks
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from kinds_of_files import KINDS, ROWS, TAU, Q, T
 from logs import read, recorded, refusal, write
 

@@ -6,8 +6,8 @@ import polars as pl
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import open_log
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
 from logs import comma, read, recorded, refusal, text, write
 

@@ -16,7 +16,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 
 Columns = dict[str, np.ndarray]

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from deltaid.mechanism.user_code import use_mechanism
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
-    from deltaid.recording.columns import ColumnMapping, load_mapping
+    from deltaid.recording.mapping import ColumnMapping, load_mapping
     from deltaid.recording.memory import Recording
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "BodyPose": "deltaid.mechanism.own",
-    "ColumnMapping": "deltaid.recording.columns",
+    "ColumnMapping": "deltaid.recording.mapping",
     "ConstraintForces": "deltaid.forces.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
@@ -66,7 +66,7 @@ _HOME = {
     "identify": "deltaid.check.identified",
     "integrate": "deltaid.control.simulation",
     "load": "deltaid.model.model",
-    "load_mapping": "deltaid.recording.columns",
+    "load_mapping": "deltaid.recording.mapping",
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",
     "step_through": "deltaid.control.simulation",

@@ -11,8 +11,9 @@ from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
-from deltaid.recording.columns import ColumnMapping, Columns
+from deltaid.recording.columns import Columns
 from deltaid.recording.log import resolved_table
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.recording.source import Table

@@ -13,7 +13,7 @@ from deltaid.identification.fit import Progress
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.record import Settings
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, yaml_text

@@ -10,7 +10,8 @@ from typing import Any, Literal
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.errors import DescriptionError
-from deltaid.recording.columns import QUANTITIES, ColumnMapping, Columns, si_unit
+from deltaid.recording.columns import Columns, si_unit
+from deltaid.recording.mapping import QUANTITIES, ColumnMapping
 from deltaid.recording.source import Table
 from deltaid.robot.load import (
     RobotLike,

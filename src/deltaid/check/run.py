@@ -22,7 +22,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.information import Information, merge
 from deltaid.model.record import Settings
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described

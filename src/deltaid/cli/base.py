@@ -46,7 +46,7 @@ def base(
     positive("--cutoff", cutoff)
     mapping = None
     if columns:
-        from deltaid.recording.columns import load_mapping
+        from deltaid.recording.mapping import load_mapping
 
         mapping = load_mapping(columns)
     dynamics = compiled(load_robot(robot))

@@ -12,7 +12,7 @@ from deltaid.cli.options import KeepAll, output_file
 if TYPE_CHECKING:
     from deltaid.check.mended import Changes, Data, File
     from deltaid.check.verdict import Verdict
-    from deltaid.recording.columns import ColumnMapping
+    from deltaid.recording.mapping import ColumnMapping
 
 # Exit codes by the most severe verdict; 1 and 2 mean what they mean everywhere.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
@@ -54,7 +54,7 @@ def check(
     from deltaid.cli.output import console, positive, print_json, progress, require_outputs
     from deltaid.files import together
     from deltaid.model.record import Settings
-    from deltaid.recording.columns import load_mapping
+    from deltaid.recording.mapping import load_mapping
 
     logs = logs or []
     positive("--cutoff", cutoff)

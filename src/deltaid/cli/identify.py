@@ -83,7 +83,7 @@ def identify(
     from deltaid.identification.validation import remarks, validate
     from deltaid.model.model import load
     from deltaid.model.record import Settings
-    from deltaid.recording.columns import load_mapping
+    from deltaid.recording.mapping import load_mapping
     from deltaid.recording.source import opened
 
     positive("--gamma", gamma, GAMMA_LIMITS)

@@ -20,7 +20,7 @@ def schema(
     """Print the JSON Schema of a file that deltaid reads."""
     from deltaid.cli.output import print_json
     from deltaid.model.record import IdentifiedModel
-    from deltaid.recording.columns import ColumnMapping
+    from deltaid.recording.mapping import ColumnMapping
     from deltaid.robot.description import RobotDescription
 
     models = {

@@ -168,7 +168,7 @@ def load_trajectory(
     """
     from deltaid.control.trajectory import open_trajectory
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.recording.columns import load_mapping
+    from deltaid.recording.mapping import load_mapping
 
     mapping = load_mapping(columns) if columns else None
     motion, log = open_trajectory(path, compiled(robot).kinematics, mapping)

@@ -33,8 +33,8 @@ def torque(
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.identification.validation import model_filtered
     from deltaid.model.model import load
-    from deltaid.recording.columns import load_mapping
     from deltaid.recording.log import open_log
+    from deltaid.recording.mapping import load_mapping
 
     require_writable(output, [Path(model), log, *([columns] if columns else [])])
     known = load(model)

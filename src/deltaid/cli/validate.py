@@ -47,7 +47,7 @@ def validate(
     from deltaid.identification.validation import model_filtered, remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
-    from deltaid.recording.columns import load_mapping
+    from deltaid.recording.mapping import load_mapping
     from deltaid.report.left_out import left_out_table
     from deltaid.report.model_tables import error_table
 

@@ -37,7 +37,7 @@ from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, quantile
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 

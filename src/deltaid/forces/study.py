@@ -20,7 +20,7 @@ from deltaid.forces.ranges import (
     structural_determinacy,
 )
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import Recording
 
 

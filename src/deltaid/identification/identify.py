@@ -21,7 +21,7 @@ from deltaid.identification.judgement import (
 from deltaid.identification.left_out import left_out
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.record import IdentifiedModel, Settings, Source
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described

@@ -22,7 +22,7 @@ from deltaid.identification.information import Information, triangle
 from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 

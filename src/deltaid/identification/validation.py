@@ -5,8 +5,8 @@ import numpy as np
 from deltaid.errors import Doubt
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, with_filter
 

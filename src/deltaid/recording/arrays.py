@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import ColumnMapping, DriveColumn, Quantity, TimeColumn
+from deltaid.recording.mapping import ColumnMapping, DriveColumn, Quantity, TimeColumn
 
 # In one unit for all drives, or one a drive.
 Units = str | Sequence[str]

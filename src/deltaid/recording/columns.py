@@ -1,211 +1,26 @@
-"""Which column of a log is what, and in which unit. Units are declared, never guessed."""
+"""Columns of a log by what they are, with the factors that make SI units of them."""
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, find, listing
+from deltaid.recording.mapping import (
+    DATES,
+    QUANTITIES,
+    TIMES,
+    AllDrives,
+    ColumnMapping,
+    DriveColumn,
+    Quantity,
+)
 from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
-from deltaid.robot.load import load_yaml
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Positive
 
-
-def _numbered(value: object) -> object:
-    """A column's number as the name that it has in a log without header."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-Name = Annotated[
-    str,
-    BeforeValidator(_numbered, json_schema_input_type=str | int),
-    Field(min_length=1, description="as in the log's header; its number from 1 if there is none"),
-]
-Quantity = Literal["position", "velocity", "acceleration", "torque"]
-QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
-# Default names of the time.
-TIMES = ("t", "time")
-# What may be given for the unit of dates, which have none.
-DATES = ("iso", "datetime")
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
 _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
-
-
-class DriveColumn(Part):
-    """One column of one drive, and how its numbers become SI at the robot's joint.
-
-    joint value = sign · unit · (number − zero) / gear for motion, and
-    joint torque = sign · unit · torque_constant · (number − zero) · gear for torque. With a `lead`
-    the unit is one of the turning motor, and a revolution of it moves a linear drive that far.
-    """
-
-    column: Name
-    unit: str = Field(
-        description="such as deg, rpm, mN*m, or A with a torque_constant; a number may stand "
-        "before it, such as 0.0235 N*m for per mille of 23.5 N m"
-    )
-    gear: Positive = Field(default=1.0, description="motor revolutions per joint revolution")
-    lead: Positive | None = Field(
-        default=None,
-        description="m per revolution of spindle or belt pulley, for a linear drive whose column "
-        "is of the motor",
-    )
-    sign: Literal[1, -1] = Field(default=1, description="-1 if the column counts the other way")
-    zero: float = Field(default=0.0, description="the column's number where the joint value is 0")
-    torque_constant: Positive | None = Field(
-        default=None, description="N m per A at the motor, for torque columns in ampere"
-    )
-
-
-class AllDrives(Part):
-    """One entry for all drives, in place of a list with one a drive.
-
-    Columns are those of one array, or are listed; of all else there is one for all, or a list.
-    """
-
-    column: Name | None = Field(
-        default=None, description="array with one column a drive: column[0], column[1], …"
-    )
-    columns: tuple[Name, ...] | None = Field(
-        default=None, description="in place of it: one column a drive"
-    )
-    unit: str | tuple[str, ...]
-    gear: Positive | tuple[Positive, ...] = 1.0
-    lead: Positive | tuple[Positive, ...] | None = None
-    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = 1
-    zero: float | tuple[float, ...] = 0.0
-    torque_constant: Positive | tuple[Positive, ...] | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> "AllDrives":
-        if (self.column is None) == (self.columns is None):
-            raise ValueError("needs either column, of an array, or columns")
-        return self
-
-    def names(self, dof: int) -> tuple[str, ...]:
-        """The column of each drive."""
-        return self.columns or tuple(f"{self.column}[{i}]" for i in range(dof))
-
-    def entries(self, dof: int, where: str) -> tuple[DriveColumn, ...]:
-        """The same as a list.
-
-        Raises:
-            RecordingError: a list has another length than there are drives.
-        """
-        given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set}
-        given = {"columns": self.names(dof)} | given
-        drives: list[dict[str, Any]] = [{} for _ in range(dof)]
-        for key, value in given.items():
-            if key == "column":
-                continue
-            if isinstance(value, tuple) and len(value) != dof:
-                raise RecordingError(
-                    f"lists {len(value)} {key if key == 'columns' else 'values'}, "
-                    f"but the robot has {dof} drives",
-                    where=where if key == "columns" else f"{where}.{key}",
-                    cure="list one a drive, in order of q, or give one value for all",
-                )
-            for i, drive in enumerate(drives):
-                name = "column" if key == "columns" else key
-                drive[name] = value[i] if isinstance(value, tuple) else value
-        return tuple(DriveColumn(**drive) for drive in drives)
-
-
-def _spelling(value: object) -> str:
-    return "all" if isinstance(value, Mapping | AllDrives) else "each"
-
-
-DriveColumns = Annotated[
-    Annotated[AllDrives, Tag("all")] | Annotated[tuple[DriveColumn, ...], Tag("each")],
-    Discriminator(_spelling),
-]
-
-
-class TimeColumn(Part):
-    """The time column, or what takes its place.
-
-    A column with a unit holds times; one with a rate counts cycles; a rate alone stands for the
-    time of a log without.
-    """
-
-    column: Name = "t"
-    unit: str = Field(
-        default="s",
-        description="such as s, ms, 100 ns; dates and times of day (ISO 8601) have none",
-    )
-    rate: Positive | None = Field(
-        default=None,
-        description="samples a second, in place of a time column; or what a column counts a second",
-    )
-
-    @property
-    def is_absent(self) -> bool:
-        """Whether there is no column: samples follow one another at the rate."""
-        return self.rate is not None and "column" not in self.model_fields_set
-
-    @model_validator(mode="after")
-    def _check(self) -> "TimeColumn":
-        if self.rate is not None and "unit" in self.model_fields_set:
-            raise ValueError(
-                "gives unit and rate: a column of times has a unit, one that counts cycles a rate, "
-                "and a log without time the rate alone"
-            )
-        return self
-
-
-class ColumnMapping(Part):
-    """The user's mapping file: columns of a log by address, drives in order of q."""
-
-    time: TimeColumn = TimeColumn()
-    position: DriveColumns | None = None
-    velocity: DriveColumns | None = None
-    acceleration: DriveColumns | None = None
-    torque: DriveColumns | None = None
-    header_row: Annotated[int, Field(ge=1)] = Field(
-        default=1,
-        description="line of a CSV file of the column names; searched if neither row is given",
-    )
-    data_row: int | None = Field(
-        default=None,
-        description="line of a CSV file that holds the first numbers; after header_row by default",
-    )
-    _source: str = PrivateAttr("column mapping")
-
-    @property
-    def source(self) -> str:
-        """The file it comes from, for messages."""
-        return self._source
-
-    def of(self, source: str) -> "ColumnMapping":
-        """The same, known by the file that it comes from."""
-        mapping = self.model_copy()
-        mapping._source = source
-        return mapping
-
-    @property
-    def needed(self) -> tuple[tuple[str, ...], ...]:
-        """Names of which a header holds one each: time, and positions of whatever robot."""
-        if isinstance(self.position, AllDrives):
-            names = self.position.names(1)
-        else:
-            names = [c.column for c in self.position or ()]
-        times = (self.time.column,) if "column" in self.time.model_fields_set else TIMES
-        positions = [(name,) for name in names] or [("q1", "q[0]")]
-        return (*positions,) if self.time.is_absent else (times, *positions)
-
-    @model_validator(mode="after")
-    def _check(self) -> "ColumnMapping":
-        if self.data_row is not None and self.data_row <= self.header_row:
-            raise ValueError("data_row must come after header_row")
-        return self
 
 
 @dataclass(frozen=True)
@@ -255,15 +70,6 @@ class Columns:
     def recorded(self) -> tuple[Channel, ...]:
         """The channels that stand in the log: all, or all but the time."""
         return self.all[1:] if self.time.is_absent else self.all
-
-
-def load_mapping(path: str | Path) -> ColumnMapping:
-    """Read a mapping file.
-
-    Raises:
-        DescriptionError: the file does not fit.
-    """
-    return load_yaml(Path(path), ColumnMapping).of(str(path))
 
 
 def resolve_columns(

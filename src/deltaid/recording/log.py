@@ -13,12 +13,8 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
-from deltaid.recording.columns import (
-    ColumnMapping,
-    Columns,
-    extra_drives,
-    resolve_columns,
-)
+from deltaid.recording.columns import Columns, extra_drives, resolve_columns
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.masks.masks import Mask, Weights, require_rest
 from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.masks.stale import bridged

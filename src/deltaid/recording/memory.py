@@ -20,8 +20,8 @@ from deltaid.recording.arrays import (
     require_shapes,
     time_of,
 )
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.frames import fields_of, rows_of, tops
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table
 
 _SLICE_ROWS = 1 << 16

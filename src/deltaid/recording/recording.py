@@ -10,9 +10,9 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources

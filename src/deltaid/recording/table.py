@@ -10,9 +10,10 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import ColumnMapping, Columns
+from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.formats.stream import content, packed_by
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.numbers import to_si
 from deltaid.recording.source import Rows, Table
 from deltaid.recording.time.seconds import Seconds

@@ -24,7 +24,7 @@ from deltaid.check.wiring.velocities import velocity_verdicts
 from deltaid.check.wiring.velocity import rates
 from deltaid.check.wiring.zeros import zero_verdicts
 from deltaid.check.words import listed, percent
-from deltaid.recording.columns import Quantity
+from deltaid.recording.mapping import Quantity
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.
 _WRONG_SCALE, _DOUBTFUL_SCALE = 4.0, 2.5

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from deltaid.errors import Doubt
 from deltaid.recording.address import Field
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.csv_layout import CsvLayout, open_csv
 from deltaid.recording.formats.csv_text import read_csv
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.csv_end import NO_LINE_BREAK, find_end, is_marked_row, is_number
 from deltaid.recording.formats.stream import content
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.units import is_unit
 
 LONGEST_LINE = 1 << 20

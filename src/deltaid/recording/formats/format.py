@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Protocol
 
-from deltaid.recording.columns import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.arrays import ArrayTable, Cut
 from deltaid.recording.formats.mat5 import Damaged, Numbers, Variable, contents, variables
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, opened
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.arrays import ArrayTable, Cut, entries_of, fields_of
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, first_line, opened
 
 # The one array of a .npy file is called so.

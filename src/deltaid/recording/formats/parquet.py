@@ -9,9 +9,9 @@ from pathlib import Path
 import polars as pl
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.last_words import last_words
 from deltaid.recording.frames import fields_of, rows_of, tops
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table, first_line, readable
 
 # Several slices share a row group, of which each decodes more than its own rows.

@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field, Pick, find, listing
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.bag_reader import is_bag, opened_bag, storage
 from deltaid.recording.formats.joint_topics import (
     Topic,
@@ -20,6 +19,7 @@ from deltaid.recording.formats.joint_topics import (
     topics_of,
 )
 from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table, opened
 from deltaid.recording.time.resampling import Signal, fastest, merge
 

@@ -10,10 +10,10 @@ import polars as pl
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field
-from deltaid.recording.columns import ColumnMapping
 from deltaid.recording.formats.csv_end import NO_LINE_BREAK
 from deltaid.recording.formats.csv_text import Decimals, per_line, whole_lines
 from deltaid.recording.formats.twincat_layout import ScopeLayout, Trace, is_scope, open_scope
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table
 from deltaid.recording.time.resampling import Signal, fastest, merge
 
