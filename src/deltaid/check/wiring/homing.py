@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.check.wiring.candidate import Candidate
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.search import Candidate
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 

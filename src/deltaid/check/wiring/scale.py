@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.check.wiring.candidate import TURNING, Candidate
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.search import TURNING, Candidate
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 

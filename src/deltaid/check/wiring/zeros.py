@@ -7,11 +7,11 @@ import numpy as np
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.verdict import Grade, Proposal, Verdict
+from deltaid.check.wiring.candidate import CLOSED, Candidate, assigned
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.homing import Shifts, across, shifts
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import residual
-from deltaid.check.wiring.search import CLOSED, Candidate, assigned
 from deltaid.check.words import listed
 
 # Standard deviations from zero that are said, and beside which another cause is not needed.
