@@ -10,15 +10,15 @@ from _timing import machine
 TABLES = Path(__file__).with_name("tables")
 
 
-def leave(head: Sequence[str], rows: Sequence[Sequence[object]], note: str) -> Path:
-    """Write a Markdown table named like the command, and print it."""
+def leave(head: Sequence[str], rows: Sequence[Sequence[object]], note: str, name: str = "") -> Path:
+    """Write a Markdown table, named like the command where nothing else is said, and print it."""
     script = Path(sys.argv[0])
     command = " ".join(["python", f"benchmarks/{script.name}", *sys.argv[1:]])
     lines = [" | ".join(map(str, row)) for row in (head, ["---"] * len(head), *rows)]
     table = "\n".join(f"| {line} |" for line in lines)
     text = f"{note}\n\n`{command}`, {date.today()}\n\n{table}\n\n{machine()}\n"
     TABLES.mkdir(exist_ok=True)
-    path = TABLES / f"{script.stem}.md"
+    path = TABLES / f"{name or script.stem}.md"
     path.write_text(text, encoding="utf-8")
     print(text)
     return path

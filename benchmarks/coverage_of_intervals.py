@@ -1,26 +1,50 @@
-"""How often 95 % intervals of base parameters hold the truth, over many seeds of noise.
+"""How often 95 % intervals hold the truth, over many seeds.
 
     pip install -e '.[test,benchmark]'
     python benchmarks/coverage_of_intervals.py [SEEDS]
+    python benchmarks/coverage_of_intervals.py --priors [SEEDS]
 
-Leaves `tables/coverage_of_intervals.md`. The tests run some seeds of it (`tests/test_coverage.py`).
+Base parameters by kinds of noise leave `tables/coverage_of_intervals.md`. With `--priors`:
+parameters of bodies of random robots, described well and badly, by what decided them, which leaves
+`tables/coverage_of_labels.md`. The tests run some seeds of both (`tests/test_coverage.py`,
+`tests/test_labels.py`).
 """
 
 import sys
+from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 from _table import leave
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from interval_coverage import KINDS, ROBOTS, covered, covered_by_white_formula, estimates
+from deltaid.dynamics.dynamics import compiled
+from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.robot.load import load_robot
+from interval_coverage import KINDS, RATE, ROBOTS, covered, covered_by_white_formula, estimates
+from poor_priors import outcome
 
 HEAD = ("robot", "noise", "seeds", "mean", "worst parameter", "by the formula for white noise")
+KINDS_OF_ROBOTS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "i4", "par4")
+LABELS = ("data", "sum", "limit", "prior")
+LABELS_HEAD = (
+    "robot",
+    "priors",
+    "robots",
+    *(f"hold: {label}" for label in LABELS),
+    "M, 90 %",
+    "M, worst",
+    "with a prior widened",
+)
 
 
 def main() -> int:
-    """Count, print, and write the table."""
-    seeds, rows = int(sys.argv[1]) if len(sys.argv) > 1 else 200, []
+    """Count, print, and write a table."""
+    arguments = [each for each in sys.argv[1:] if each != "--priors"]
+    if "--priors" in sys.argv:
+        return _labels(int(arguments[0]) if arguments else 20)
+    seeds, rows = int(arguments[0]) if arguments else 200, []
     for name in ROBOTS:
         for kind in KINDS:
             with TemporaryDirectory() as folder:
@@ -30,6 +54,38 @@ def main() -> int:
             rows.append((name, kind, seeds, *(f"{figure:.1%}" for figure in figures)))
     note = "Share of 95 % intervals of base parameters that hold the truth, mean over parameters."
     leave(HEAD, rows, note)
+    return 0
+
+
+def _labels(seeds: int) -> int:
+    rows = []
+    for name in KINDS_OF_ROBOTS:
+        robot = load_robot(name)
+        run = Exciter(compiled(robot), ExcitationSettings(starts=1, rate=RATE)).optimise().run
+        for poor in (False, True):
+            hold, every, errors, widened = Counter[str](), Counter[str](), [], 0
+            for seed in range(seeds):
+                one = outcome(robot, run, seed, poor=poor, duration=run.duration, rate=RATE)
+                held, counted = one.held()
+                hold, every = hold + held, every + counted
+                errors.append(one.mass_error)
+                corrections = getattr(one.found.model, "corrections", ())
+                widened += any(each.kind == "prior" for each in corrections)
+            shares = (
+                f"{hold[label]}/{every[label]} = {hold[label] / every[label]:.0%}"
+                if every[label]
+                else "–"
+                for label in LABELS
+            )
+            mass = f"{np.quantile(errors, 0.9):.2%}", f"{max(errors):.2%}"
+            priors = "2 to 20 times off" if poor else "within twice"
+            rows.append((name, priors, seeds, *shares, *mass, f"{widened / seeds:.0%}"))
+            print(*rows[-1], flush=True)
+    note = (
+        "Share of 95 % intervals of parameters of bodies that hold the truth, by what decided "
+        "them, and errors of M; random bodies, optimised motions, 2 % torque noise."
+    )
+    leave(LABELS_HEAD, rows, note, name="coverage_of_labels")
     return 0
 
 

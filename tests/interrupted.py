@@ -171,7 +171,8 @@ def cost_of_masks(name: str, rate: float, seed: int) -> Cost:
     one = one.measured(rng, BITS[seed % len(BITS)], 0.02, 10.0 if seed % 2 else 1.0)
     fits = [identify(name, one.frame, settings=Settings(keep_all=keep)) for keep in (True, False)]
     all_rows, masked = (uncertainty(fit.problem) for fit in fits)
-    shown = all_rows.by_data & masked.by_data & (all_rows.interval > 0)
+    told = [one.std < 0.5 * one.prior_std for one in (all_rows, masked)]
+    shown = told[0] & told[1] & (all_rows.interval > 0)
     roots = (fit.problem.estimate.noise.root for fit in fits)
     known = [np.linalg.norm(inverse(root), axis=1) for root in roots]
     return Cost(

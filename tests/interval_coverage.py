@@ -52,7 +52,7 @@ class NoiseBesideRegressor:
     def dof(self) -> int:
         return self.dynamics.dof
 
-    def torque(self, z, qd, qdd, p):
+    def carried(self, z, qd, qdd, p):
         raise NotImplementedError
 
     def sparse_regressor(self, z, qd, qdd, tau) -> SparseRegressor:

@@ -13,6 +13,7 @@ b = τ(0, q') − g, g = τ(0, 0). They are smooth and periodic, so a few hundre
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -48,17 +49,29 @@ def true_parameters(
     return p
 
 
-def oracle_of(robot: RobotDescription, p: Array) -> ComposedOracle:
-    """The oracle of a catalogue robot with parameters p; friction is left to `Plant`."""
-    layout, platform, limbs = parameter_layout(robot), robot.platform, robot.limbs
-    assert limbs is not None
-    bodies = {}
+def bodies_of(robot: RobotDescription, p: Array) -> dict[str, Body]:
+    """The oracle's bodies of parameters p."""
+    layout, bodies = parameter_layout(robot), dict[str, Body]()
     for name in layout.bodies:
         m, mcx, mcy, mcz, xx, yy, zz, xy, yz, xz = p[layout.body(name)]
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         bodies[name] = Body(m, np.array([mcx, mcy, mcz]), tensor)
+    return bodies
+
+
+def rotors_of(robot: RobotDescription, p: Array) -> Array:
+    """Rotor inertia of every drive, zero where none is described."""
     rotors = np.zeros(len(robot.drives))
-    rotors[[robot.drives.index(drive) for drive in robot.rotor_drives]] = p[layout.rotor]
+    rotors[[robot.drives.index(drive) for drive in robot.rotor_drives]] = p[
+        parameter_layout(robot).rotor
+    ]
+    return rotors
+
+
+def oracle_of(robot: RobotDescription, p: Array) -> ComposedOracle:
+    """The oracle of a catalogue robot with parameters p; friction is left to `Plant`."""
+    platform, limbs = robot.platform, robot.limbs
+    assert limbs is not None
     angles = np.deg2rad(limbs.azimuth_deg)
     tilts = np.deg2rad(np.broadcast_to(limbs.tilt_deg, limbs.count))
     shapes = tuple(
@@ -91,10 +104,10 @@ def oracle_of(robot: RobotDescription, p: Array) -> ComposedOracle:
     return ComposedOracle(
         limbs=shapes,
         kind=platform.kind,
-        bodies=bodies,
+        bodies=bodies_of(robot, p),
         struts_per_limb=limbs.struts_per_limb,
         gravity=np.array(robot.gravity),
-        rotor_inertia=rotors,
+        rotor_inertia=rotors_of(robot, p),
         **more,
     )
 
@@ -123,15 +136,18 @@ def even_pace(time: Array, period: float, rest: tuple[tuple[float, float], ...] 
 
     The phase is one of time, whatever the first sample is: φ = 2π t / period before any rest.
     """
+    edges = [(edge, sign, _RAMP) for span in rest for edge, sign in zip(span, (-1, 1), strict=True)]
+    return paced(time, period, edges)
+
+
+def paced(time: Array, period: float, edges: Iterable[tuple[float, int, float]]) -> Pace:
+    """φ̇ = 2π / period that stops (−1) or starts (+1) at times, with ramps of so long (s)."""
     gone, share, rise = time.copy(), np.ones_like(time), np.zeros_like(time)
-    for start, end in rest:
-        for edge, sign in ((start, -1.0), (end, 1.0)):
-            x = np.clip((time - edge) / _RAMP, 0.0, 1.0)
-            gone += sign * (
-                _RAMP * x**4 * (2.5 - 3 * x + x**2) + np.maximum(time - edge - _RAMP, 0)
-            )
-            share += sign * x**3 * (10 - 15 * x + 6 * x**2)
-            rise += sign * 30 * x**2 * (1 - x) ** 2 / _RAMP
+    for edge, sign, ramp in edges:
+        x = np.clip((time - edge) / ramp, 0.0, 1.0)
+        gone += sign * (ramp * x**4 * (2.5 - 3 * x + x**2) + np.maximum(time - edge - ramp, 0))
+        share += sign * x**3 * (10 - 15 * x + 6 * x**2)
+        rise += sign * 30 * x**2 * (1 - x) ** 2 / ramp
     share[np.abs(share) < 1e-12] = 0.0
     rate = 2 * np.pi / period
     return Pace(time, rate * gone, rate * share, rate * rise)
@@ -146,6 +162,8 @@ class Truth:
         tau: all torques, friction included.
         rates: q̇ of the joints with friction (samples, joints): drives first.
         shares: torque at the drives for one of a joint's (samples, joints - drives, drives).
+        z, zd, zdd: task coordinates.
+        hand: ∂z/∂q (samples, task coordinates, drives).
     """
 
     time: Array
@@ -155,6 +173,10 @@ class Truth:
     tau: Array
     rates: Array
     shares: Array
+    z: Array
+    zd: Array
+    zdd: Array
+    hand: Array
 
     def of_joints(self, efforts: Array) -> Array:
         """Torques at the drives of efforts in all joints (samples, joints)."""
@@ -181,7 +203,7 @@ class Plant:
 
     @cached_property
     def _curves(self) -> CubicSpline:
-        """q, q', q'', a, b, g and the passive joints' rates a drive rate, over φ."""
+        """q, q', q'', a, b, g, z, z', z'', passive joints' and the hand's rates a drive rate."""
         for every in (8, 4, 2, 1):
             values = self._values(self.path[::every])
             spectrum = np.fft.rfft(values, axis=0)
@@ -199,9 +221,10 @@ class Plant:
         q = oracle.positions(path)
         assert np.all(np.isfinite(q)), "the path leaves the workspace"
         order = 1j * np.fft.rfftfreq(len(q), 1 / len(q))[:, None]
-        waves = np.fft.rfft(q, axis=0)
-        slope, bend = (np.fft.irfft(order**k * waves, len(q), axis=0) for k in (1, 2))
-        joints = [oracle._index[name] for name in oracle._lossy[dof:]]
+        waves = np.fft.rfft(np.hstack([q, path]), axis=0)
+        slopes, bends = (np.fft.irfft(order**k * waves, len(q), axis=0) for k in (1, 2))
+        slope, bend = slopes[:, :dof], bends[:, :dof]
+        joints = [oracle._index[name] for name in (*oracle._lossy[dof:], *_hand(oracle))]
         rows = []
         for z, first, second in zip(path, slope, bend, strict=True):
             g = oracle.inverse_dynamics(z, 0 * first, 0 * first)
@@ -209,7 +232,9 @@ class Plant:
             a = oracle.inverse_dynamics(z, first, second) - g
             proj, _ = oracle._set(z, first)
             rows.append(np.concatenate([a, b, g, proj[joints].ravel()]))
-        return np.hstack([q, slope, bend, np.array(rows)])
+        rows = np.array(rows)
+        more = [path, slopes[:, dof:], bends[:, dof:], rows[:, 3 * dof :]]
+        return np.hstack([q, slope, bend, rows[:, : 3 * dof], *more])
 
     def _resolved(self, spectrum: Array) -> bool:
         """Whether the highest waves of all quantities are small; a drive of it may rest."""
@@ -224,10 +249,11 @@ class Plant:
         """Go along the path; friction of a joint at rest is random within its Coulomb friction."""
         dof = self.oracle.dof
         values = self._curves(np.mod(pace.phase, 2 * np.pi))
-        q, slope, bend, a, b, g = np.split(values[:, : 6 * dof], 6, axis=1)
+        parts = np.split(values[:, : 9 * dof], 9, axis=1)
+        q, slope, bend, a, b, g, z, hand_slope, hand_bend = parts
         rate, rise = pace.rate[:, None], pace.rise[:, None]
         qd = slope * rate
-        shares = values[:, 6 * dof :].reshape(len(q), -1, dof)
+        shares, hand = np.split(values[:, 9 * dof :].reshape(len(q), -1, dof), [-dof], axis=1)
         rates = np.hstack([qd, np.einsum("sjd,sd->sj", shares, qd)])
         truth = Truth(
             pace.time,
@@ -237,10 +263,20 @@ class Plant:
             a * rate**2 + b * rise + g,
             rates,
             shares,
+            z,
+            hand_slope * rate,
+            hand_bend * rate**2 + hand_slope * rise,
+            hand,
         )
         viscous, coulomb = self.friction
         sign = np.where(rates == 0, rng.uniform(-0.8, 0.8, rates.shape[1]), np.sign(rates))
         return replace(truth, tau=truth.tau + truth.of_joints(viscous * rates + coulomb * sign))
+
+
+def _hand(oracle: ComposedOracle) -> tuple[str, ...]:
+    """The tree's joints whose rates are those of the task coordinates."""
+    first = "p" if oracle.kind == "rigid" else "t"
+    return tuple(f"{first}{axis}" for axis in "xyz") + (("ee",) if oracle.dof == 4 else ())
 
 
 def random_plant(

@@ -12,6 +12,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle
+from plants import bodies_of, rotors_of
 
 # Two robots, and rows of a motion (100 Hz, every 25th) whose torques come from a rigid-body library
 # that is neither this package nor the oracle: spanning tree, recursive Newton-Euler, projection.
@@ -86,23 +87,16 @@ def typical_oracle(rng: np.random.Generator, *, telescope: bool) -> DeltaOracle:
     robot = load_robot(CATALOGUE["delta4" if telescope else "delta3"])
     dynamics = Dynamics(robot)
     p, layout, limbs = surrogate_parameters(robot, rng), dynamics.layout, robot.limbs
-    bodies = {}
-    for name in layout.bodies:
-        m, mcx, mcy, mcz, xx, yy, zz, xy, yz, xz = p[layout.body(name)]
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        bodies[name] = Body(m, np.array([mcx, mcy, mcz]), tensor)
-    rotors = np.zeros(len(robot.drives))
-    rotors[[robot.drives.index(d) for d in robot.rotor_drives]] = p[layout.rotor]
     return DeltaOracle(
         base_radius=limbs.base_radius * rng.uniform(0.95, 1.05),
         platform_radius=limbs.platform_radius * rng.uniform(0.95, 1.05),
         upper_arm=limbs.upper_arm * rng.uniform(0.98, 1.02),
         strut=limbs.strut * rng.uniform(0.98, 1.02),
-        bodies=bodies,
+        bodies=bodies_of(robot, p),
         has_telescope=telescope,
         viscous=p[layout.viscous],
         coulomb=p[layout.coulomb],
-        rotor_inertia=rotors,
+        rotor_inertia=rotors_of(robot, p),
     )
 
 

@@ -44,7 +44,7 @@ BAD_COLUMNS = {
     ),
     "nothing": (pl.lit(None).alias("q2"), "row 1: column q2 is empty"),
     "text": (pl.col("q2").cast(pl.String), "column q2 holds String, not numbers"),
-    "truth": (pl.col("q2") > 0, "column q2 holds Boolean, not numbers"),
+    "truth": (pl.col("q2") > 0, "column q2 holds truth values, not numbers"),
     "list": (pl.concat_list("q2", "q1").alias("q2"), "q2 has 2 columns"),
     "struct": (pl.struct("q1").alias("q2"), "did you mean q2.q1?"),
     "dates": (

@@ -17,7 +17,7 @@ from deltaid import errors
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
-from deltaid.model.record import IdentifiedModel
+from deltaid.model.record import FORMAT, IdentifiedModel
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text
@@ -163,11 +163,16 @@ def damaged(text_of_model: str, old: str, new: str) -> str:
 
 DAMAGES = {
     "format": (
-        "format: 2",
-        "format: 3\ndrawing: none",
-        "model.yaml: is a model of format 3, and this deltaid reads up to 2\n  → update deltaid",
+        f"format: {FORMAT}",
+        f"format: {FORMAT + 1}\ndrawing: none",
+        f"model.yaml: is a model of format {FORMAT + 1}, and this deltaid reads up to {FORMAT}\n"
+        "  → update deltaid",
     ),
-    "no version": ("format: 2", "format: 0", "line 1, format: must be greater than or equal to 1"),
+    "no version": (
+        f"format: {FORMAT}",
+        "format: 0",
+        "line 1, format: must be greater than or equal to 1",
+    ),
     "no format": ("\ndeltaid:", "\ndeltaidd:", "deltaid: is missing"),
     "name": ("name: U.mcx", "name: U.mcy", "parameters: are not those of the robot, in its order"),
     "not a number": ("determined_by", "value: x\n  determined_by", "is not valid YAML"),
@@ -203,7 +208,7 @@ def test_models_with_impossible_numbers(folder: Path, tmp_path: Path, key, numbe
     assert outcome.code in (0, 2)
     harmless = {("prior", "-1e9"), ("std", "1e300")}
     assert (outcome.code == 0) == ((key, number) in harmless)
-    assert outcome.err.count("error:") == (outcome.code == 2)
+    assert outcome.errors == (outcome.code == 2)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
@@ -316,7 +321,7 @@ def test_damaged_files_on_the_command_line(folder: Path, in_model: bool, changes
     out = place / "torque.csv"
     outcome = run("torque", *paths, "-o", out)
     assert outcome.code in (0, 2)
-    assert outcome.err.count("error:") == (outcome.code == 2)
+    assert outcome.errors == (outcome.code == 2)
     assert out.exists() == (outcome.code == 0)
     out.unlink(missing_ok=True)
 

@@ -23,7 +23,7 @@ def test_intervals_cover_as_often_as_they_say(name: str, tmp_path: Path) -> None
     assert np.all(share >= low), share
 
 
-@pytest.mark.parametrize(("kind", "white"), [("coloured", 0.75), ("ripple", 0.6)])
+@pytest.mark.parametrize(("kind", "white"), [("coloured", 0.9), ("ripple", 0.7)])
 def test_noise_that_is_not_white_is_noticed(kind: str, white: float, tmp_path: Path) -> None:
     truth, found = estimates(ROBOTS[0], kind, FEW, tmp_path)
     share = covered(truth, found)

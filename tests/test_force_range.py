@@ -57,7 +57,8 @@ def made(folder: Path, noise: SensorNoise | None) -> Job:
     robot = load_robot("irb360-6-1600")
     assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=0.12)
-    robot = robot.changed(limbs=limbs)
+    exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
+    robot = robot.changed(limbs=limbs, **({} if noise else {"tolerances": exact}))
     rng = np.random.default_rng(5)
     dynamics = compiled(robot)
     truth = surrogate_parameters(robot, rng)

@@ -69,7 +69,8 @@ def test_forward_after_inverse_is_the_identity(name: str) -> None:
 def test_identity_in_drive_coordinates_with_every_friction_term() -> None:
     robot = load_robot("irb360-6-1600")
     laws = dict.fromkeys(("drive1", "drive4"), EVERY_TERM) | {"drive2": OFFSET}
-    robot = robot.changed(friction=robot.friction | laws)
+    rotors = dict.fromkeys(robot.drives, 0.3)  # as heavy as the arms
+    robot = robot.changed(friction=robot.friction | laws, rotor_inertia=rotors)
     dynamics, p = Dynamics(robot), with_offsets(robot)
     z, zd, zdd = states(dynamics.kinematics)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

@@ -53,6 +53,9 @@ THREE = {
 }
 
 
+ROTORS = {f"drive{i + 1}": 0.05 for i in range(3)}
+
+
 def with_laws(laws: dict, name: str = "irb360-6-1600") -> RobotDescription:
     data = load_robot(name).model_dump(exclude_none=True)
     return RobotDescription.model_validate(data | {"friction": laws})
@@ -90,7 +93,7 @@ def truth(robot: RobotDescription) -> np.ndarray:
 
 
 def test_torques_of_every_law_are_those_of_the_written_formula():
-    robot = with_laws(LAWS)
+    robot = with_laws(LAWS).changed(rotor_inertia=ROTORS)
     dynamics, p = Dynamics(robot), truth(robot)
     without = p.copy()
     without[dynamics.layout.friction] = 0.0
@@ -110,19 +113,20 @@ def test_torques_of_every_law_are_those_of_the_written_formula():
             np.linalg.norm(dynamics.kinematics.forward(q + s * h)[:, :3], axis=1) for s in (1, -1)
         )
         expected[:, i] += force * (ahead - behind) / 2e-6
-    # Drive 2 loses a share of the torque itself: τ = expected + μ s |τ|.
-    mu, s = LAWS["drive2"]["load"], np.sign(qd[:, 1])
-    expected[:, 1] /= 1 - mu * s * np.sign(expected[:, 1])
+    # Drive 2 loses a share of what its gear carries: all but its motor's own friction and rotor.
+    rotor = p[dynamics.layout.names.index("rotor.drive2")]
+    carried = expected[:, 1] - written_law(LAWS["drive2"], qd[:, 1]) - rotor * qdd[:, 1]
+    expected[:, 1] += LAWS["drive2"]["load"] * np.sign(qd[:, 1]) * np.abs(carried)
     torque = dynamics.torque(z, qd, qdd, p)
     np.testing.assert_allclose(torque, expected, atol=1e-6 * np.abs(torque).max())
 
 
-def test_regressor_at_the_torque_gives_the_torque_back():
-    robot = with_laws(LAWS)
+def test_regressor_at_the_load_gives_the_torque_back():
+    robot = with_laws(LAWS).changed(rotor_inertia=ROTORS)
     dynamics, p = Dynamics(robot), truth(robot)
     (z, q, qd, qdd), _ = states(dynamics, np.random.default_rng(2))
     torque = dynamics.torque(z, qd, qdd, p)
-    Y = dynamics.regressor(q, qd, qdd, torque)
+    Y = dynamics.regressor(q, qd, qdd, dynamics.carried(z, qd, qdd, p))
     np.testing.assert_allclose(Y @ p, torque, atol=1e-9 * np.abs(torque).max())
     with pytest.raises(DescriptionError, match="load"):
         dynamics.regressor(q, qd, qdd)

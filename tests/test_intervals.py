@@ -146,23 +146,6 @@ def test_model_file_of_an_earlier_version_loads(case, tmp_path: Path) -> None:
     assert loaded.parameters[0].low is None
 
 
-def test_a_prior_that_the_recording_contradicts_is_named(case, tmp_path: Path) -> None:
-    # A slender strut's longitudinal inertia is tiny in the prior and, as the paper identified it,
-    # a thousand times that: half of a tiny number is no spread to reach it with.
-    robot = load_robot(ROBOT)
-    dynamics, rng = compiled(robot), np.random.default_rng(1)
-    names, p = list(dynamics.layout.names), prior_parameters(robot)
-    assert p[names.index("S.Ixx")] < 1e-5
-    p[names.index("S.Ixx")] = 0.0246
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, p, motion, rng, noise=None)
-    write_recording(recording, tmp_path / "log.csv")
-    (warning,) = identify(robot, [tmp_path / "log.csv"]).model.warnings
-    assert "Ixx_S = 0.02" in warning
-    assert "outside of their intervals" in warning
-    assert case[0].model.warnings == ()  # a prior that is off by 40 to 100 % is not contradicted
-
-
 def test_variances_from_few_groups_are_unbiased_with_the_freedom_that_they_say() -> None:
     # White noise of level one in four groups of unequal share. What the fit takes of each group's
     # own noise makes the groups scatter less, by more than a quarter of all with so few of them.

@@ -15,6 +15,7 @@ from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.log import open_log
+from deltaid.recording.recording import with_filter
 from deltaid.robot.load import load_robot
 
 RATE, DURATION = 500.0, 12.0
@@ -48,10 +49,10 @@ def frame(late: np.ndarray, noise: float = 0.02, rate: float = RATE) -> pl.DataF
 
 def traced(table: pl.DataFrame, **options: bool) -> tuple[Trace, Basis]:
     dynamics, _, _ = moving()
-    log = open_log(table, dynamics.kinematics)
+    recording = with_filter(open_log(table, dynamics.kinematics), 15.0)
     load = prior_parameters(dynamics.robot)
-    one = trace(dynamics, log, load, cutoff=15.0, reach=REACH, **options)
-    return one, basis_of(dynamics, one.regressor(between=True), log.torque_max)
+    one = trace(dynamics, recording, load, cutoff=15.0, reach=REACH, **options)
+    return one, basis_of(dynamics, one.regressor(between=True), recording.log.torque_max)
 
 
 @pytest.mark.parametrize("late", [-7.3e-3, 0.0, 0.6e-3, 13.1e-3])
@@ -121,10 +122,11 @@ def test_a_recording_that_is_too_short_is_refused() -> None:
 
 def test_of_a_long_log_a_few_runs_are_kept() -> None:
     dynamics, _, _ = moving()
-    log = open_log(frame(np.zeros(3), rate=2100.0), dynamics.kinematics)  # four windows
+    log = open_log(frame(np.zeros(3), rate=2000.0), dynamics.kinematics)  # three windows
+    recording = with_filter(log, 15.0)
     load = prior_parameters(dynamics.robot)
     whole, some = (
-        trace(dynamics, log, load, cutoff=15.0, reach=0.0, windows=most) for most in (None, 2)
+        trace(dynamics, recording, load, cutoff=15.0, reach=0.0, windows=most) for most in (None, 2)
     )
     assert len(whole.stretches) == 1
     first, last = some.stretches

@@ -55,7 +55,7 @@ def test_columns_and_paths_are_printed_in_messages(tmp_path: Path, name: str) ->
     assert not COMMANDS.search(outcome.err)
     mapping = write(tmp_path / "mapping.yaml", "torque: [{column: a, unit: '[/]'}]\n")
     outcome = run("base", "clavel-delta3", log, "--columns", mapping)
-    assert (outcome.code, outcome.err.count("error:")) == (2, 1)
+    assert (outcome.code, outcome.errors) == (2, 1)
 
 
 def test_names_on_the_command_line_are_printed_in_messages() -> None:

@@ -23,7 +23,7 @@ def graphs(model: Model) -> dict[str, tuple[int, int]]:
     """Regressor, inverse dynamics, mass matrix, terms of (1) with p as inputs; excitation's
     regressor; forward dynamics as exported, with p as a table without zeros."""
     e, mechanism = model.dynamics.equations, model.dynamics.kinematics.mechanism
-    motion, x = build_task_motion(model.robot, mechanism), ca.vertcat(e.z, e.qd, e.qdd, e.tau, e.p)
+    motion, x = build_task_motion(model.robot, mechanism), ca.vertcat(e.z, e.qd, e.qdd, e.load, e.p)
     table, tau = parameter_table(model, "p"), ca.SX.sym("tau", e.qd.numel())
     exported = cholesky_solve(e.M, tau - bias(model, e))
     terms = ca.vertcat(*(ca.vec(ca.densify(term)) for term in (e.M, e.C, e.g, e.f)))

@@ -101,7 +101,12 @@ def test_a_load_is_told_by_its_mass_and_times() -> None:
     change = verdicts["load-change"]
     assert change.number == pytest.approx(0.4, rel=0.05)
     told = change.seen.split(" at ")[1].removesuffix(" s").split(", ")
-    np.testing.assert_allclose([float(time) for time in told], [3.0, 7.0], atol=0.2)
+    np.testing.assert_allclose([float(time) for time in told], [3.0, 7.0], atol=0.02)
+    (proposal,) = change.proposals
+    assert proposal.file == "mapping"
+    named, (path, spans) = proposal.changes
+    assert (named, path) == (("load.name", "load"), "load.spans")
+    np.testing.assert_allclose(np.array(spans), [[3.0, 7.0]], atol=0.02)
 
 
 def test_a_load_that_comes_and_goes_is_followed() -> None:

@@ -129,17 +129,16 @@ def test_breakaway_takes_the_friction_of_rest() -> None:
     assert np.all(np.diff(pushed(40.0, 0.2)[:, 2]) < 0)
 
 
-def test_friction_of_load_holds_a_share_of_the_motor() -> None:
-    """μ |τ| is added to Coulomb's: |τ − τ_holding| up to c + μ |τ| is held."""
+def test_friction_of_load_holds_a_share_of_what_the_gear_carries() -> None:
+    """μ |τ_holding| is added to Coulomb's: |τ − τ_holding| up to c + μ |τ_holding| is held."""
     robot = load_robot("linear-delta")
     laws = {drive: Friction(viscous=40, coulomb=30, load=0.2) for drive in robot.drives}
     forward = ForwardDynamics(robot.changed(friction=laws))
     p = prior_parameters(forward.robot)
     z = forward.kinematics.home[None]
     tau = holding(forward, z, p)
-    low, high = tau - 30, tau + 30
-    limit = low / (1 + 0.2 * np.sign(low)), high / (1 - 0.2 * np.sign(high))
-    for edge in limit:
+    most = 30 + 0.2 * np.abs(tau)
+    for edge in (tau - most, tau + most):
         for share, moves in ((0.99, False), (1.01, True)):
             push = tau + share * (edge - tau)
             path = step_through(forward, p, z, 0 * z, 0.01, lambda t, q, qd, tau=push: tau)

@@ -14,6 +14,8 @@ import deltaid
 
 DATA = Path(__file__).parent / "data" / "unchanged"
 FITTED = ("clavel-delta3", "irb360-6-1600", "h4", "par4-linear")
+# Shares that results may move by; ends of intervals come from a solver of its own tolerance.
+CLOSE = {"limits": 1e-4}
 RATE, STEP = 500.0, 2 * np.pi / 2**20
 
 
@@ -60,7 +62,9 @@ def write_recording(counts: np.ndarray, tau: np.ndarray, path: Path) -> None:
 def fitted(name: str, recording: Path) -> dict[str, np.ndarray]:
     """What identification makes of a recording."""
     keep = deltaid.Settings(keep_all=True)  # of that time, nothing was left out
-    result = deltaid.identify(deltaid.load_robot(name), [recording], settings=keep)
+    exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}  # nor had geometry tolerances
+    robot = deltaid.load_robot(name).changed(tolerances=exact)
+    result = deltaid.identify(robot, [recording], settings=keep)
     parameters, base = result.model.parameters, result.model.base_parameters
     return {
         "p": result.model.p,
@@ -90,7 +94,8 @@ def test_fits_are_those_of_before(name: str, tmp_path: Path) -> None:
         scale = np.abs(reference).reshape(len(reference), -1).max(axis=1)
         scale = np.maximum(scale, 1e-3 * np.abs(reference).max())
         np.testing.assert_array_less(
-            np.abs(value - reference).reshape(len(reference), -1).max(axis=1), 1e-7 * scale
+            np.abs(value - reference).reshape(len(reference), -1).max(axis=1),
+            CLOSE.get(key, 1e-7) * scale,
         )
 
 

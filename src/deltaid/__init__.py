@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from deltaid.mechanism.user_code import use_mechanism
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
+    from deltaid.recording.carried import Load
     from deltaid.recording.mapping import ColumnMapping, load_mapping
     from deltaid.recording.memory import Recording
     from deltaid.robot.description import RobotDescription
@@ -51,6 +52,7 @@ _HOME = {
     "Grade": "deltaid.check.verdict",
     "Identification": "deltaid.identification.identify",
     "IdentifiedModel": "deltaid.model.record",
+    "Load": "deltaid.recording.carried",
     "Model": "deltaid.model.model",
     "Kinematics": "deltaid.mechanism.kinematics",
     "LimbGeometry": "deltaid.robot.limbs",
@@ -91,6 +93,7 @@ __all__ = [
     "Kinematics",
     "LimbGeometry",
     "Limbs",
+    "Load",
     "MechanismParts",
     "Model",
     "Proposal",

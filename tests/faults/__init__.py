@@ -11,13 +11,20 @@ from zlib import crc32
 
 import numpy as np
 
-from faults import behaviour, descriptions, signals, wiring  # noqa: F401  # they list their kinds
+from faults import behaviour, descriptions, signals, wiring
 from faults.case import Case, clean
 from faults.shown import shown
-from faults.tools import KINDS, ImpossibleError
+from faults.tools import ImpossibleError, Kind
 
 __all__ = ["KINDS", "LEAST", "Case", "clean", "fault", "faulty"]
 
+# All kinds, by the names of their functions.
+KINDS = {
+    name.replace("_", "-"): one
+    for module in (behaviour, descriptions, signals, wiring)
+    for name, one in vars(module).items()
+    if isinstance(one, Kind)
+}
 # Three times the half width of a 95 % interval, in standard deviations for white noise; intervals
 # by scatter, as the package has them, are up to half as wide again.
 LEAST = 3 * 1.96 * 1.5

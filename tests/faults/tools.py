@@ -31,20 +31,15 @@ class Kind:
     hides: bool = False
 
 
-KINDS: dict[str, Kind] = {}
-
-
 def kind(
     *keys: str, related: tuple[str, ...] = (), hides: bool = False
-) -> Callable[[Change], Change]:
-    """List a kind of fault by the name of its function."""
+) -> Callable[[Change], Kind]:
+    """Make a kind of fault of a function that spoils a case."""
 
-    def listed(change: Change) -> Change:
-        name = change.__name__.replace("_", "-")
-        KINDS[name] = Kind(change, keys, related, hides)
-        return change
+    def made(change: Change) -> Kind:
+        return Kind(change, keys, related, hides)
 
-    return listed
+    return made
 
 
 class ImpossibleError(Exception):

@@ -97,7 +97,7 @@ def torque_sign(case: Case, rng: np.random.Generator) -> Case:
 @kind("angle-sign", "torque-sign", related=("angle-sign", "torque-sign"), hides=True)
 def both_signs(case: Case, rng: np.random.Generator) -> Case:
     """One drive counts the other way, in angle and torque."""
-    turned = angle_sign(case, rng)
+    turned = angle_sign.change(case, rng)
     drive = drives(case).index(turned.subject)
     return replace(turned, columns=scaled(turned, "tau", only(case, drive, -1.0)))
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.residual_study import Study
 from deltaid.identification.explained import Explained
 from deltaid.identification.information import active_columns
 from deltaid.identification.lag import deviations
+from deltaid.identification.study import Study
 
 # A cause counts if it explains this share of all that is explained, and this share of the largest
 # torque; what is smaller may be what the first-order columns of another one leave.

@@ -9,6 +9,9 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.fit import FittedProblem, fit
+from deltaid.identification.loads import declared_loads
+from deltaid.identification.setup import Setup
+from deltaid.identification.study import Study, studied
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
@@ -88,26 +91,41 @@ class Evidence:
         return np.ptp(self.rows.q, axis=0)
 
     @cached_property
-    def surveyed(self) -> Recording | RecordingError:
-        """The recording as an identification takes it, or why none can."""
+    def _setup(self) -> Setup | RecordingError:
+        """The recording, without the torques of what it is declared to hold."""
         try:
-            return open_recordings(
+            opened = open_recordings(
                 self.source,
                 self.kinematics,
                 self.mapping,
                 self.settings.cutoff,
                 keep_all=self.settings.keep_all,
-            )[0]
+            )
+            return declared_loads(Setup(self.robot, tuple(opened), self.settings), lambda _: None)
         except RecordingError as error:
             return error
 
     @cached_property
+    def surveyed(self) -> Recording | RecordingError:
+        """The recording as an identification takes it, or why none can."""
+        setup = self._setup
+        return setup if isinstance(setup, RecordingError) else setup.recordings[0]
+
+    @cached_property
+    def study(self) -> Study | None:
+        """What the residual of this recording looks like; None where it cannot be told."""
+        if isinstance(self.surveyed, RecordingError):
+            return None
+        return studied(self.dynamics, self.surveyed)
+
+    @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
         """The fit to this recording, or why there is none."""
-        if isinstance(self.surveyed, RecordingError):
-            return self.surveyed
+        setup = self._setup
+        if isinstance(setup, RecordingError):
+            return setup
         try:
-            return fit(self.dynamics, [self.surveyed], self.settings)
+            return fit(self.dynamics, setup.recordings, self.settings, additions=setup.additions)
         except IdentificationError as error:
             return error
 
@@ -128,11 +146,15 @@ def evidence(
     return Evidence(dynamics, table, columns, source, mapping, settings or Settings())
 
 
-def with_fit(one: Evidence, problem: FittedProblem, recording: Recording) -> Evidence:
-    """Evidence whose survey and fit are those that have been made, and are not made again."""
+def with_fit(
+    one: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
+) -> Evidence:
+    """Evidence whose survey, fit and study, if there is one, are those that have been made."""
     known = replace(one, dynamics=problem.dynamics)
     vars(known).update({key: vars(one)[key] for key in ("rows", "moved") if key in vars(one)})
     vars(known).update(surveyed=recording, fitted=problem)  # where cached properties are kept
+    if study is not None:
+        vars(known).update(study=study)
     return known
 
 
@@ -150,5 +172,5 @@ def _rows(table: Table, columns: Columns, most: int) -> Rows:
             break
     values = np.concatenate(parts) if parts else np.zeros((0, len(columns.all)))
     counts = [len(c) for c in (columns.position, columns.velocity, columns.acceleration)]
-    q, qd, qdd, tau = np.split(values[:, 1:], np.cumsum(counts), axis=1)
-    return Rows(values[:, 0], q, qd, qdd, tau)
+    q, qd, qdd = np.split(values[:, columns.motion_places], np.cumsum(counts)[:2], axis=1)
+    return Rows(values[:, 0], q, qd, qdd, values[:, columns.torque_places])

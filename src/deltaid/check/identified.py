@@ -13,7 +13,7 @@ from deltaid.identification.fit import Progress
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.record import Settings
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, yaml_text
@@ -37,14 +37,14 @@ class Judged(Identification):
         verdicts: as of `deltaid check` but for the workspace, good ones included.
     """
 
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[Verdict, ...] = ()
 
 
 def identify(
     robot: RobotLike,
     logs: RecordingLike | Sequence[RecordingLike],
     *,
-    columns: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     settings: Settings | None = None,
     force: bool = False,
     progress: Progress = lambda _: None,
@@ -60,8 +60,9 @@ def identify(
             name, a file of a robot or of a model.
         logs: one recording or a sequence of them: a log file, a table of polars or pandas, or
             `Recording.from_arrays`.
-        columns: names and units of their columns, if not the default ones; arrays with units of
-            their own keep these.
+        columns: names and units of their columns, if not the default ones, and loads that are
+            held: one mapping for all recordings, or a sequence with one each (None for the default
+            names). Arrays with units of their own keep these.
         settings: method, regulariser, γ, filter, friction laws.
         force: go on with what is wrong, which then stands in the model's warnings.
         progress: called with a sentence before each stage.
@@ -76,9 +77,9 @@ def identify(
     if not force:
         _refuse(found, description.name, DescriptionError, description)
     sources, opened = as_sources(logs), list[Evidence]()
-    for source in sources:
+    for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"judging {source}")
-        one = evidence(description, source, columns, settings)
+        one = evidence(description, source, mapping, settings)
         said = asked(one, _FIRST, "rows")
         if not force:
             _refuse(said, str(one.table.path), RecordingError, one)
@@ -92,7 +93,7 @@ def identify(
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_others(result, found)))
-    return Judged(model, result.problem, result.recordings, found)
+    return Judged(model, result.problem, result.recordings, result.studies, found)
 
 
 def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:
@@ -153,8 +154,9 @@ def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict,
     if several:  # together they may tell what none of them tells alone
         moved = [one.moved for one in opened]
         found += judged_information(problem.dynamics, problem.information, moved)
-    for one, recording in zip(opened, result.recordings, strict=True):
-        known = with_fit(one, problem, recording)
+    studies = result.studies or (None,) * len(opened)
+    for one, recording, study in zip(opened, result.recordings, studies, strict=True):
+        known = with_fit(one, problem, recording, study)
         families = [family for family in _AFTER if family.alone or not several]
         said = (v for needs in ("rows", "survey", "fit") for v in asked(known, families, needs))
         found += named(one, said, several=several)

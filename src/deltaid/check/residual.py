@@ -6,27 +6,23 @@ explain it best; the next cause gets what that one leaves.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.causes import Cause, causes_of, odd_gains
 from deltaid.check.evidence import Evidence
-from deltaid.check.residual_study import (
-    Study,
-    largest_torques,
-    longest,
-    studied,
-    unexplained,
-    white_share,
-)
 from deltaid.check.resonance import resonances
 from deltaid.check.spectra import bandwidth
 from deltaid.check.torque_lag import lag_verdicts
-from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.unexplained import largest_torques, longest, unexplained, white_share
+from deltaid.check.verdict import Grade, Proposal, Verdict
 from deltaid.check.words import listed, percent
+from deltaid.errors import RecordingError
 from deltaid.identification.patterns import Pattern
+from deltaid.identification.study import Study
+from deltaid.recording.recording import Recording
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
@@ -35,19 +31,24 @@ _MOSTLY = 0.7
 # What is left is far above noise when it is so many times the noise and this share of the largest
 # torque; it comes in bursts when a tenth of the time has so much of it.
 _FAR, _SEEN, _BURSTS = 3.0, 0.01, 0.7
+# What may be missing of a recording that has been looked at as a whole, beside its ends [s].
+_GONE = 1.0
+# How far a span that lasts to the end of a recording goes beyond it [s].
+_BEYOND = 0.01
 _FLOOR = 1e-5  # least noise, as a share of the largest torque
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     """Lags, and the causes that what is left points at."""
-    study = studied(evidence)
-    if study is None:
+    study, recording = evidence.study, evidence.surveyed
+    if study is None or isinstance(recording, RecordingError):
         return
     yield from lag_verdicts(study)
     ringing = tuple(_of_resonance(study))
     yield from ringing
-    yield from _of_patterns(study, rings=any(v.grade is not Grade.GOOD for v in ringing))
+    rings = any(v.grade is not Grade.GOOD for v in ringing)
+    yield from _of_patterns(study, recording, rings=rings)
 
 
 def _of_resonance(study: Study) -> Iterator[Verdict]:
@@ -58,16 +59,21 @@ def _of_resonance(study: Study) -> Iterator[Verdict]:
     )
 
 
-def _of_patterns(study: Study, *, rings: bool) -> Iterator[Verdict]:
+def _of_patterns(study: Study, recording: Recording, *, rings: bool) -> Iterator[Verdict]:
     """The causes that count; where there is none, whether more is left than noise.
 
     Args:
+        recording: what was looked at.
         rings: whether a resonance explains what is left.
     """
     causes = causes_of(study)
     for cause in causes:
         if (words := _WORDS.get(cause.kind)) is not None:
-            yield _verdict(study, cause, words)
+            verdict = _verdict(study, cause, words)
+            if cause.kind == "load-change":
+                lines = _load_declared(study, cause, recording)
+                verdict = replace(verdict, proposals=lines)
+            yield verdict
     if causes:
         return
     left = (
@@ -184,13 +190,36 @@ def _drift_seen(study: Study, cause: Cause, subject: str, share: float) -> _Seen
 
 def _load_seen(study: Study, cause: Cause, subject: str, share: float) -> _Seen:
     first = cause.found[0].pattern
-    alone = study.scene.basis.without(first.columns)
-    mass = float(abs(np.linalg.lstsq(alone, study.scene.tau, rcond=1e-6)[0][0]))
-    times = first.detail
-    told = ", ".join(f"{t:.1f}" for t in times[:4]) + (
+    mass, times = abs(_mass(study, cause)), first.detail
+    told = ", ".join(f"{t:.2f}" for t in times[:4]) + (
         f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
     )
     return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {told}"
+
+
+def _mass(study: Study, cause: Cause) -> float:
+    """How much heavier the robot is in the second of a load's two states [kg]."""
+    alone = study.scene.basis.without(cause.found[0].pattern.columns)
+    return float(np.linalg.lstsq(alone, study.scene.tau, rcond=1e-6)[0][0])
+
+
+def _load_declared(study: Study, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
+    """Lines of a mapping that declare a load; none where not all of the recording was looked at, or
+    where a load is declared already."""
+    pattern, time = cause.found[0].pattern, study.scene.motion.time
+    log = recording.log
+    start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
+    if log.columns.loads or end - start > time[-1] - time[0] + 2 * (time[0] - start) + _GONE:
+        return ()
+    shown = pattern.columns.reshape(len(study.scene.drives), len(time), -1).any(axis=(0, 2))
+    changes = np.array(pattern.detail)
+    one = int(np.argmax(shown))
+    held_first = (np.searchsorted(changes, time[one]) % 2 == 0) == (_mass(study, cause) > 0)
+    ends = [*([start] if held_first else []), *changes.tolist()]
+    ends += [end + _BEYOND] if len(ends) % 2 else []
+    spans = [[round(a, 3), round(b, 3)] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    body = () if pattern.words in ("EE", "P") else (("load.body", pattern.words),)
+    return (Proposal("mapping", (("load.name", "load"), *body, ("load.spans", spans))),)
 
 
 def _gain_seen(study: Study, cause: Cause, subject: str, share: float) -> _Seen:
@@ -214,7 +243,7 @@ _WORDS = {
             if "direction" in cause.found[0].pattern.words
             else "the described friction law has no term for it, or gears have play"
         ),
-        lambda cause: "let the recording choose the law: --friction choose, or describe the term",
+        lambda cause: "deltaid identify adds the term; or describe it",
     ),
     "geometry-or-cogging": _Words(
         _place_seen,
@@ -240,11 +269,17 @@ _WORDS = {
     "load-change": _Words(
         _load_seen,
         lambda cause: "a load is picked up or put down while recording goes on",
-        lambda cause: "record without load, or cut the recording at these times",
+        lambda cause: (
+            "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
+            "identified with the robot; else record without load"
+        ),
     ),
     "drive-gain": _Words(
         _gain_seen,
         lambda cause: "a torque constant, rated torque or gear that is not what the mapping says",
-        lambda cause: "check torque constants and gears of these drives' torque columns",
+        lambda cause: (
+            "check torque constants and gears of these drives' torque columns; a recording shows "
+            "ratios of gains only, and a second one with a known load tells each of them"
+        ),
     ),
 }

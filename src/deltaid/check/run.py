@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.check.closed_loop import checked_feedback
 from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.information import checked_information, information_of, judged_information
@@ -22,7 +23,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.information import Information, merge
 from deltaid.model.record import Settings
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
@@ -68,6 +69,7 @@ OF_RECORDING: tuple[Family, ...] = (
     Family(checked_signals),
     Family(checked_information, needs="survey", alone=False),
     Family(checked_residual, needs="fit"),
+    Family(checked_feedback, needs="fit"),
 )
 
 
@@ -75,7 +77,7 @@ def verdicts(
     robot: RobotLike,
     logs: RecordingLike | Sequence[RecordingLike] = (),
     *,
-    columns: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     settings: Settings | None = None,
     progress: Progress = lambda _: None,
 ) -> tuple[Verdict, ...]:
@@ -85,7 +87,8 @@ def verdicts(
         robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
         logs: none, one recording or a sequence of them, the same as `identify` takes. Each is
             judged on its own, but what they tell of the parameters by all of them together.
-        columns: names and units of their columns, if not the default ones.
+        columns: names and units of their columns, if not the default ones, and loads that are
+            held: one mapping for all recordings, or one each.
         settings: of the fit that verdicts on the fit rest on.
         progress: called with a sentence before each stage.
 
@@ -107,9 +110,9 @@ def verdicts(
     sources, told = as_sources(logs), list[Told]()
     several = len(sources) > 1
     families = [family for family in OF_RECORDING if family.alone or not several]
-    for source in sources:
+    for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"checking {source}")
-        one = evidence(description, source, columns, settings)
+        one = evidence(description, source, mapping, settings)
         _ = one.rows  # what cannot be read at all is an error and no verdict
         said = of_recording(one, families)
         found += named(one, said, several=several)

@@ -98,7 +98,8 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
     low_pass = _low_pass(evidence)
     if low_pass is None:
         return
-    response = np.convolve(_spread(low_pass.second, low_pass.stride), low_pass.lead)
+    second = np.convolve(low_pass.second, low_pass.smooth)
+    response = np.convolve(_spread(second, low_pass.stride), low_pass.lead)
     if len(rows.q) < 2 * len(response):
         return
     shares = np.zeros(evidence.kinematics.dof)

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.residual_study import Study, spoilt
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.words import listed, percent
+from deltaid.identification.study import Study, spoilt
 
 # A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
 _SPOILT = 0.05
@@ -48,8 +48,7 @@ def lag_verdicts(study: Study) -> Iterator[Verdict]:
                 unit="ms",
             )
             return
-        seen = f"torques and positions agree in time: {lag:.2g} ± {half:.2g} ms"
-        yield Verdict("torque-lag", Grade.GOOD, seen, number=lag, unit="ms")
+        yield Verdict("torque-lag", Grade.GOOD, _agreement(study), number=lag, unit="ms")
         return
     grade = Grade.WRONG if np.abs(harm).max() > _SPOILT else Grade.DOUBTFUL
     worst = int(np.argmax(np.abs(harm)))
@@ -87,6 +86,23 @@ def lag_verdicts(study: Study) -> Iterator[Verdict]:
         number=float(values[int(np.argmax(np.abs(values)))]),
         unit="ms",
     )
+
+
+def _agreement(study: Study) -> str:
+    """That torques and positions agree in time, perhaps after a lag has been put right."""
+    left = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
+    applied = study.scene.trace.recording.repairs.delay
+    if not any(applied):
+        return f"torques and positions agree in time: {left}"
+    if len(set(applied)) == 1:
+        told = f"{1e3 * abs(applied[0]):.3g} ms {_late(applied[0])}"
+    else:
+        told = ", ".join(
+            f"{drive} {1e3 * abs(one):.3g} ms {_late(one)}"
+            for drive, one in zip(study.scene.drives, applied, strict=True)
+            if one
+        )
+    return f"torques came {told} against positions, which has been corrected: {left} are left"
 
 
 def _matters(study: Study, harm: Float[np.ndarray, " dof"]) -> bool:

@@ -18,7 +18,7 @@ KEYS = {
     ),
     "the signals": (
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
-        "resonance", "torque-lag",
+        "resonance", "torque-lag", "closed-loop",
     ),
     "the information": ("base-parameters", "excitation"),
     "the fit": (

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import KeepAll
+from deltaid.cli.options import ColumnFiles, KeepAll, mappings
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
@@ -27,9 +27,7 @@ def base(
     method: Annotated[
         LeastSquaresMethod, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
     ] = "weighted",
-    columns: Annotated[
-        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
-    ] = None,
+    columns: ColumnFiles = None,
     cutoff: Annotated[
         float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
     ] = None,
@@ -44,11 +42,7 @@ def base(
     from deltaid.robot.load import load_robot
 
     positive("--cutoff", cutoff)
-    mapping = None
-    if columns:
-        from deltaid.recording.mapping import load_mapping
-
-        mapping = load_mapping(columns)
+    given = mappings(columns)
     dynamics = compiled(load_robot(robot))
     with progress(as_json) as say:
         if logs:
@@ -56,7 +50,7 @@ def base(
 
             say("reading logs")
             result, estimate = identify_base(
-                dynamics, logs, method, columns=mapping, cutoff=cutoff, keep_all=keep_all
+                dynamics, logs, method, columns=given, cutoff=cutoff, keep_all=keep_all
             )
         else:
             say("trying a random motion")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import KeepAll, output_file
+from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
 
 if TYPE_CHECKING:
     from deltaid.check.mended import Changes, Data, File
@@ -29,9 +29,7 @@ def check(
     logs: Annotated[
         list[Path] | None, typer.Argument(help="Recordings; without any, the description only.")
     ] = None,
-    columns: Annotated[
-        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
-    ] = None,
+    columns: ColumnFiles = None,
     cutoff: Annotated[
         float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
     ] = None,
@@ -54,20 +52,19 @@ def check(
     from deltaid.cli.output import console, positive, print_json, progress, require_outputs
     from deltaid.files import together
     from deltaid.model.record import Settings
-    from deltaid.recording.mapping import load_mapping
 
     logs = logs or []
     positive("--cutoff", cutoff)
-    inputs = [Path(robot), *logs, *([columns] if columns else [])]
+    inputs = [Path(robot), *logs, *(columns or ())]
     targets = _targets(write)
     require_outputs(inputs, {"--write": write}, report)
     if write is not None:
         require_outputs(inputs, {f"--write {write}": path for path in targets.values()}, report)
-    mapping = load_mapping(columns) if columns else None
+    given = mappings(columns)
     with progress(as_json) as say:
         settings = Settings(cutoff=cutoff, keep_all=keep_all)
-        found = verdicts(robot, logs, columns=mapping, settings=settings, progress=say)
-        cures = _cures(robot, mapping, logs, found)
+        found = verdicts(robot, logs, columns=given, settings=settings, progress=say)
+        cures = _cures(robot, given, logs, found)
     with together():
         written = _write(cures, write, targets)
         if report is not None:
@@ -100,15 +97,24 @@ class Cure:
 
 
 def _cures(
-    robot: str, mapping: "ColumnMapping | None", logs: Sequence[Path], found: "Sequence[Verdict]"
+    robot: str,
+    given: "Sequence[ColumnMapping] | None",
+    logs: Sequence[Path],
+    found: "Sequence[Verdict]",
 ) -> tuple[Cure, ...]:
+    """Files with what is proposed; of several mappings none, for they differ."""
     from deltaid.check.mended import as_written, changes, files_of, mended, written_out
+    from deltaid.cli.output import print_note
     from deltaid.dynamics.dynamics import compiled
     from deltaid.recording.log import resolved_table
     from deltaid.robot.load import described
 
     cures: list[Cure] = []
+    mapping = given[0] if given else None
     for file in files_of(found):
+        if file == "mapping" and given is not None and len(given) > 1:
+            print_note("to have a mapping mended, check its recording alone")
+            continue
         if file == "robot":
             data = as_written(robot)
         else:

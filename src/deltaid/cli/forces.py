@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import mappings, output_file
 
 if TYPE_CHECKING:
     from deltaid.forces.constraint_forces import ConstraintForces
@@ -43,7 +43,8 @@ def forces(
         Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
     ] = None,
     log_columns: Annotated[
-        Path | None, typer.Option(help="The same for the recordings of --logs.")
+        list[Path] | None,
+        typer.Option(help="The same for the recordings of --logs; repeated, one each."),
     ] = None,
     report: Annotated[
         Path | None, output_file(help="HTML page with figures and tables, works offline.")
@@ -74,9 +75,11 @@ def forces(
 
     positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
     positive("--socket-force", socket_force, (1e-6, 1e7))
-    inputs = [path for path in (Path(model), motion, *(logs or ()), columns, log_columns) if path]
+    inputs = [
+        path for path in (Path(model), motion, *(logs or ()), columns, *(log_columns or ())) if path
+    ]
     require_outputs(inputs, {"--output": output}, report)
-    mapping, log_mapping = (load_mapping(path) if path else None for path in (columns, log_columns))
+    mapping = load_mapping(columns) if columns else None
     known = with_struts(load(model), strut_spacing, socket_force)
     print_origin(known)
     computed = ConstraintForces(known.robot)
@@ -90,7 +93,7 @@ def forces(
             computed,
             recording,
             recordings=tuple(logs or ()),
-            columns=log_mapping,
+            columns=mappings(log_columns),
             viewers=tuple(viewers),
             progress=say,
         )
@@ -98,6 +101,8 @@ def forces(
             _write_report(known, computed, motion.name, result, viewers, report)
     print_warnings([f"{motion}: {text}" for text in recording.log.warnings])
     print_warnings([computed.note] if computed.note else [])
+    if recording.log.columns.loads:
+        print_warnings([f"{motion}: forces are those without the loads that its mapping declares"])
     if as_json:
         print_json(as_dictionary(computed, motion.name, result))
         return

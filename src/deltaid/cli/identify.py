@@ -1,12 +1,14 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import KeepAll, output_file
+from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
+from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -18,7 +20,13 @@ from deltaid.model.options import (
 if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.torque_error import TorqueError
+    from deltaid.model.record import Source
     from deltaid.recording.log import Log
+    from deltaid.recording.mapping import ColumnMapping
+
+
+# Events that the terminal lists.
+_EVENTS = 20
 
 
 def register(app: typer.Typer) -> None:
@@ -37,9 +45,7 @@ def identify(
     verify: Annotated[
         Path | None, typer.Option(help="A recording of another motion, to test the model on.")
     ] = None,
-    columns: Annotated[
-        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
-    ] = None,
+    columns: ColumnFiles = None,
     method: Annotated[
         Method, typer.Option(help="conic: certified optimum; log-cholesky: the paper's.")
     ] = "conic",
@@ -60,9 +66,22 @@ def identify(
     ] = None,
     friction: Annotated[
         FrictionLaws,
-        typer.Option(help="Friction laws: as described, or chosen by cross-validation."),
-    ] = "described",
+        typer.Option(help="choose: further terms where the data shows one; described: none."),
+    ] = "choose",
+    lag: Annotated[
+        str,
+        typer.Option(
+            help="Lag of torques behind positions: estimate, none, or ms, for all drives (2) or "
+            "each (2,2,2,-1.5)."
+        ),
+    ] = "estimate",
     keep_all: KeepAll = False,
+    events: Annotated[
+        bool,
+        typer.Option(
+            help="Look for contacts, stops, spikes and play in gears, and leave them out."
+        ),
+    ] = True,
     force: Annotated[
         bool, typer.Option("--force", help="Go on with what the checks call wrong.")
     ] = False,
@@ -72,6 +91,7 @@ def identify(
     from deltaid.check.identified import identify as run
     from deltaid.cli.output import (
         console,
+        lag_of,
         positive,
         print_json,
         print_note,
@@ -83,7 +103,6 @@ def identify(
     from deltaid.identification.validation import remarks, validate
     from deltaid.model.model import load
     from deltaid.model.record import Settings
-    from deltaid.recording.mapping import load_mapping
     from deltaid.recording.source import opened
 
     positive("--gamma", gamma, GAMMA_LIMITS)
@@ -97,8 +116,10 @@ def identify(
         cutoff=cutoff,
         friction=friction,
         keep_all=keep_all,
+        events=events,
+        lag=lag_of(lag),
     )
-    inputs = [Path(robot), *logs, *(path for path in (verify, columns) if path)]
+    inputs = [Path(robot), *logs, *([verify] if verify else ()), *(columns or ())]
     require_outputs(inputs, {"--output": output}, report)
     if verify is not None:
         with opened(verify):
@@ -106,13 +127,13 @@ def identify(
     model = load(robot)
     if model.identified is not None:
         print_note(f"{model.source} is a model: its robot is identified anew, from its prior")
-    mapping = load_mapping(columns) if columns else None
+    given, of_verify = _mappings(columns, len(logs), verify)
     with progress(as_json) as say:
-        result = run(model, logs, columns=mapping, settings=settings, force=force, progress=say)
+        result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
         verification, log, doubts = None, None, list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
-            verification, log = validate(result.model, verify, columns=mapping, keep_all=keep_all)
+            verification, log = validate(result.model, verify, columns=of_verify, keep_all=keep_all)
             texts = remarks(result.model, log, verification)
             doubts += [f"{log.path}: {text}" for text in texts]
     print_warnings(doubts)
@@ -127,6 +148,23 @@ def identify(
         print_result(result, verification, output)
         if report is not None:
             console.print(f"wrote {report}")
+
+
+def _mappings(
+    columns: Sequence[Path] | None, logs: int, verify: Path | None
+) -> "tuple[list[ColumnMapping] | None, ColumnMapping | None]":
+    """The mappings of the recordings, and that of the recording to verify on."""
+    given = mappings(columns)
+    if given is None or verify is None or len(given) == 1:
+        return given, given[0] if given else None
+    if len(given) != logs + 1:
+        raise DeltaidError(
+            f"is given {len(given)} times for {logs} recording{'s' if logs > 1 else ''} and one to "
+            "verify on",
+            where="--columns",
+            cure="give it once for all, or once for each recording and at last for --verify",
+        )
+    return given[:-1], given[-1]
 
 
 def write_report(
@@ -155,10 +193,17 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         **model.fit.model_dump(),
         "samples": round(result.problem.information.mean_samples),
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
+        "corrections": [one.model_dump() for one in model.corrections],
+        "loads": [one.model_dump() for one in model.loads],
         "left_out": [
             {"log": source.log, **one.model_dump()}
             for source in model.sources
             for one in source.left_out
+        ],
+        "events": [
+            {"log": source.log, **one.model_dump()}
+            for source in model.sources
+            for one in source.events
         ],
         "clock": [{"log": one.path.name, **asdict(one.clock)} for one in result.recordings],
         "friction": {
@@ -170,6 +215,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
                 for joint, law in model.robot.friction.items()
             },
             "choice": model.friction_choice and model.friction_choice.model_dump(),
+            "curves": [one.model_dump() for one in model.friction_curves],
         },
         "consistent": model.consistent,
         "parameters": [parameter.model_dump() for parameter in model.parameters],
@@ -187,7 +233,10 @@ def print_result(
     """The result as tables."""
     from deltaid.cli.output import console, shown
     from deltaid.model.model import load
+    from deltaid.report.corrections import correction_table
+    from deltaid.report.events import event_table
     from deltaid.report.left_out import left_out_table
+    from deltaid.report.loads import load_table
     from deltaid.report.model_tables import (
         choice_sentence,
         choice_table,
@@ -200,9 +249,20 @@ def print_result(
     console.print()
     console.print(shown(error_table(load(model), verification)))
     console.print()
-    if model.friction_choice is not None:
+    if model.friction_choice is not None and model.friction_choice.steps:
         console.print(shown(choice_table(model.friction_choice, model.robot)))
         console.print(choice_sentence(model.friction_choice))
+        console.print()
+    corrections = correction_table(model.corrections)
+    if corrections is not None:
+        console.print(shown(corrections))
+        console.print()
+    if (loads := load_table(model.loads)) is not None:
+        console.print(shown(loads))
+        console.print()
+    found = event_table(((source.log, source.events) for source in model.sources), _EVENTS)
+    if found is not None:
+        console.print(shown(found))
         console.print()
     left_out = left_out_table((source.log, source.left_out) for source in result.model.sources)
     if left_out is not None:
@@ -214,16 +274,26 @@ def print_result(
         console.print(f"saved {output}")
 
 
+def _of_positions(source: "Source") -> str:
+    """Their cut-off, where it is another one."""
+    if source.motion_cutoff_hz is None or source.motion_cutoff_hz == source.cutoff_hz:
+        return ""
+    return f", positions at {source.motion_cutoff_hz:.3g} Hz"
+
+
 def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.identification.fit import SOLVERS
+    from deltaid.recording.repairs import WHY_REPAIRED
     from deltaid.report.left_out import reversals
+    from deltaid.report.shares import shares_sentence
 
     fit, model = result.model.fit, result.model
     lines = []
     for source in model.sources:
         filtered = (
-            f"zero-phase low-pass at {source.cutoff_hz:.3g} Hz, thinned to {source.used_samples}"
+            f"zero-phase low-pass at {source.cutoff_hz:.3g} Hz{_of_positions(source)}, thinned to "
+            f"{source.used_samples}"
             if source.cutoff_hz
             else "not filtered"
         )
@@ -238,11 +308,14 @@ def summary(result: "Identification") -> list[str]:
     else:
         share = fit.duality_gap / fit.objective
         certificate = f"{fit.duality_gap:.1e} ({100 * share:.2g} %) above the certified optimum"
+    if any(one.reason in WHY_REPAIRED for source in model.sources for one in source.left_out):
+        certificate += ", of the rows that events have left"
     lines += [
         f"objective {fit.objective:.4e}, {certificate}; γ = {fit.gamma:.2e}",
         f"{fit.optimization_variables} free parameters, {fit.base_parameters} base parameters, "
         f"condition {fit.base_condition:.0f}; torque noise {100 * fit.noise_level:.2g} % of the "
         "largest torque",
+        shares_sentence(model),
         "all bodies physically consistent",
     ]
-    return lines
+    return [line for line in lines if line]

@@ -2,12 +2,16 @@
 
 import glob
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltaid.errors import DeltaidError
+
+if TYPE_CHECKING:
+    from deltaid.recording.mapping import ColumnMapping
 
 # Of every command that reads torques.
 KeepAll = Annotated[
@@ -16,6 +20,21 @@ KeepAll = Annotated[
         "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
     ),
 ]
+
+# Of every command that takes several recordings.
+ColumnFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        help="Which column is what, its unit, and loads held (YAML); repeated, one a recording."
+    ),
+]
+
+
+def mappings(paths: Sequence[Path] | None) -> "list[ColumnMapping] | None":
+    """The mappings of --columns, in their order; None without any."""
+    from deltaid.recording.mapping import load_mapping
+
+    return [load_mapping(path) for path in paths] if paths else None
 
 
 def output_file(*names: str, help: str) -> Any:

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.files import require_writable
+from deltaid.model.options import LARGEST_LAG, LagChoice
 from deltaid.report.numbers import number as number
 from deltaid.report.numbers import percent as percent  # for the commands too
 from deltaid.report.table import Table as Finished
@@ -155,6 +156,23 @@ def within(option: str, value: float, limits: tuple[float, float]) -> None:
     low, high = limits
     if not low <= value <= high:
         raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)
+
+
+def lag_of(text: str) -> LagChoice | tuple[float, ...]:
+    """What `--lag` asks for: a word, or lags in s from milliseconds."""
+    words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
+    if text in words:
+        return words[text]
+    try:
+        lags = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise DeltaidError(
+            f"must be estimate, none, or milliseconds such as 2 or 2,2,-1.5, not {text!r}",
+            where="--lag",
+        ) from None
+    for one in lags:
+        within("--lag", one, (-1e3 * LARGEST_LAG, 1e3 * LARGEST_LAG))
+    return tuple(1e-3 * one for one in lags)
 
 
 def require_report(path: Path, inputs: Sequence[Path]) -> None:

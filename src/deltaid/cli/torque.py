@@ -25,11 +25,14 @@ def torque(
 ) -> None:
     """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m (N).
 
+    Where the identification found gains of the drives, these are the torques that the drives must
+    be commanded for what the joints need; all other numbers of a model are torques at the joints.
     Without recorded velocities and accelerations the positions are filtered and differentiated,
     and as many rows as the filter is long are missing at either end.
     """
     from deltaid.cli.output import console, print_origin, print_warnings, progress
     from deltaid.files import require_writable, written_whole
+    from deltaid.identification.loads import as_known
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.identification.validation import model_filtered
     from deltaid.model.model import load
@@ -45,13 +48,13 @@ def torque(
     with progress(False) as say:
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
-        recording = model_filtered(known, surveyed)
+        recording = as_known(model_filtered(known, surveyed), known)
         print_warnings([f"{log}: {text}" for text in recording.log.warnings])
         say(f"predicting torques along {log}")
         with written_whole(output) as file:
             for part in predict(dynamics, known.p, recording):
-                file.write(prediction_csv(part, header=rows == 0))
+                file.write(prediction_csv(part, known.gains, header=rows == 0))
                 rows += len(part.time)
-    cutoff = recording.cutoff
+    cutoff = recording.motion_cutoff
     filtered = f", positions low-passed at {cutoff:.3g} Hz" if cutoff else ""
     console.print(f"wrote {rows} of {surveyed.samples} samples to {output}{filtered}")

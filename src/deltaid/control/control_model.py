@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.dynamics.joint_columns import with_load_friction
+from deltaid.dynamics.load_friction import with_load_friction
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
@@ -46,7 +46,7 @@ class ControlModel:
     ) -> Samples:
         """M(q) a + C(q, q̇) v + g(q) + f(w), with C from Christoffel symbols, ½Ṁ − C skew.
 
-        Friction that depends on load is a share of the whole and taken in the direction of w.
+        Friction that depends on load is a share of what gears carry, in the direction of w.
 
         Args:
             near: task coordinates near those of q, from which forward kinematics iterates.
@@ -87,7 +87,7 @@ def _law(description: str) -> BatchKernel:
         ca.SX.sym(name, dof) for name in ("near", "q", "v", "a", "w")
     )
     torque = e.M @ acceleration + e.C @ along + e.g + ca.substitute(e.f, e.qd, rubbing)
-    torque = with_load_friction(robot, torque, rubbing, e.p)
+    torque = with_load_friction(robot, torque, rubbing, acceleration, e.p)
     at = ca.Function("at", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
     pose = _located(dynamics.kinematics.mechanism, near, q)
     x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)

@@ -111,7 +111,7 @@ def open_trajectory(
         RecordingError: the file cannot be used, or has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
-    recording = with_filter(log)
+    recording = with_filter(log, None if log.has_derivatives else log.motion_cutoff)
     windows = recording.windows(kinematics)
     parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in windows]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))

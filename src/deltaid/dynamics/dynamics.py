@@ -67,13 +67,13 @@ class Regressor(Protocol):
         ...
 
     def sparse_regressor(
-        self, z: Samples, qd: Samples, qdd: Samples, tau: Samples
+        self, z: Samples, qd: Samples, qdd: Samples, load: Samples
     ) -> SparseRegressor:
-        """The nonzero entries at some samples; τ serves friction that depends on load."""
+        """The nonzero entries at some samples; friction that depends on load needs the load."""
         ...
 
-    def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
-        """Torques of the robot at some samples."""
+    def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+        """What the robot's gears carry at some samples."""
         ...
 
 
@@ -118,38 +118,38 @@ class Dynamics:
         return self.kinematics.dof
 
     def regressor(
-        self, q: Samples, qd: Samples, qdd: Samples, tau: Samples | None = None
+        self, q: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> Float[np.ndarray, "samples dof parameters"]:
         """The full regressor Y(q, q̇, q̈) of (2)–(7), τ = Y p.
 
-        Friction that depends on load needs the torques τ as well.
+        Friction that depends on load needs what the gears carry as well (`carried`).
 
         Raises:
             KinematicsError: q closes no loop or is singular.
-            DescriptionError: friction depends on load, and there is no τ.
+            DescriptionError: friction depends on load, and there is none.
         """
-        sparse = self.sparse_regressor(self.kinematics.forward(q), qd, qdd, tau)
+        sparse = self.sparse_regressor(self.kinematics.forward(q), qd, qdd, load)
         Y = np.zeros((sparse.values.shape[1], self.dof, len(self.layout.names)))
         Y[:, sparse.rows, sparse.columns] = sparse.values.T
         return Y
 
     def sparse_regressor(
-        self, z: Samples, qd: Samples, qdd: Samples, tau: Samples | None = None
+        self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
         """The nonzero entries of Y at task coordinates z; what all data goes through.
 
         Raises:
-            DescriptionError: friction depends on load, and there is no τ.
+            DescriptionError: friction depends on load, and there is none.
         """
         parts = [z, qd, qdd]
         if self.robot.load_drives:
-            if tau is None:
+            if load is None:
                 raise DescriptionError(
-                    "friction that depends on load has a regressor only where torques are known",
+                    "friction that depends on load has a regressor only where the load is known",
                     where=f"friction.{self.robot.load_drives[0]}.load",
-                    cure="pass the torques tau as well",
+                    cure="pass what the gears carry as well, Dynamics.carried",
                 )
-            parts.append(np.atleast_2d(tau))
+            parts.append(np.atleast_2d(load))
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
@@ -177,13 +177,13 @@ class Dynamics:
         half = self.robot.within(0.0, turn)[1]
         z = home + 0.5 * half * rng.uniform(-1, 1, (_GENERIC, self.dof))
         others = rng.standard_normal((_GENERIC, 3 * self.dof))
-        Y = ca.Function("Y", [ca.vertcat(e.z, e.qd, e.qdd, e.tau)], [e.Y.T.nz[:]])
+        Y = ca.Function("Y", [ca.vertcat(e.z, e.qd, e.qdd, e.load)], [e.Y.T.nz[:]])
         sizes = np.abs(np.array(Y(np.hstack([z, others]).T)))
         largest = np.nanmax(sizes, axis=1, initial=0.0)  # NaN out of reach
         return np.flatnonzero(~(largest <= _ROUNDING * largest.max()))
 
     def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
-        """Drive torques τ = Y(q, q̇, q̈) p, eq. (2); solved for τ where friction depends on it.
+        """Drive torques τ = Y(q, q̇, q̈) p, eq. (2).
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -193,6 +193,11 @@ class Dynamics:
     def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """Drive torques at task coordinates z."""
         return self._torque_kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
+
+    def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+        """What the gears carry at task coordinates z: drive torques without the motors' own
+        friction and rotors."""
+        return self._carried_kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
 
     def mass_matrix(self, q: Samples, p: Parameters) -> Float[np.ndarray, "samples dof dof"]:
         """M(q) of (1).
@@ -208,7 +213,7 @@ class Dynamics:
         """M, C, g and f of (1) in drive coordinates.
 
         C comes from Christoffel symbols, so Ṁ = C + Cᵀ. Friction that depends on load is a share
-        of τ and not in f.
+        of what gears carry and not in f.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -223,7 +228,7 @@ class Dynamics:
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:
         e = self.equations
-        load = [e.tau] if self.robot.load_drives else []
+        load = [e.load] if self.robot.load_drives else []
         entries = e.Y.T.nz[self._nonzero.tolist()]
         return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd, *load), entries)
 
@@ -231,6 +236,11 @@ class Dynamics:
     def _torque_kernel(self) -> BatchKernel:
         e = self.equations
         return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.torque, uniform=e.p)
+
+    @cached_property
+    def _carried_kernel(self) -> BatchKernel:
+        e = self.equations
+        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.carried, uniform=e.p)
 
     @cached_property
     def _mass_kernel(self) -> BatchKernel:

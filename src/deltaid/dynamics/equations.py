@@ -5,12 +5,12 @@ kinematics is never differentiated. Forces on the mechanism's generalised speeds
 torques by Nᵀ, N = ∂u/∂q̇ (`dynamics.speed_forces`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
-from deltaid.dynamics.joint_columns import JointColumn, Sign, joint_columns, with_load_friction
+from deltaid.dynamics.joint_columns import Sign, joint_columns
+from deltaid.dynamics.load_friction import carried, with_load_friction
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.mechanism import Mechanism
@@ -25,11 +25,13 @@ class Equations:
 
     Attributes:
         z, qd, qdd: inputs, δ each.
-        tau: drive torques, δ; Y depends on them only through friction terms that depend on load.
+        load: what the drives' gears carry, δ; Y depends on it only through friction that depends
+            on load.
         p: the parameters [bodies · 10, friction terms, springs, rotor inertias].
         J, T: ∂q/∂z and ∂z/∂q, δ×δ.
         Y: the full regressor, τ = Y p, δ × len(p), structurally sparse.
-        torque: τ(z, q̇, q̈, p), solved for τ where friction depends on it.
+        torque: τ(z, q̇, q̈, p).
+        carried: the load that goes with it, τ without the motors' own friction and rotors.
         M, C, g, f: the terms of (1) in drive coordinates; C from Christoffel symbols; f without
             the friction that depends on load.
     """
@@ -37,12 +39,13 @@ class Equations:
     z: ca.SX
     qd: ca.SX
     qdd: ca.SX
-    tau: ca.SX
+    load: ca.SX
     p: ca.SX
     J: ca.SX
     T: ca.SX
     Y: ca.SX
     torque: ca.SX
+    carried: ca.SX
     M: ca.SX
     C: ca.SX
     g: ca.SX
@@ -53,23 +56,24 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
     """Derive the equations of motion of a mechanism."""
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
     N, motion, p = speeds.drives_to_all, speeds.by_drives(), forces.p
-    tau, layout = ca.SX.sym("tau", mechanism.dof), forces.layout
-    joints = joint_columns(robot)
-    Y = N.T @ motion(ca.horzcat(forces.body_columns(), forces.joint_columns(joints, tau)))
+    load, layout = ca.SX.sym("load", mechanism.dof), forces.layout
+    joints, qd, qdd = joint_columns(robot), speeds.q.u, speeds.q.ud
+    Y = N.T @ motion(ca.horzcat(forces.body_columns(), forces.joint_columns(joints, load)))
     alone = motion(forces.joint_columns(joints, ca.SX.zeros(mechanism.dof)))
     of_joints, at = N.T @ alone, layout.coefficients
     torque = N.T @ motion(forces.of_bodies()) + of_joints @ p[at]
     f = of_joints[:, : layout.friction.stop - at.start] @ p[layout.friction]
     return Equations(
         z=mechanism.z,
-        qd=speeds.q.u,
-        qdd=speeds.q.ud,
-        tau=tau,
+        qd=qd,
+        qdd=qdd,
+        load=load,
         p=p,
         J=speeds.jacobian,
         T=speeds.inverse_jacobian,
         Y=Y,
-        torque=with_load_friction(robot, torque, speeds.q.u, p),
+        torque=with_load_friction(robot, torque, qd, qdd, p),
+        carried=carried(robot, torque, qd, qdd, p),
         M=forces.mass_matrix(N),
         C=_coriolis(forces, motion, N),
         g=N.T @ forces.at_rest(),
@@ -122,25 +126,16 @@ def build_task_motion(
 ) -> TaskMotion:
     """The regressor as a function of z, ż, z̈; `sign` may be a smooth stand-in for optimisation.
 
-    Friction that depends on load sees the torques at the prior.
+    Friction that depends on load sees what gears carry at the prior.
     """
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
-    motion, N, tau = speeds.by_task(), speeds.drives_to_all, ca.SX.sym("tau", mechanism.dof)
-    columns = forces.joint_columns(joint_columns(robot), tau, sign)
+    motion, N, load = speeds.by_task(), speeds.drives_to_all, ca.SX.sym("load", mechanism.dof)
+    columns = forces.joint_columns(joint_columns(robot), load, sign)
     Y = N.T @ motion(ca.horzcat(forces.body_columns(), columns))
-    if robot.load_drives:
-        at_prior = ca.substitute(Y, tau, ca.SX.zeros(mechanism.dof)) @ prior_parameters(robot)
-        Y = ca.substitute(Y, tau, at_prior)
     task = (mechanism.z, speeds.z.u, speeds.z.ud)
     drive = (mechanism.q, motion(speeds.q.u), motion(speeds.q.ud))
+    if robot.load_drives:
+        prior = ca.SX(prior_parameters(robot))
+        unloaded = ca.substitute(Y, load, ca.SX.zeros(mechanism.dof)) @ prior
+        Y = ca.substitute(Y, load, carried(robot, unloaded, *drive[1:], prior))
     return TaskMotion(*task, *drive, Y, mechanism.condition)
-
-
-def joint_regressor(
-    robot: RobotDescription, mechanism: Mechanism, columns: Sequence[JointColumn]
-) -> tuple[ca.SX, ca.SX]:
-    """(z, q̇, τ) and one column of Y for each of `columns`, of joints that have no acceleration."""
-    forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
-    tau = ca.SX.sym("tau", mechanism.dof)
-    Y = speeds.drives_to_all.T @ speeds.by_drives()(forces.joint_columns(columns, tau))
-    return ca.vertcat(mechanism.z, speeds.q.u, tau), Y

@@ -8,12 +8,16 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.friction_at_rest import friction_impulses
+from deltaid.dynamics.load_friction import carried, losses, rotor_inertia
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.dynamics.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
+
+# How often impulses of friction and what gears carry are found in turn, from the motors' torques.
+_LOAD_TURNS = 4
 
 
 class ForwardDynamics:
@@ -102,8 +106,19 @@ class ForwardDynamics:
 
     @cached_property
     def _acceleration(self) -> ca.SX:
-        e = self.equations
-        return cholesky_solve(e.M, e.J.T @ e.tau - e.h - e.R.T @ e.friction)
+        e, losing = self.equations, self._losing
+        force = e.J.T @ e.tau - e.h - e.R.T @ e.friction
+        responses = cholesky_solve(e.M, ca.horzcat(force, e.J.T[:, losing]))
+        if not losing:
+            return responses
+        zdd, G, qd = responses[:, 0], responses[:, 1:], e.J @ e.zd
+        x = carried(self.robot, e.tau, qd, e.J @ zdd + e.J_dot_zd, e.p)
+        return zdd - G @ losses(self.robot, x, e.J @ G, qd, e.p)
+
+    @property
+    def _losing(self) -> list[int]:
+        """Drives whose friction depends on load."""
+        return [self.robot.drives.index(drive) for drive in self.robot.load_drives]
 
     @cached_property
     def _acceleration_kernel(self) -> BatchKernel:
@@ -173,24 +188,45 @@ class ForwardDynamics:
 
         q̇ and not ż is what goes from step to step, so that a drive at rest stays where it is while
         others move. The friction's size is that at q̇; at its end the step starts from q̇_0.
+
+        Where friction depends on load, impulses depend on what gears carry and that on impulses:
+        a few turns, of which each leaves a share μ of the error of the one before.
         """
         e, robot = self.equations, self.robot
         qd, qd_0, h = ca.SX.sym("qd", self.dof), ca.SX.sym("qd0", self.dof), ca.SX.sym("h")
         responses = cholesky_solve(e.M, ca.horzcat(e.J.T @ e.tau - e.h - e.R.T @ e.smooth, e.R.T))
-        change = h * (e.J @ responses[:, 0] + e.J_dot_zd)
+        free = h * (e.J @ responses[:, 0] + e.J_dot_zd)
+        change = free
         if robot.friction_joints:
-            to_joints = e.R @ e.T
+            to_joints, loads = e.R @ e.T, e.tau
             drives = sum(joint in robot.drives for joint in robot.friction_joints)
-            impulses = friction_impulses(
-                A=e.R @ responses[:, 1:],
-                v=to_joints @ (qd_0 + change),
-                low=-h * e.forwards,
-                high=h * e.backwards,
-                drives=drives,
-            )
-            change += e.J @ responses[:, 1:] @ impulses
+            for _ in range(_LOAD_TURNS if robot.load_drives else 1):
+                low, high = ca.substitute([-e.forwards, e.backwards], [e.load], [loads])
+                impulses = friction_impulses(
+                    A=e.R @ responses[:, 1:],
+                    v=to_joints @ (qd_0 + free),
+                    low=h * low,
+                    high=h * high,
+                    drives=drives,
+                )
+                change = free + e.J @ responses[:, 1:] @ impulses
+                loads = self._loads(impulses / h, change / h)
         change = ca.substitute(change, e.zd, e.T @ qd)
         return [e.z, qd, qd_0, e.tau, e.p, h], [change]
+
+    def _loads(self, dry: ca.SX, acceleration: ca.SX) -> ca.SX:
+        """What gears carry, τ without the motors' friction and rotors.
+
+        Args:
+            dry: of each joint's friction what is not smooth, as it acts on it.
+            acceleration: q̈.
+        """
+        e, robot = self.equations, self.robot
+        loads = e.tau - rotor_inertia(robot, e.p) * acceleration
+        for j, joint in enumerate(robot.friction_joints):
+            if joint in robot.drives:
+                loads[robot.drives.index(joint)] += dry[j] - e.smooth[j]
+        return loads
 
 
 @lru_cache(maxsize=16)

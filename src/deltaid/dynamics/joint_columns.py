@@ -1,7 +1,7 @@
 """What a joint feels beside rigid bodies: friction, springs, rotors, each one column of Y.
 
-A column's generalised force is its coefficient times e(ϑ, ϑ̇, ϑ̈, τ) ∂ϑ/∂q with the coordinate ϑ of
-its joint (eqs. (6) and (7) for viscous and Coulomb friction). A new kind of column is one class
+A column's generalised force is its coefficient times e(ϑ, ϑ̇, ϑ̈, load) ∂ϑ/∂q with the coordinate ϑ
+of its joint (eqs. (6) and (7) for viscous and Coulomb friction). A new kind of column is one class
 here.
 """
 
@@ -26,7 +26,7 @@ class JointMotion:
 
     Attributes:
         position, speed, acceleration: ϑ, ϑ̇, ϑ̈ [rad or m, and per s, per s²].
-        load: torque or force of its drive, τ; zero in a joint without one.
+        load: torque or force that its drive's gear carries; zero in a joint without one.
         sign: of the speed, or a smooth stand-in for it.
     """
 
@@ -130,22 +130,3 @@ def _rotor(robot: RobotDescription, drive: str) -> RotorColumn:
     value, unit = robot.rotor_inertia[drive], robot.units(drive).inertia
     parameter = Parameter("rotor", drive, "rotor", unit, 0.0, np.inf, value, value)
     return RotorColumn(drive, parameter)
-
-
-def with_load_friction(robot: RobotDescription, torque: ca.SX, speed: ca.SX, p: ca.SX) -> ca.SX:
-    """τ of τ = torque + Σ μ sign(q̇) |τ|, drive by drive: torque / (1 − μ sign(q̇) sign(torque)).
-
-    With 0 ≤ μ < 1 there is exactly one solution, and it has the sign of `torque`.
-
-    Args:
-        torque: without the friction that depends on load.
-        speed: q̇, or the direction in which that friction acts.
-        p: the parameters.
-    """
-    total, first = ca.SX(torque), 10 * len(robot.body_names)
-    for k, term in enumerate(robot.friction_terms):
-        if term.of_load:
-            i = robot.drives.index(term.joint)
-            share = p[first + k] * ca.sign(speed[i]) * ca.sign(torque[i])
-            total[i] = torque[i] / (1 - share)
-    return total

@@ -10,7 +10,7 @@ from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, consistency
-from deltaid.robot.parameter import Parameter, ParameterKind
+from deltaid.robot.parameter import ADDED, Parameter, ParameterKind
 
 # Entries of a body that are positive: its mass and moments of inertia.
 _POSITIVE = ("m", "Ixx", "Iyy", "Izz")
@@ -22,7 +22,7 @@ class ParameterLayout:
 
     Attributes:
         parameters: one for each entry of p: ten a body, then the coefficients of joints: friction
-            terms by kind and joint, springs, rotor inertias.
+            terms by kind and joint, springs, rotor inertias; behind these what a fit adds to them.
         bodies: body names; body b has the ten entries from 10 b on.
     """
 
@@ -44,10 +44,15 @@ class ParameterLayout:
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
 
+    @cached_property
+    def added(self) -> int:
+        """How many entries, the last ones, are fitted beside the robot and not of it."""
+        return sum(parameter.kind in ADDED for parameter in self.parameters)
+
     @property
     def coefficients(self) -> slice:
-        """Entries of the joints: all but the bodies'."""
-        return slice(10 * len(self.bodies), len(self.parameters))
+        """Entries of the joints: all of the robot's but its bodies'."""
+        return slice(10 * len(self.bodies), len(self.parameters) - self.added)
 
     @property
     def friction(self) -> slice:

@@ -100,13 +100,17 @@ class SpeedForces:
         return V
 
     def joint_columns(
-        self, columns: Sequence[JointColumn], tau: ca.SX, sign: Sign = ca.sign
+        self, columns: Sequence[JointColumn], loads: ca.SX, sign: Sign = ca.sign
     ) -> ca.SX:
-        """One column for each of `columns`: its effort along its joint."""
+        """One column for each of `columns`: its effort along its joint.
+
+        Args:
+            loads: what the drives' gears carry.
+        """
         found = [ca.SX(self._u.numel(), 0)]
         for column in columns:
             joint, is_drive = self.joint(column.joint), column.joint in self.robot.drives
-            load = tau[self.robot.drives.index(column.joint)] if is_drive else ca.SX(0)
+            load = loads[self.robot.drives.index(column.joint)] if is_drive else ca.SX(0)
             path = joint.path
             motion = JointMotion(path.at, path.rate, path.acceleration, load, sign)
             found.append(column.effort(motion) * joint.partial.T)

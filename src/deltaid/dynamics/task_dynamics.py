@@ -2,10 +2,11 @@
 
 With J = ∂q/∂z and the joints' partial velocities R = ∂ϑ/∂z,
 
-    M(z) z̈ + h(z, ż) = Jᵀ τ − Rᵀ f(Rż, τ),
+    M(z) z̈ + h(z, ż) = Jᵀ τ − Rᵀ f(Rż, load),
 
-where h holds Coriolis forces, gravity and springs. A state (z, ż) closes the loops by itself and
-neither forward kinematics nor J⁻¹ is needed. Drive coordinates follow as q(z), J ż, J z̈ + J̇ ż.
+where h holds Coriolis forces, gravity and springs, and the load is what gears carry. A state (z, ż)
+closes the loops by itself and neither forward kinematics nor J⁻¹ is needed. Drive coordinates
+follow as q(z), J ż, J z̈ + J̇ ż.
 """
 
 from collections.abc import Callable
@@ -26,7 +27,7 @@ class TaskDynamics:
     """Symbolic equations of motion of one robot in task coordinates.
 
     Attributes:
-        z, zd, tau, p: inputs; p is laid out as everywhere.
+        z, zd, tau, load, p: inputs; p is laid out as everywhere.
         q: drive coordinates.
         J, T: ∂q/∂z and ∂z/∂q.
         J_dot_zd: J̇ ż.
@@ -34,7 +35,7 @@ class TaskDynamics:
         h: Coriolis forces, gravity, springs, rotors; δ.
         R: ∂ϑ/∂z of the friction joints, joints × δ.
         smooth: friction of each joint that is continuous at rest.
-        friction: all friction of each joint, sign(0) = 0.
+        friction: all friction of each joint but what depends on load, sign(0) = 0.
         forwards, backwards: size of the friction left out of `smooth` while a joint moves with
             positive and with negative speed; at rest, the most it can take.
         kinetic, potential: energy [J].
@@ -43,6 +44,7 @@ class TaskDynamics:
     z: ca.SX
     zd: ca.SX
     tau: ca.SX
+    load: ca.SX
     p: ca.SX
     q: ca.SX
     J: ca.SX
@@ -62,10 +64,11 @@ class TaskDynamics:
 def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDynamics:
     """Derive the equations."""
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
-    p, zd, tau, dof = forces.p, speeds.z.u, ca.SX.sym("tau", mechanism.dof), mechanism.dof
+    p, zd, dof = forces.p, speeds.z.u, mechanism.dof
+    tau, load = ca.SX.sym("tau", dof), ca.SX.sym("load", dof)
     N, motion, own = speeds.task_to_all, speeds.by_task(), forces.layout.coefficients
     others = [c for c in joint_columns(robot) if c.parameter.kind != "friction"]
-    of_joints = forces.joint_columns(others, tau) @ p[own.stop - len(others) : own.stop]
+    of_joints = forces.joint_columns(others, load) @ p[own.stop - len(others) : own.stop]
     at_rest = ca.SX.zeros(dof)  # z̈ = 0
     h, J_dot_zd = ca.substitute(
         [N.T @ motion(forces.of_bodies() + of_joints), motion(speeds.q.ud)],
@@ -74,11 +77,12 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
     )
     M = forces.mass_matrix(N)
     R = ca.vertcat(ca.SX(0, dof), *[forces.joint(j).partial @ N for j in robot.friction_joints])
-    laws = _Laws(robot, R @ zd, tau, p)
+    laws = _Laws(robot, R @ zd, load, p)
     return TaskDynamics(
         z=mechanism.z,
         zd=zd,
         tau=tau,
+        load=load,
         p=p,
         q=mechanism.q,
         J=speeds.jacobian,
@@ -88,7 +92,7 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
         h=h,
         R=R,
         smooth=laws.sum(ca.sign, lambda term: term.continuous),
-        friction=laws.sum(ca.sign, lambda term: True),
+        friction=laws.sum(ca.sign, lambda term: not term.of_load),
         forwards=laws.sum(lambda v: ca.SX(1), lambda term: not term.continuous),
         backwards=-laws.sum(lambda v: ca.SX(-1), lambda term: not term.continuous),
         kinetic=0.5 * ca.dot(zd, M @ zd),
@@ -102,7 +106,7 @@ class _Laws:
 
     robot: RobotDescription
     v: ca.SX
-    tau: ca.SX
+    loads: ca.SX
     p: ca.SX
 
     def sum(self, sign: Sign, wanted: Callable[[FrictionTerm], bool]) -> ca.SX:
@@ -112,7 +116,7 @@ class _Laws:
         for k, column in enumerate(friction_columns(robot.friction_terms)):
             if wanted(column.term):
                 i, is_drive = joints.index(column.joint), column.joint in robot.drives
-                load = self.tau[robot.drives.index(column.joint)] if is_drive else ca.SX(0)
+                load = self.loads[robot.drives.index(column.joint)] if is_drive else ca.SX(0)
                 motion = JointMotion(ca.SX(0), self.v[i], ca.SX(0), load, sign)
                 total[i] += self.p[at + k] * column.effort(motion)
         return total

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.equations import Equations
+from deltaid.dynamics.load_friction import carried, losses
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.errors import DeltaidError
 from deltaid.export.fill import rendered
@@ -140,7 +141,7 @@ def _functions(subject: Model, prefix: str, table: ParameterTable) -> list[str]:
 
 
 def bias(subject: Model, e: Equations) -> ca.SX:
-    """C q̇ + g + f as the torque without acceleration and without losses that depend on it."""
+    """C q̇ + g + f as the torque without acceleration and without losses that depend on load."""
     names, p = subject.dynamics.layout.names, ca.SX(e.p)
     for drive in subject.robot.load_drives:
         p[names.index(f"load.{drive}")] = 0
@@ -151,21 +152,29 @@ def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: s
     """C text of `static void accelerations(z, qd, tau, …, qdd)`: M q̈ = τ − C q̇ − g − f.
 
     By Cholesky's method in one piece with all that M and the forces share; NaN where M is not
-    positive definite. Friction that depends on load takes its share of τ.
+    positive definite. Friction that depends on load takes its share of what gears carry.
 
     Args:
         smooth: further arguments.
         sign: C expression of the sign of a speed {a}.
     """
-    e, robot = subject.dynamics.equations, subject.robot
-    tau = ca.SX.sym("tau", e.qd.numel())
-    forces = tau - bias(subject, e)
-    for drive in robot.load_drives:
-        i, share = robot.drives.index(drive), subject.value(f"load.{drive}")
-        forces[i] -= share * ca.sign(e.qd[i]) * ca.fabs(tau[i])
-    qdd = ca.substitute([cholesky_solve(e.M, forces)], [e.p], [table.p])[0]
+    e, tau = subject.dynamics.equations, ca.SX.sym("tau", subject.dynamics.dof)
+    qdd = ca.substitute([acceleration(subject, e, tau)], [e.p], [table.p])[0]
     arrays = [Array("z", e.z), Array("qd", e.qd), Array("tau", tau), *smooth, table.array]
     return straight_line("accelerations", arrays, ("qdd", qdd), linkage="static ", sign=sign)
+
+
+def acceleration(subject: Model, e: Equations, tau: ca.SX) -> ca.SX:
+    """q̈(z, q̇, τ, p)."""
+    robot = subject.robot
+    losing = [robot.drives.index(drive) for drive in robot.load_drives]
+    right = ca.horzcat(tau - bias(subject, e), ca.SX.eye(tau.numel())[:, losing])
+    responses = cholesky_solve(e.M, right)
+    if not losing:
+        return responses
+    qdd, G = responses[:, 0], responses[:, 1:]
+    x = carried(robot, tau, e.qd, qdd, e.p)
+    return qdd - G @ losses(robot, x, G, e.qd, e.p)
 
 
 def _forward(subject: Model) -> dict[str, str]:

@@ -31,13 +31,15 @@ from deltaid.identification.base_parameters import BaseParameters, base_paramete
 from deltaid.identification.conic import svec
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.generic_motion import random_motion_base
+from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
+from deltaid.identification.loads import as_known
 from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.scatter import Groups, quantile
+from deltaid.identification.scatter import Groups, half_width
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 
@@ -76,10 +78,11 @@ class Range:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What recordings say: information, base parameters and their noise."""
+    """What recordings say: information, base parameters, their noise, and what geometry does."""
 
     information: Information
     estimate: BaseEstimate
+    geometry: Geometry
 
 
 class Determinacy:
@@ -123,7 +126,7 @@ def evidence(
     model: ModelLike,
     logs: RecordingLike | Sequence[RecordingLike],
     *,
-    columns: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Evidence, Determinacy]:
     """What recordings say about a model's parameters, filtered as for its identification.
@@ -140,12 +143,14 @@ def evidence(
         logs, dynamics.kinematics, columns, cutoff, progress, keep_all=keep_all
     )
     _require_sources(known, recordings)
+    recordings = [as_known(one, model) for one in recordings]
     predicted_by = model.p if model.robot.load_drives else None
     gathered = gather_all(dynamics, recordings, predicted_by, progress)
     information = gathered.information
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
-    return Evidence(information, estimate), Determinacy(model, base)
+    shape = geometry(dynamics, recordings, base, information, model.p)
+    return Evidence(information, estimate, shape), Determinacy(model, base)
 
 
 def _identification(model: Model) -> IdentifiedModel:
@@ -179,6 +184,7 @@ class Ranges:
 
     def __init__(self, given: Evidence, known: Determinacy, p: Parameters) -> None:
         self._noise, self._known, self._p = given.estimate.noise, known, p
+        self._shifts = given.geometry.shifts
         information, unknown = given.information, known.unknowns
         factor = information.weighted(information.drive_weights)
         at, Y, tau = information.columns, factor[:, :-1], factor[:, -1]
@@ -203,14 +209,17 @@ class Ranges:
         """σ_c: white noise of this level would make the force as uncertain as the real one does.
 
         With the Hessian H of data and prior, noise moves c·u by c H⁻¹ (K A)ᵀ R_Bᵀ s, where s are
-        the scores of the base parameters' least squares (`scatter`) and R_B its root.
+        the scores of the base parameters' least squares (`scatter`) and R_B its root. Geometry
+        that is off moves it as scores R_B δp_B do.
         """
         U = (self._scores @ c_u)[:, None]
         size = float(np.linalg.norm(U))
         if size == 0:
             return self._white
-        std, nu = self._noise.deviations(U)
-        return max(float(std[0] * quantile(nu)[0] / (_REACH * size)), NOISE_FLOOR)
+        by_noise, nu = self._noise.deviations(U)
+        std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
+        half = float(half_width(std, by_noise, nu)[0])
+        return max(half / (_REACH * size), NOISE_FLOOR)
 
     @cached_property
     def _white(self) -> float:

@@ -20,7 +20,7 @@ from deltaid.forces.ranges import (
     structural_determinacy,
 )
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.recording import Recording
 
 
@@ -84,7 +84,7 @@ def study(
     moving: Recording,
     *,
     recordings: Sequence[str | Path] = (),
-    columns: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     viewers: Sequence[Viewer] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> Study:

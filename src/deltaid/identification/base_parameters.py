@@ -14,11 +14,14 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.identification.information import Information
+from deltaid.robot.parameter import ADDED
 
 # A pivot below this share of the largest one is a linear dependence. Dependences of the mechanism
 # come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
 _DEPENDENT = 1e-9
 _NEGLIGIBLE = 1e-8
+# What is fitted beside the robot may hang on what is known of it: below this share it is not told.
+_HARDLY = 1e-5
 # A sum that is smaller than this share of its terms is zero but for rounding.
 _CANCELLED = 1e-12
 _PREFERENCE = ("P", "SB", "MP", "HP", "EE", "MB", "R", "U", "C", "TL", "TU", "S")
@@ -54,8 +57,8 @@ class BaseParameters:
         groups: one for each base parameter.
         invisible: parameters that no torque shows.
         condition: condition number of the base regressor, columns scaled to unit length.
-        pivots: |R_kk| of the pivoted factorisation as shares of the first; what follows the rank
-            is rounding.
+        pivots: |R_kk| of the pivoted factorisation of the robot's columns as shares of the first;
+            what follows its rank is rounding.
     """
 
     layout: ParameterLayout
@@ -101,14 +104,16 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     norms = np.linalg.norm(Y, axis=0)
     shown = np.flatnonzero(norms > _DEPENDENT * norms.max())
     scaled = Y[:, shown] / norms[shown]
-    pivots = _pivots(scaled)
+    own = information.columns[shown] < len(layout.names) - layout.added
+    pivots = _pivots(scaled[:, own])
     pivots /= pivots[0]
     rank = int(np.sum(pivots > _DEPENDENT))
     chosen = _representatives(scaled, information.columns[shown], layout)
-    if len(chosen) != rank:
+    of_robot = int(np.sum(own[chosen]))
+    if of_robot != rank:
         raise IdentificationError(
-            f"the motion determines between {min(rank, len(chosen))} and "
-            f"{max(rank, len(chosen))} parameters; it hardly excites some of them",
+            f"the motion determines between {min(rank, of_robot)} and "
+            f"{max(rank, of_robot)} parameters; it hardly excites some of them",
             cure="record a motion that uses all drives and more of the workspace",
         )
     groups = _groups(scaled, norms[shown], chosen, information.columns[shown])
@@ -148,6 +153,8 @@ def _representatives(
 
     def preference(k: int) -> tuple[int, bool, int]:
         parameter = layout.parameters[columns[k]]
+        if parameter.kind in ADDED:
+            return len(_PREFERENCE) + 1, False, int(columns[k])
         body = parameter.owner.rstrip("0123456789")  # of limbs with inertia of their own
         known = parameter.kind == "inertia" and body in _PREFERENCE
         rank = _PREFERENCE.index(body) if known else len(_PREFERENCE)
@@ -161,7 +168,8 @@ def _representatives(
         for _ in range(2):  # twice, so that rounding leaves it orthogonal
             rest = rest - basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
-        if length > _DEPENDENT:
+        added = layout.parameters[columns[k]].kind in ADDED
+        if length > (_HARDLY if added else _DEPENDENT):
             basis = np.column_stack([basis, rest / length])
             chosen.append(k)
     return chosen

@@ -121,11 +121,12 @@ class _Program:
         n, spectral = self._reduction.size, self._objective.regularizer.spectral
         L = self._quadratic.L * self._scale
         self._require(np.hstack([L, -np.eye(n)]), self._quadratic.l, clarabel.ZeroConeT(n))
-        for block in self._reduction.blocks:
-            if spectral is None:
+        if spectral is None:
+            for block in self._reduction.blocks:
                 self._require_definite(block)
-            else:
-                self._add_entropy(block)
+        else:
+            for block, weight in zip(spectral.blocks, spectral.weights, strict=True):
+                self._add_entropy(block, weight)
         return self._run()
 
     def _run(self) -> Solution:
@@ -191,13 +192,14 @@ class _Program:
         cone = clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
         self._require(rows, right, cone)
 
-    def _add_entropy(self, block: Block) -> None:
-        """2 (tr A − log det A − k) of the normalised block A."""
+    def _add_entropy(self, block: Block, weight: float) -> None:
+        """2 w (tr A − log det A − k) of the normalised block A, with a weight w."""
         constant, slopes = self._affine(block)
         k = len(constant)
-        self._constant += 2 * (np.trace(constant) - k)
+        self._constant += 2 * weight * (np.trace(constant) - k)
         for variable, slope in slopes.items():
-            self._linear[variable] = self._linear.get(variable, 0.0) + 2 * np.trace(slope)
+            more = 2 * weight * np.trace(slope)
+            self._linear[variable] = self._linear.get(variable, 0.0) + more
         lower = [(i, j) for j in range(k) for i in range(j, k)]
         Z = {ij: self._size + a for a, ij in enumerate(lower)}
         t = [self._size + len(lower) + i for i in range(k)]
@@ -214,7 +216,7 @@ class _Program:
             rows = np.zeros((3, self._size))
             rows[0, t[i]] = rows[2, Z[i, i]] = -1.0
             self._require(rows, np.array([0.0, 1.0, 0.0]), clarabel.ExponentialConeT())
-            self._linear[t[i]] = -2.0
+            self._linear[t[i]] = -2.0 * weight
 
 
 def svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:

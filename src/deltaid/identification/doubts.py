@@ -4,6 +4,7 @@ import numpy as np
 
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.identification.scatter import quantile
 from deltaid.identification.signs import CURE, against_motion, told
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
@@ -53,7 +54,7 @@ def _misfit(problem: FittedProblem) -> list[str]:
 
 def _grown(problem: FittedProblem) -> list[str]:
     """Entries that no torque shows and that consistency has made much larger than the prior."""
-    reduction, p = problem.reduction, problem.p
+    reduction, p = problem.reduction, problem.values
     held = ~np.any(reduction.A, axis=1)
     grown = np.flatnonzero(held & (reduction.p_reg > 0) & (p > _GREW * reduction.p_reg))
     names = ", ".join(
@@ -81,24 +82,28 @@ def _scale(problem: FittedProblem) -> float:
 def _contradictions(problem: FittedProblem) -> list[str]:
     """The base parameter that a fit holds farthest from what the recording alone gives.
 
-    With the truth within the prior, the two differ by less than the noise of the estimate. Where
-    they do not, parameters that hang together with this one are pulled along, out of intervals
-    that take the prior at its word.
+    With the truth within the prior, or a prior as wide as it must be, the two differ by less than
+    the noise of the estimate. Where they do not, parameters that hang together with this one are
+    pulled along, out of intervals that take the rest of the description at its word.
     """
     base, estimate = problem.base, problem.estimate
-    fitted, half = base.values(problem.p), _excess(problem) * estimate.interval
+    by_noise, freedom = estimate.by_noise  # geometry shifts both sides alike
+    fitted, half = base.values(problem.values), _excess(problem) * quantile(freedom) * by_noise
     apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
     k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))
     if not count:
         return []
     unit = base.layout.units[base.groups[k].representative]
     others = f"; {count - 1} more are as far apart" if count > 1 else ""
+    causes, cure = "entries that 'free' leaves out or consistency", "Free more of their entries"
+    if problem.settings.gamma is not None:  # then no prior is widened
+        causes = f"prior, {causes}"
+        cure = "Likeliest the prior of this body is too far off: correct it, or free more entries"
     return [
         f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
-        f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: prior, entries that 'free' "
-        "leaves out or consistency contradict the recording, and other parameters of these bodies "
-        "may lie outside of their intervals. Likeliest the prior of this body is too far off: "
-        "correct it, or free more of its entries"
+        f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: {causes} contradict the "
+        "recording, and other parameters of these bodies may lie outside of their intervals. "
+        f"{cure}"
     ]
 
 

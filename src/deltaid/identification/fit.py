@@ -1,7 +1,7 @@
 """A fit: posed from recordings, solved, and kept with all that judging it needs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,9 +10,11 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
+from deltaid.identification.additions import Addition, extended
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import Conic
 from deltaid.identification.gathering import Gathered, gather_all
+from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import LogCholesky
@@ -28,6 +30,8 @@ from deltaid.identification.regularizer import (
 from deltaid.identification.scatter import Groups
 from deltaid.identification.signs import CURE, against_motion, told
 from deltaid.identification.solver import Solution, Solver
+from deltaid.identification.widening import Evidence, evidence, told_priors
+from deltaid.model.corrections import Correction
 from deltaid.model.options import Method, RegularizerName
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
@@ -58,6 +62,8 @@ class FittedProblem:
         solution: its minimiser and certificate.
         base: which combinations of parameters the motion determines.
         estimate: their weighted least-squares values, without prior and consistency.
+        additions: what was fitted beside the robot.
+        geometry: what the robot's tolerances do to base parameters; None before that is known.
     """
 
     dynamics: Dynamics
@@ -67,6 +73,8 @@ class FittedProblem:
     solution: Solution
     base: BaseParameters
     estimate: BaseEstimate
+    additions: tuple[Addition, ...] = ()
+    geometry: Geometry | None = None
 
     @property
     def information(self) -> Information:
@@ -87,13 +95,18 @@ class FittedProblem:
 
     @property
     def layout(self) -> ParameterLayout:
-        """Names and places of the parameters."""
+        """Names and places of the parameters, those of additions behind the robot's."""
         return self.reduction.layout
 
     @cached_property
-    def p(self) -> Float[np.ndarray, " parameters"]:
-        """The fitted parameters."""
+    def values(self) -> Float[np.ndarray, " parameters"]:
+        """All fitted parameters, in the order of the layout: p, then those of additions."""
         return self.reduction.parameters(self.solution.x)
+
+    @property
+    def p(self) -> Float[np.ndarray, " own"]:
+        """The fitted parameters of the robot."""
+        return self.values[: len(self.values) - self.layout.added]
 
     @cached_property
     def noise(self) -> float:
@@ -106,41 +119,102 @@ def fit(
     recordings: Sequence[Recording],
     settings: Settings,
     progress: Progress = lambda _: None,
+    additions: Sequence[Addition] = (),
 ) -> FittedProblem:
-    """Fit a robot's parameters to recordings.
+    """Fit a robot's parameters to recordings, and those of additions with them.
 
     Raises:
         IdentificationError: the fit cannot be posed, or its solver did not reach its end; with the
             drives whose torques and motions contradict each other, if that is why.
     """
     try:
-        gathered, objective, solution = _settled(dynamics, recordings, settings, progress)
+        gathered, objective, solution = _settled(
+            dynamics, recordings, settings, progress, additions
+        )
         information = gathered.information
-        base = base_parameters(information, dynamics.layout)
+        base = base_parameters(information, objective.reduction.layout)
         groups = Groups(gathered.blocks, gathered.places)
         estimate = estimate_base(base, information, groups=groups)
     except IdentificationError as error:
         where = error.where or ", ".join(str(recording.path) for recording in recordings)
         raise IdentificationError(error.what, where=where, cure=error.cure) from error
-    return FittedProblem(dynamics, settings, gathered, objective, solution, base, estimate)
+    return FittedProblem(
+        dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
+    )
+
+
+def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
+    """A fit whose intervals take in what the tolerances of the robot's geometry do.
+
+    Args:
+        recordings: those that it comes from.
+    """
+    found = geometry(
+        problem.dynamics,
+        recordings,
+        problem.base,
+        problem.information,
+        problem.p,
+        problem.additions,
+    )
+    estimate = problem.estimate.with_shifts(found.shifts)
+    return replace(problem, estimate=estimate, geometry=found)
+
+
+def with_widened_prior(problem: FittedProblem) -> FittedProblem:
+    """The same fit with priors that the recording contradicts as wide as its evidence asks for.
+
+    A weight γ of the prior that the user has chosen stays. Friction that depends on load keeps the
+    torques that it has seen: these are what both fits explain.
+
+    Raises:
+        IdentificationError: the solver did not reach its end.
+    """
+    settings = problem.settings
+    widened = {} if settings.gamma is not None else _against_prior(problem).contradicted()
+    if not widened:
+        return problem
+    reduction = replace(problem.reduction, widened=widened)
+    objective = pose(problem.information, reduction, settings)
+    solution = minimise(objective, SOLVERS[settings.method])
+    return replace(problem, objective=objective, solution=solution)
+
+
+def widened_priors(problem: FittedProblem) -> tuple[Correction, ...]:
+    """The priors that were widened, as corrections."""
+    widened = problem.reduction.widened
+    return told_priors(widened, _against_prior(problem), problem.base, problem.estimate)
+
+
+def _against_prior(problem: FittedProblem) -> Evidence:
+    """What the recordings of a fit say against its prior."""
+    spread = problem.settings.prior_spread
+    return evidence(problem.reduction, spread, problem.base, problem.estimate)
 
 
 def _settled(
-    dynamics: Dynamics, recordings: Sequence[Recording], settings: Settings, progress: Progress
+    dynamics: Dynamics,
+    recordings: Sequence[Recording],
+    settings: Settings,
+    progress: Progress,
+    additions: Sequence[Addition],
 ) -> tuple[Gathered, Objective, Solution]:
     """Friction that depends on load sees the torques of the fit before, beginning with the prior,
     until its coefficients stay as they are."""
     robot, first = dynamics.robot, dynamics.layout.friction.start
     shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
     load = prior_parameters(robot) if shares else None
+    regressor = extended(dynamics, additions)
+    added = [(one.parameters, one.free) for one in additions]
     for _ in range(_LOAD_ROUNDS):
-        gathered = gather_all(dynamics, recordings, load, progress)
+        gathered = gather_all(regressor, recordings, load, progress)
         information = gathered.information
         progress("fitting")
-        objective = pose(information, build_reduction(robot, information.columns), settings)
+        reduction = build_reduction(robot, information.columns, added)
+        objective = pose(information, reduction, settings)
         try:
             solution = minimise(objective, SOLVERS[settings.method])
-            p = objective.reduction.parameters(solution.x)
+            p = reduction.parameters(solution.x)[: len(dynamics.layout.names)]
         except IdentificationError as error:
             raise _explained(error, dynamics, information) from error
         if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):

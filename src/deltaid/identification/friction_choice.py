@@ -1,247 +1,286 @@
-"""Which friction law each joint needs, decided by cross-validation on the recordings themselves.
+"""Which friction law each joint needs, decided by what the described one leaves of the torques.
 
-1. One pass over the data factors the robot's columns together with a dictionary: every term that a
-   law may have (`robot/friction.py`), powers and Stribeck terms with a grid of their constants.
-2. The blocks of the recordings make folds of consecutive stretches. For each fold a law is fitted
-   to all others, friction coefficients positive and rigid-body columns free, and judged on the
-   fold. Nonlinear constants are chosen anew in each fold, by the data that the fit may see.
-3. Beginning with viscous and Coulomb friction everywhere, the addition that helps most is taken,
-   as long as it lowers the error on the folds by more than chance.
-4. The constants of the chosen laws are refined on finer grids, with all data; what the refined laws
-   can do without is dropped again.
+1. Rows of the recordings in memory, without what the robot's parameters and a lag of each drive
+   explain (`friction_rows`). If no further term of any joint explains more of them than chance,
+   everything stays as described.
+2. The term that is least likely by chance is added, and again to what it leaves. Terms of the
+   description stay: they are part of what the rows are without.
+3. The constants of the terms that were added are refined together with all coefficients, positive
+   as they must be, by Gauss–Newton (`friction_constants`).
+4. What the refined laws can do without is dropped again. There is no second round: it would only
+   fit the noise.
 
-Everything but the passes works on triangular factors, whatever the number of samples.
+Chance is measured by the scatter of the rows between stretches of time, or by white noise where
+that is larger.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Parameters
+from deltaid.errors import RecordingError
+from deltaid.identification.explained import surprise
+from deltaid.identification.friction_constants import Refined, refined
+from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_options import (
+    Option,
     Options,
-    additions,
-    neighbours,
-    only,
-    plain_law,
+    Variant,
+    columns_of,
     remaining,
 )
-from deltaid.identification.friction_search import (
-    FrictionSearch,
-    Laws,
-    first_look,
-    prepare,
-    term_key,
-)
-from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.model.friction_record import AdditionKind, FrictionChoice, FrictionTrial
-from deltaid.recording.recording import Recording
+from deltaid.identification.friction_rows import FrictionRows, friction_rows
+from deltaid.identification.lag import BLOCKS, Rows
+from deltaid.identification.lag_stage import without_lags
+from deltaid.identification.setup import Progress, Setup
+from deltaid.model.corrections import Correction
+from deltaid.model.friction_record import FrictionChoice, FrictionTrial
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction, FrictionTerm
+from deltaid.robot.friction import Friction
+from deltaid.robot.friction_text import written
 
-# An addition is taken when its gain is so many times the standard error of the gain over the folds:
-# with some twenty additions tried at each step, chance alone seldom reaches it.
-_SIGNIFICANT = 3.0
-# Refinements: how often, and the ratio of neighbours on the first grid, whose root follows.
-_TURNS, _SPACING = 4, 1.7
+# A term is added where chance explains as much to one of all that were tried once in so many
+# decades of recordings; and where it makes this share of a drive's largest torque, less than which
+# is the error of differentiated positions.
+_SEEN, _LEAST = 3.5, 3e-4
+# Decades that the number of joints and kinds of terms takes.
+_TRIALS = 1.3
+# Directions of columns shorter than this share of their length have been taken by parameters.
+_TAKEN = 1e-3
+# Terms that are added at most.
+_MOST = 25
 
-
-@dataclass(frozen=True)
-class _Trial:
-    """An addition to one joint's law with its errors on the folds."""
-
-    joint: str
-    addition: AdditionKind
-    law: Friction
-    errors: Float[np.ndarray, " folds"]
-    gain: float
-    significance: float
+Columns = Float[np.ndarray, "rows _"]
 
 
-def choose_friction(
-    robot: RobotDescription,
-    recordings: Sequence[Recording],
-    progress: Callable[[str], None] = lambda _: None,
-) -> tuple[RobotDescription, FrictionChoice]:
-    """The robot with the friction laws that its recordings ask for, and how they were chosen.
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """An addition to a joint's law.
 
-    Every joint of the description that has friction starts with its viscous and Coulomb
-    coefficients; further terms of the description are dropped, and come back if the data wants
-    them.
-
-    Raises:
-        IdentificationError: the motion does not determine the rigid-body parameters.
+    Attributes:
+        option, variant: which.
+        gain: by what share the squared error falls.
+        left: share of the largest torque that is left.
+        times: what it explains, as a multiple of what chance makes of that, as a root.
+        surprise: how unlikely that is by chance, in decades, the number of trials counted.
+        directions: orthonormal columns that it adds.
+        useful: whether it is beyond chance, and large enough to matter.
     """
-    plain = _with_laws(robot, {j: plain_law(law) for j, law in robot.friction.items()})
-    progress("preparing friction laws")
-    speeds, p = first_look(plain, recordings)
-    options = {
-        j: additions(law, speeds[j], drive=j in robot.drives) for j, law in plain.friction.items()
-    }
-    tried = [(j, law) for j, kinds in options.items() for laws in kinds.values() for law in laws]
-    search = prepare(plain, recordings, _further_terms(plain, tried), p)
-    progress(f"trying {len(tried)} friction laws")
-    steps, first = _extend(search, plain, options)
-    laws = dict(plain.friction) | {step.joint: step.law for step in steps}
-    search, laws = _refine(plain, recordings, laws, p, search, progress)
-    kept = _thin_out(search, plain, laws, steps)
-    laws = dict(plain.friction) | {j: only(laws[j], kept[j]) for j in kept}
-    choice = FrictionChoice(
-        folds=len(search.folds),
-        plain_error=_share(search, _errors(search, plain, plain.friction)),
-        chosen_error=_share(search, _errors(search, plain, laws)),
-        steps=tuple(_record(s, search, useful=s.addition in kept[s.joint]) for s in steps),
-        trials=tuple(_record(t, search, useful=_beyond_chance(t, search)) for t in first),
+
+    option: Option
+    variant: Variant
+    gain: float
+    left: float
+    times: float
+    surprise: float
+    directions: Columns
+    useful: bool
+
+
+def chosen_friction(setup: Setup, progress: Progress) -> Setup:
+    """The friction laws that recordings ask for, unless those of the description are wanted."""
+    if setup.settings.friction != "choose" or not setup.robot.friction:
+        return setup
+    if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
+        return setup
+    progress("looking for friction that the description lacks")
+    beside = without_lags(setup.additions)
+    try:
+        rows = friction_rows(setup.dynamics, setup.recordings, beside)
+    except RecordingError:
+        return setup  # too short to look at; the fit says so where it matters
+    robot, choice = choose_friction(rows, progress)
+    told = _corrections(setup.robot, robot, choice)
+    setup = setup.changed(robot=robot, friction_choice=choice).told(told, "friction")
+    constants = LawConstants(setup.dynamics)
+    return setup.changed(
+        additions=(*setup.additions, *([constants] if constants.parameters else []))
     )
-    return _with_laws(robot, laws), choice
 
 
-def _extend(
-    search: FrictionSearch, robot: RobotDescription, options: dict[str, Options]
-) -> tuple[list[_Trial], tuple[_Trial, ...]]:
-    """Add what helps most until nothing helps; and the trials of the first round."""
-    laws, steps, first = dict(robot.friction), [], ()
-    while True:
-        trials = _trials(search, robot, laws, options, _errors(search, robot, laws))
-        first = first or trials
-        useful = [trial for trial in trials if _beyond_chance(trial, search)]
-        if not useful:
-            return steps, first
-        best = _simplest(max(useful, key=lambda trial: trial.gain), useful)
-        steps.append(best)
-        laws[best.joint] = best.law
-        options[best.joint] = remaining(best.law, options[best.joint], best.addition)
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def choose_friction(
+    rows: FrictionRows, progress: Progress = lambda _: None
+) -> tuple[RobotDescription, FrictionChoice]:
+    """The robot with the friction laws that its recordings ask for, and how they were chosen."""
+    options, robot = Options(rows), rows.dynamics.robot
+    steps, first = _extended(rows, options)
+    kept, laws, left = _refined(rows, steps, progress)
+    choice = FrictionChoice(
+        folds=BLOCKS,
+        plain_error=rows.share(rows.left),
+        chosen_error=rows.share(left),
+        steps=tuple(_record(one, useful=one in kept) for one in steps),
+        trials=tuple(_record(one, useful=one.useful) for one in first),
+    )
+    return robot.changed(friction=dict(robot.friction) | laws), choice
 
 
-def _thin_out(
-    search: FrictionSearch, robot: RobotDescription, laws: Laws, steps: Sequence[_Trial]
-) -> dict[str, set[AdditionKind]]:
-    """For each joint the additions that its law cannot do without, with the refined constants."""
-    kept: dict[str, set[AdditionKind]] = {j: set() for j in laws}
-    for step in steps:
-        kept[step.joint].add(step.addition)
-    for step in reversed(steps):
-        now = dict(laws) | {j: only(laws[j], kept[j]) for j in kept}
-        fewer = kept[step.joint] - {step.addition}
-        without = now | {step.joint: only(laws[step.joint], fewer)}
-        errors = _errors(search, robot, now)
-        gains = _errors(search, robot, without) - errors
-        if not _significance(gains) > _SIGNIFICANT:
-            kept[step.joint] = fewer
-    return kept
-
-
-def _trials(
-    search: FrictionSearch,
-    robot: RobotDescription,
-    laws: Laws,
-    options: Mapping[str, Options],
-    before: Float[np.ndarray, " folds"],
-) -> tuple[_Trial, ...]:
-    """Every addition to every joint, judged on the folds."""
-    trials = []
-    for joint, kinds in options.items():
-        for kind, variants in kinds.items():
-            columns = [search.combination({**laws, joint: law}, robot) for law in variants]
-            errors = search.errors(columns)
-            gains = before - errors
-            trials.append(
-                _Trial(
-                    joint=joint,
-                    addition=kind,
-                    law=variants[search.best(columns)],
-                    errors=errors,
-                    gain=float(gains.sum() / before.sum()) if before.sum() > 0 else 0.0,
-                    significance=_significance(gains),
-                )
+def _corrections(
+    before: RobotDescription, after: RobotDescription, choice: FrictionChoice
+) -> list[Correction]:
+    """One for each joint whose law was changed."""
+    found = list[Correction]()
+    for joint, law in after.friction.items():
+        steps = [one for one in choice.steps if one.useful and one.joint == joint]
+        if not steps:
+            continue
+        left = float(np.prod([1 - one.gain for one in steps]))
+        sure = max(one.significance for one in steps)
+        found.append(
+            Correction(
+                kind="friction",
+                subject=joint,
+                text=f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
+                f"squared errors of the torques fall by {100 * (1 - left):.2g} %, {sure:.2g} times "
+                "what chance would explain",
             )
-    return tuple(trials)
+        )
+    return found
 
 
-def _significance(gains: Float[np.ndarray, " folds"]) -> float:
-    """Mean gain over the folds as a multiple of its standard error."""
-    if len(gains) < 2 or not np.any(gains):
-        return 0.0
-    return float(gains.mean() / max(np.std(gains, ddof=1) / np.sqrt(len(gains)), 1e-300))
+def _extended(rows: FrictionRows, options: Options) -> tuple[list[_Tried], tuple[_Tried, ...]]:
+    """Add what chance explains least until nothing is left to say; and the first round's trials."""
+    bare, left = rows.bare(options.columns), rows.left
+    open_, steps, first = options.all, list[_Tried](), ()
+    for _ in range(_MOST):
+        trials = tuple(
+            one for option in open_ if (one := _tried(rows, option, bare, left)) is not None
+        )
+        first = first or trials
+        useful = [one for one in trials if one.useful]
+        if not useful:
+            break
+        best = _simplest(max(useful, key=lambda one: one.surprise), useful, rows, bare, left)
+        steps.append(best)
+        open_ = remaining(open_, best.option)
+        U = best.directions
+        bare, left = bare - U @ (U.T @ bare), left - U @ (U.T @ left)
+    return steps, first
 
 
-def _beyond_chance(trial: _Trial, search: FrictionSearch) -> bool:
-    """Whether a gain is more than chance and than what torques can ever tell."""
-    visible = trial.gain * _share(search, trial.errors) > NOISE_FLOOR
-    return trial.significance > _SIGNIFICANT and visible
+def _simplest(
+    best: _Tried, useful: Sequence[_Tried], rows: FrictionRows, bare: Columns, left: Rows
+) -> _Tried:
+    """An offset in place of a law for each direction, if what that has more is chance."""
+    if best.option.kind != "both_ways":
+        return best
+    same = (one for one in useful if one.option.joint == best.option.joint)
+    for one in (one for one in same if one.option.kind == "offset"):
+        U = one.directions
+        more = _tried(rows, best.option, bare - U @ (U.T @ bare), left - U @ (U.T @ left))
+        if more is None or not more.useful:
+            return one
+    return best
 
 
-def _simplest(best: _Trial, useful: Sequence[_Trial]) -> _Trial:
-    """A single term for the joint in place of a law for each direction, if it is as good."""
-    singles = [
-        trial
-        for trial in useful
-        if trial.joint == best.joint
-        and trial.addition == "offset"
-        and not _significance(trial.errors - best.errors) > _SIGNIFICANT
-    ]
-    return singles[0] if best.addition == "both_ways" and singles else best
+def _refined(
+    rows: FrictionRows, steps: Sequence[_Tried], progress: Progress
+) -> tuple[list[_Tried], dict[str, Friction], Rows]:
+    """What is kept of the steps, the laws that follow with refined constants, and what is left."""
+    kept = list(steps)
+    while kept:
+        progress(f"refining friction laws of {len({one.option.joint for one in kept})} joints")
+        found = refined(rows, _laws(rows, kept))
+        spare = _imitated(rows, kept, found) or _spare(rows, kept, found)
+        if spare is None:
+            return kept, found.laws, found.left
+        kept.remove(spare)
+    return [], {}, rows.left
 
 
-def _errors(
-    search: FrictionSearch, robot: RobotDescription, laws: Laws
-) -> Float[np.ndarray, " folds"]:
-    return search.errors([search.combination(laws, robot)])
+def _laws(rows: FrictionRows, steps: Sequence[_Tried]) -> dict[str, Friction]:
+    """Laws after some steps."""
+    laws = dict[str, Friction]()
+    for one in sorted(steps, key=lambda one: one.option.kind != "offset"):
+        joint = one.option.joint
+        laws[joint] = laws.get(joint, rows.dynamics.robot.friction[joint]).changed(
+            **one.variant.more
+        )
+    return laws
 
 
-def _refine(
-    robot: RobotDescription,
-    recordings: Sequence[Recording],
-    laws: Laws,
-    p: Parameters,
-    search: FrictionSearch,
-    progress: Callable[[str], None],
-) -> tuple[FrictionSearch, dict[str, Friction]]:
-    """Nonlinear constants on finer and finer grids about those chosen, joint by joint."""
-    laws, spacing = dict(laws), _SPACING
-    curved = [j for j, law in laws.items() if law.power or law.stribeck]
-    for turn in range(_TURNS if curved else 0):
-        progress(f"refining the constants of friction, {turn + 1} of {_TURNS}")
-        near = {j: neighbours(laws[j], spacing) for j in curved}
-        everything = [(j, law) for j in laws for law in (*near.get(j, ()), laws[j])]
-        search = prepare(robot, recordings, _further_terms(robot, everything), p)
-        for joint, variants in near.items():
-            columns = [search.combination({**laws, joint: law}, robot) for law in variants]
-            laws[joint] = variants[search.best(columns)]
-        spacing **= 0.5
-    return search, laws
+def _imitated(rows: FrictionRows, steps: Sequence[_Tried], found: Refined) -> _Tried | None:
+    """One of two terms with constants that a joint got, where the other one alone can do as well
+    with constants of its own; None if all are needed."""
+    curved = [one for one in steps if one.option.constants]
+    doubled = [one for one in curved if sum(x.option.joint == one.option.joint for x in curved) > 1]
+    level = float(found.left @ found.left) / max(len(found.left) - rows.basis.Q.shape[1], 1)
+    worst: tuple[float, _Tried] | None = None
+    for one in doubled:
+        without = refined(rows, _laws(rows, [x for x in steps if x is not one])).left
+        more = float(without @ without) - float(found.left @ found.left)
+        seen = surprise(max(more, 0.0) / level, 1 + one.option.constants) - _TRIALS
+        if seen <= _SEEN and (worst is None or seen < worst[0]):
+            worst = seen, one
+    return worst[1] if worst else None
 
 
-def _further_terms(
-    robot: RobotDescription, laws: Iterable[tuple[str, Friction]]
-) -> tuple[FrictionTerm, ...]:
-    """All terms of some joints' laws but viscous and Coulomb, each once."""
-    terms = {
-        term_key(term): term
-        for joint, law in laws
-        for term in _with_laws(robot, {joint: law}).friction_terms
-        if term.kind not in ("viscous", "coulomb")
-    }
-    return tuple(terms.values())
+def _spare(rows: FrictionRows, steps: Sequence[_Tried], found: Refined) -> _Tried | None:
+    """The step that refined laws can do without best; None if they need all.
+
+    Each is judged beside all others, with the constants as they are now.
+    """
+    columns, places = np.zeros((len(rows.tau), 0)), list[range]()
+    for one in steps:
+        own = columns_of(rows, found.laws[one.option.joint], one.option)
+        places.append(range(columns.shape[1], columns.shape[1] + own.shape[1]))
+        columns = np.hstack([columns, own])
+    bare, left = rows.bare(columns / np.linalg.norm(columns, axis=0)), rows.left
+    worst: tuple[float, _Tried] | None = None
+    for one, place in zip(steps, places, strict=True):
+        others = [k for k in range(columns.shape[1]) if k not in place]
+        U, s, _ = np.linalg.svd(bare[:, others], full_matrices=False)
+        U = U[:, s > _TAKEN]
+        variant = replace(one.variant, columns=tuple(place))
+        option = replace(one.option, variants=(variant,), positive=False)
+        now = _tried(rows, option, bare - U @ (U.T @ bare), left - U @ (U.T @ left))
+        size = now.surprise if now is not None else 0.0
+        if (now is None or not now.useful) and (worst is None or size < worst[0]):
+            worst = size, one
+    return worst[1] if worst else None
 
 
-def _with_laws(robot: RobotDescription, laws: Laws) -> RobotDescription:
-    return robot.model_copy(update={"friction": dict(laws)})
+def _tried(rows: FrictionRows, option: Option, bare: Columns, left: Rows) -> _Tried | None:
+    """The variant of an option that explains most; None where there is nothing of it to see."""
+    best: tuple[float, Variant, Columns] | None = None
+    for variant in option.variants:
+        F = bare[:, variant.columns]
+        values, vectors = np.linalg.eigh(F.T @ F)
+        shown = values > _TAKEN**2
+        if not shown.any() or (option.positive and F[:, 0] @ left <= 0):
+            continue
+        U = F @ (vectors[:, shown] / np.sqrt(values[shown]))
+        gain = float(np.sum((U.T @ left) ** 2))
+        if best is None or gain > best[0]:
+            best = gain, variant, U
+    if best is None:
+        return None
+    _, variant, U = best
+    judged = rows.judged(U, left, option.constants)
+    seen = judged.surprise - _TRIALS
+    large = rows.share(left - judged.after) > _LEAST
+    return _Tried(
+        option=option,
+        variant=variant,
+        gain=judged.gain,
+        left=rows.share(judged.after),
+        times=judged.times,
+        surprise=seen,
+        directions=U,
+        useful=seen > _SEEN and large,
+    )
 
 
-def _share(search: FrictionSearch, errors: Float[np.ndarray, " folds"]) -> float:
-    """Squared errors on the folds as a root mean square share of the largest torque."""
-    return float(np.sqrt(errors.sum() / search.rows))
-
-
-def _record(trial: _Trial, search: FrictionSearch, *, useful: bool) -> FrictionTrial:
+def _record(one: _Tried, *, useful: bool) -> FrictionTrial:
     return FrictionTrial(
-        joint=trial.joint,
-        addition=trial.addition,
-        error=_share(search, trial.errors),
-        gain=trial.gain,
-        significance=trial.significance,
+        joint=one.option.joint,
+        addition=one.option.kind,
+        error=one.left,
+        gain=one.gain,
+        significance=one.times,
         useful=useful,
     )

@@ -1,85 +1,183 @@
-"""Friction laws near others: with one term more, with only some terms, with other constants."""
+"""What may be added to a joint's friction law, and the columns that would show it."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
+from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.model.friction_record import AdditionKind
-from deltaid.robot.friction import EXPONENTS, Friction, PowerLaw, Stribeck
+from deltaid.robot.friction import Friction, FrictionTerm, PowerLaw, Stribeck
 
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
 _SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
 _FORMS = (1.0, 2.0)
-
-# By what they add, the laws that may be tried.
-Options = dict[AdditionKind, list[Friction]]
-
-
-def additions(law: Friction, speed: float, *, drive: bool) -> Options:
-    """Laws with one more term; priors of the new coefficients come from the Coulomb prior."""
-    c = law.coulomb
-
-    def more(**terms: object) -> Friction:
-        return law.changed(**terms)
-
-    options: Options = {
-        "offset": [more(offset=0.1 * c)],
-        "both_ways": [more(viscous_back=law.viscous, coulomb_back=c)],
-        "power": [
-            more(power=PowerLaw(coefficient=0.3 * c / speed**e, exponent=e)) for e in _EXPONENTS
-        ],
-        "stribeck": [
-            more(stribeck=Stribeck(coefficient=0.3 * c, speed=share * speed, exponent=form))
-            for share in _SPEEDS
-            for form in _FORMS
-        ],
-    }
-    if drive:
-        options["load"] = [more(load=0.05)]
-    return options
+# Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
+_SIZE, _LOAD = 0.3, 0.05
 
 
-def only(law: Friction, kinds: set[AdditionKind]) -> Friction:
-    """A law's viscous and Coulomb terms and of the others only those of some kinds."""
-    terms = {"both_ways": ("viscous_back", "coulomb_back")}
-    names = [name for kind in kinds for name in terms.get(kind, (kind,))]
-    return plain_law(law).changed(**{name: getattr(law, name) for name in names})
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One form of an addition.
 
-
-def remaining(law: Friction, options: Options, taken: AdditionKind) -> Options:
-    """What may still be added to a law that has been extended.
-
-    Laws with both directions have no offset, because both say the same.
+    Attributes:
+        columns: positions of its columns among those of all options.
+        more: what the law gets: keys of `Friction`.
     """
-    barred = {taken, *({"offset", "both_ways"} if taken in ("offset", "both_ways") else ())}
-    own = {
-        name: value for name in type(law).model_fields if (value := getattr(law, name)) is not None
-    }
-    return {
-        kind: [option.changed(**own) for option in laws]
-        for kind, laws in options.items()
-        if kind not in barred
-    }
+
+    columns: tuple[int, ...]
+    more: dict[str, Any]
 
 
-def neighbours(law: Friction, spacing: float) -> list[Friction]:
-    """A law with its constants up to one spacing up and down."""
-    factors = [spacing**share for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-    powers, stribecks = [law.power], [law.stribeck]
-    if (power := law.power) is not None:
-        powers = [power.changed(exponent=_limited(power.exponent * f)) for f in factors]
-    if (s := law.stribeck) is not None:
-        stribecks = [
-            s.changed(speed=s.speed * f, exponent=_limited(s.exponent * g))
-            for f in factors
-            for g in factors
-        ]
-    return [law.changed(power=p, stribeck=s) for p in powers for s in stribecks]
+@dataclass(frozen=True, eq=False)
+class Option:
+    """One kind of addition to one joint's law.
+
+    Attributes:
+        joint, kind: which.
+        variants: forms that it may have.
+        constants: how many constants are chosen with the form, beside its coefficients.
+        positive: whether its coefficient must be.
+    """
+
+    joint: str
+    kind: AdditionKind
+    variants: tuple[Variant, ...]
+    constants: int
+    positive: bool
 
 
-def _limited(exponent: float) -> float:
-    return float(np.clip(exponent, *EXPONENTS))
+class Options:
+    """All additions to the laws of a robot, with their columns.
+
+    A joint's described terms are not among them, but that their constants are others is.
+
+    Attributes:
+        all: the options.
+        columns: theirs, at unit length, as they are.
+    """
+
+    def __init__(self, rows: FrictionRows) -> None:
+        self._wanted: list[tuple[FrictionJoint, Shape]] = []
+        laws = rows.dynamics.robot.friction
+        self.all: tuple[Option, ...] = tuple(
+            option for joint in rows.joints for option in self._of(joint, laws[joint.name], rows)
+        )
+        columns = rows.columns(self._wanted)
+        norms = np.linalg.norm(columns, axis=0)
+        self.columns = columns / np.where(norms > 0, norms, 1.0)
+
+    def _of(self, joint: FrictionJoint, law: Friction, rows: FrictionRows) -> list[Option]:
+        found, c = [], law.coulomb
+        if joint.drive is not None and law.both_ways:
+            way = self._add(joint, one_way), self._add(joint, one_way_speed)
+            back = {"viscous_back": law.viscous, "coulomb_back": c, "offset": None}
+            if law.offset is None:
+                offset = Variant(way[:1], {"offset": 0.1 * c})
+                found.append(Option(joint.name, "offset", (offset,), 0, positive=False))
+            both = Variant(way, back)
+            found.append(Option(joint.name, "both_ways", (both,), 0, positive=False))
+        if joint.drive is not None and law.load is None:
+            load = Variant((self._add(joint, of_load),), {"load": _LOAD})
+            found.append(Option(joint.name, "load", (load,), 0, positive=True))
+        own = {t.kind: t for t in rows.dynamics.robot.friction_terms if t.joint == joint.name}
+        forms: dict[AdditionKind, list[dict[str, Any]]] = {
+            "power": _powers(joint, c),
+            "stribeck": _stribecks(joint, c),
+        }
+        for kind, laws in forms.items():
+            if kind in own:
+                found.append(self._retuned(joint, own[kind]))
+            elif kind != "stribeck" or "hess_soom" not in own:
+                variants = tuple(self._variant(joint, kind, more, rows) for more in laws)
+                count = len(CONSTANTS[kind])
+                found.append(Option(joint.name, kind, variants, count, positive=True))
+        return found
+
+    def _variant(
+        self, joint: FrictionJoint, kind: str, more: dict[str, Any], rows: FrictionRows
+    ) -> Variant:
+        robot = rows.dynamics.robot
+        laws = {joint.name: robot.friction[joint.name].changed(**more)}
+        terms = robot.changed(friction=laws).friction_terms
+        term = next(term for term in terms if term.kind == kind)
+        return Variant((self._add(joint, of_term(term)),), more)
+
+    def _retuned(self, joint: FrictionJoint, term: FrictionTerm) -> Option:
+        """Other constants of a term that is described."""
+        columns = [self._add(joint, of_slope(term, name)) for name in CONSTANTS[term.kind]]
+        kind: AdditionKind = "power" if term.kind == "power" else "stribeck"
+        return Option(joint.name, kind, (Variant(tuple(columns), {}),), 0, positive=False)
+
+    def _add(self, joint: FrictionJoint, made: Shape) -> int:
+        self._wanted.append((joint, made))
+        return len(self._wanted) - 1
 
 
-def plain_law(law: Friction) -> Friction:
-    """A law's viscous and Coulomb terms alone, the same both ways."""
-    return Friction(viscous=law.viscous, coulomb=law.coulomb)
+def columns_of(rows: FrictionRows, law: Friction, option: Option) -> np.ndarray:
+    """The columns that an option has in a law, with the constants of that."""
+    joint = next(one for one in rows.joints if one.name == option.joint)
+    if option.kind == "offset":
+        return rows.columns([(joint, one_way)])
+    if option.kind == "both_ways":
+        return rows.columns([(joint, one_way), (joint, one_way_speed)])
+    if option.kind == "load":
+        return rows.columns([(joint, of_load)])
+    robot = rows.dynamics.robot
+    terms = robot.changed(friction={joint.name: law}).friction_terms
+    term = next(term for term in terms if term.kind == option.kind)
+    if getattr(robot.friction[joint.name], option.kind) is None:
+        return rows.columns([(joint, of_term(term))])
+    return rows.columns([(joint, of_slope(term, name)) for name in CONSTANTS[term.kind]])
+
+
+def remaining(options: tuple[Option, ...], taken: Option) -> tuple[Option, ...]:
+    """What may still be added; laws for both directions have no offset, which says the same."""
+    barred = {taken.kind, *({"offset"} if taken.kind == "both_ways" else ())}
+    return tuple(one for one in options if one.joint != taken.joint or one.kind not in barred)
+
+
+def one_way(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """A constant."""
+    return np.ones_like(C)
+
+
+def one_way_speed(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """|v|, whatever the direction."""
+    return np.broadcast_to(v, C.shape)
+
+
+def of_load(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """A share of what the gear carries."""
+    return C * np.abs(load)
+
+
+def of_term(term: FrictionTerm) -> Shape:
+    """A term that has constants."""
+    return lambda v, C, load: C * shape(term, v)
+
+
+def of_slope(term: FrictionTerm, constant: str) -> Shape:
+    """Its change with the logarithm of a constant."""
+    return lambda v, C, load: C * slopes(term, v)[constant]
+
+
+def _powers(joint: FrictionJoint, coulomb: float) -> list[dict[str, Any]]:
+    return [
+        {"power": PowerLaw(coefficient=_SIZE * coulomb / joint.fastest**e, exponent=e)}
+        for e in _EXPONENTS
+    ]
+
+
+def _stribecks(joint: FrictionJoint, coulomb: float) -> list[dict[str, Any]]:
+    return [
+        {
+            "stribeck": Stribeck(
+                coefficient=_SIZE * coulomb, speed=share * joint.fastest, exponent=form
+            )
+        }
+        for share in _SPEEDS
+        for form in _FORMS
+    ]

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
+from deltaid.identification.additions import Extended, entries
 from deltaid.identification.information import (
     Chunk,
     Condensed,
@@ -61,7 +62,7 @@ class Gathered:
 
 
 def gather_all(
-    regressor: Regressor,
+    regressor: Regressor | Extended,
     recordings: Sequence[Recording],
     load: Parameters | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -79,7 +80,7 @@ def gather_all(
 
 
 def gather(
-    regressor: Regressor,
+    regressor: Regressor | Extended,
     recording: Recording,
     places: Places | None = None,
     load: Parameters | None = None,
@@ -90,8 +91,9 @@ def gather(
     the rate that the cut-off allows. `merge` puts the blocks together. `places`, if given, takes in
     every sample as well.
 
-    Friction that depends on load sees the torques that parameters `load` predict. Without them it
-    sees the measured ones, whose noise then stands on both sides of the equation.
+    Friction that depends on load sees what gears carry by parameters `load`. Without them it sees
+    the measured torques, whose noise then stands on both sides of the equation, and with it the
+    motors' own friction.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere.
@@ -107,7 +109,7 @@ def gather(
 
 
 def whitened(
-    regressor: Regressor,
+    regressor: Regressor | Extended,
     recording: Recording,
     whitening: Float[np.ndarray, "dof dof"],
     places: Places | None = None,
@@ -136,7 +138,7 @@ def whitened(
     return tuple(factors)
 
 
-def places_of(regressor: Regressor, recordings: Iterable[Recording]) -> Places:
+def places_of(regressor: Regressor | Extended, recordings: Iterable[Recording]) -> Places:
     """Empty places over the range that recordings cover together."""
     return Places(recordings, regressor.dof, len(active_columns(regressor)) + 1)
 
@@ -150,7 +152,7 @@ class _Share:
 
 
 def _blocks(
-    regressor: Regressor,
+    regressor: Regressor | Extended,
     recording: Recording,
     places: Places | None,
     chunks: _Chunks,
@@ -160,7 +162,7 @@ def _blocks(
     length, robot = _block_length(recording), regressor.kinematics.robot
 
     def share(window: Window) -> _Share:
-        values, tau, z = _thinned(regressor, window, load)
+        values, tau, z = thinned(regressor, recording, window, load)
         counted = window.counted(window.thinned)
         visits = places.visits(robot.task.point(z), chunks(values, tau)) if places else []
         pieces = (
@@ -189,18 +191,22 @@ def _block_length(recording: Recording) -> int:
     return max(1, -(-(recording.log.samples - lost) // (recording.thinned * BLOCKS)))
 
 
-def _thinned(
-    regressor: Regressor, window: Window, load: Parameters | None
+def thinned(
+    regressor: Regressor | Extended,
+    recording: Recording,
+    window: Window,
+    load: Parameters | None,
 ) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
     """Nonzero regressor entries and torques, weighted, filtered and thinned alike, and z there."""
     drives, _ = regressor.regressor_pattern
 
-    def entries(w: Samples) -> _Values:
-        seen = w.tau if load is None else regressor.torque(w.z, w.qd, w.qdd, load)
-        return w.weighted(regressor.sparse_regressor(w.z, w.qd, w.qdd, seen).values, drives)
+    def values(w: Samples) -> _Values:
+        carried = w.tau if load is None else regressor.carried(w.z, w.qd, w.qdd, load)
+        carried = carried + w.carried
+        return w.weighted(entries(regressor, w, carried, recording), drives)
 
     tau = window.filtered(lambda w: w.weighted(w.tau.T, np.arange(regressor.dof)))
-    return window.filtered(entries), tau, window.own.z[:: window.thinned]
+    return window.filtered(values), tau, window.own.z[:: window.thinned]
 
 
 def _cuts(start: int, count: int, length: int) -> Iterator[tuple[int, slice]]:

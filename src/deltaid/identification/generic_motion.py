@@ -18,8 +18,8 @@ def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 2000))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = np.zeros_like(z)
+    tau, load = np.zeros_like(z), None
     if dynamics.robot.load_drives:
-        tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
-    information = gather_samples(dynamics, z, qd, qdd, tau)
+        load = dynamics.carried(z, qd, qdd, prior_parameters(dynamics.robot))
+    information = gather_samples(dynamics, z, qd, qdd, tau, load)
     return base_parameters(information, dynamics.layout)

@@ -3,25 +3,40 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import islice
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.additions import Addition
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.doubts import doubts
-from deltaid.identification.fit import FittedProblem, Progress, fit
-from deltaid.identification.friction_choice import choose_friction
+from deltaid.identification.fit import (
+    FittedProblem,
+    Progress,
+    fit,
+    widened_priors,
+    with_geometry,
+    with_widened_prior,
+)
+from deltaid.identification.friction_curves import freed, friction_curves
 from deltaid.identification.judgement import (
     eigenvalues,
     judged_base,
     judged_parameters,
     record,
 )
-from deltaid.identification.left_out import left_out
+from deltaid.identification.lag_stage import doubtful_lags_left
+from deltaid.identification.left_out import events, left_out
+from deltaid.identification.loads import found_loads, unloaded
+from deltaid.identification.setup import Setup
+from deltaid.identification.stages import prepared
+from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.model.record import IdentifiedModel, Settings, Source
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.model.corrections import Correction
+from deltaid.model.record import IdentifiedModel, Parameter, Settings, Source
+from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described
@@ -35,11 +50,13 @@ class Identification:
         model: the result.
         problem: the fit that it comes from.
         recordings: the logs behind it, each with its filter.
+        studies: of what each of them leaves, where that has been looked at as it was fitted.
     """
 
     model: IdentifiedModel
     problem: FittedProblem
     recordings: tuple[Recording, ...]
+    studies: tuple[Study | None, ...] = ()
 
     @property
     def base(self) -> BaseParameters:
@@ -52,7 +69,7 @@ def identify(
     robot: RobotLike,
     logs: RecordingLike | Sequence[RecordingLike],
     *,
-    columns: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     settings: Settings | None = None,
     progress: Progress = lambda _: None,
 ) -> Identification:
@@ -63,8 +80,9 @@ def identify(
             name, a file of a robot or of a model.
         logs: one recording or a sequence of them: a file of any kind that is read, a table of
             polars or pandas, or `Recording.from_arrays`.
-        columns: names and units of their columns, if not the default ones; arrays with units of
-            their own keep these.
+        columns: names and units of their columns, if not the default ones, and loads that are
+            held: one mapping for all recordings, or a sequence with one each (None for the default
+            names). Arrays with units of their own keep these.
         settings: method, regulariser, γ, filter, friction laws.
         progress: called with a sentence before each stage.
 
@@ -77,22 +95,32 @@ def identify(
     recordings = open_recordings(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
     )
-    choice = None
-    if settings.friction == "choose":
-        robot, choice = choose_friction(robot, recordings, progress)
-    dynamics = compiled(robot)
-    problem = fit(dynamics, recordings, settings, progress)
+    setup = prepared(Setup(robot, tuple(recordings), settings), progress)
+    setup, problem = _confirmed(setup, progress)
+    robot, recordings = setup.robot, setup.recordings
+    problem = with_widened_prior(with_geometry(problem, recordings))
+    judged, own = judged_parameters(freed(problem)), len(problem.p)
+    loads = found_loads(setup, judged[own:])
+    recordings = tuple(unloaded(one, {load.name: load.p for load in loads}) for one in recordings)
     progress("comparing torques")
-    errors = [torque_error(dynamics, problem.p, one) for one in recordings]
+    errors = [torque_error(compiled(robot), problem.p, one) for one in recordings]
+    error = _mean(errors, problem.used)
     model = IdentifiedModel(
         deltaid=version("deltaid"),
         robot=robot,
-        parameters=judged_parameters(problem),
+        parameters=judged[:own],
         base_parameters=judged_base(problem),
         consistency=eigenvalues(problem.layout, problem.p),
-        fit=record(problem, _mean(errors, problem.used)),
+        fit=record(problem, error),
         settings=settings,
-        friction_choice=choice,
+        loads=loads,
+        corrections=(
+            *setup.corrections,
+            *_told(setup.additions, judged[own:]),
+            *widened_priors(problem),
+        ),
+        friction_choice=setup.friction_choice,
+        friction_curves=friction_curves(problem, error.fastest),
         sources=tuple(
             _source(*one, robot.drives)
             for one in zip(recordings, problem.used, errors, strict=True)
@@ -102,7 +130,37 @@ def identify(
             *doubts(problem),
         ),
     )
-    return Identification(model, problem, tuple(recordings))
+    return Identification(model, problem, recordings, _unchanged(setup))
+
+
+def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
+    """The fit of a setup, without corrections that it does not confirm."""
+
+    def fitted(setup: Setup) -> FittedProblem:
+        return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
+
+    problem = fitted(setup)
+    if not setup.additions:
+        return setup, problem
+    confirmed = doubtful_lags_left(setup, judged_parameters(problem, len(problem.p)))
+    if len(confirmed.additions) == len(setup.additions):
+        return setup, problem
+    return confirmed, fitted(confirmed)
+
+
+def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
+    """Studies of recordings in which nothing has been put right since."""
+    if setup.corrections or setup.additions or not setup.studies:
+        return ()
+    return setup.studies
+
+
+def _told(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:
+    """What the fit found of all additions."""
+    corrections, rest = list[Correction](), iter(judged)
+    for one in additions:
+        corrections += one.told(tuple(islice(rest, len(one.parameters))))
+    return corrections
 
 
 def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
@@ -118,7 +176,13 @@ def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
     raw = together([e.rms_unfiltered**2 for e in errors])
     turning = np.einsum("i,ij->j", share[:, 0], np.array([e.turning for e in errors]))
     return TorqueError(
-        rms, rms / np.where(torque > 0, torque, 1.0), raw, covariance, turning, errors[0].cutoff
+        rms,
+        rms / np.where(torque > 0, torque, 1.0),
+        raw,
+        covariance,
+        turning,
+        errors[0].cutoff,
+        np.max([e.fastest for e in errors], axis=0),
     )
 
 
@@ -130,6 +194,9 @@ def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[s
         samples=log.samples,
         rate_hz=log.rate,
         cutoff_hz=recording.cutoff,
+        motion_cutoff_hz=recording.motion_cutoff,
         used_samples=used,
-        left_out=left_out(log, drives, error),
+        left_out=left_out(log, drives, error, recording.repairs),
+        events=events(recording.repairs, drives),
+        delay=recording.repairs.delay,
     )

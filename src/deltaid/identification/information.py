@@ -8,6 +8,7 @@ chunks, logs and machines, and no digits are lost to normal equations.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,6 +22,22 @@ _AT_ONCE = 8000
 
 # Entries of a matrix that is factored at once: it stays in the cache.
 _PANEL = 60_000
+
+
+@runtime_checkable
+class Columns(Protocol):
+    """Which columns torques are explained with, drive by drive (as of `Regressor`)."""
+
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        ...
+
+    @property
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and column of every structurally nonzero entry."""
+        ...
+
 
 # Columns of [Y, τ] and their samples in rows.
 Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
@@ -101,7 +118,7 @@ def condense(
     return Condensed(triangles, counted.sum(axis=1), np.abs(tau).max(axis=1, initial=0.0))
 
 
-def collect(regressor: Regressor, parts: Iterable[Condensed], where: str) -> Information:
+def collect(regressor: Columns, parts: Iterable[Condensed], where: str) -> Information:
     """The information of condensed samples, taken in one after the other.
 
     Raises:
@@ -133,11 +150,13 @@ def gather_samples(
     qd: Float[np.ndarray, "samples dof"],
     qdd: Float[np.ndarray, "samples dof"],
     tau: Float[np.ndarray, "samples dof"],
+    load: Float[np.ndarray, "samples dof"] | None = None,
 ) -> Information:
-    """The information of samples in memory."""
+    """The information of samples in memory; `load`, what gears carry, is for friction by load."""
     parts = []
     for part in (slice(i, i + _AT_ONCE) for i in range(0, len(z), _AT_ONCE)):
-        values = regressor.sparse_regressor(z[part], qd[part], qdd[part], tau[part]).values
+        carried = tau[part] if load is None else load[part]
+        values = regressor.sparse_regressor(z[part], qd[part], qdd[part], carried).values
         chunks = chunks_of_drives(regressor, values, tau[part].T)
         parts.append(condense(chunks, tau[part].T, np.ones_like(tau[part].T)))
     return collect(regressor, parts, "samples")
@@ -158,13 +177,13 @@ def merge(parts: Iterable[Information]) -> Information:
     )
 
 
-def active_columns(regressor: Regressor) -> Int[np.ndarray, " columns"]:
+def active_columns(regressor: Columns) -> Int[np.ndarray, " columns"]:
     """Parameters whose column of Y is not zero by structure, in the order of p."""
     return np.unique(regressor.regressor_pattern[1])
 
 
 def chunks_of_drives(
-    regressor: Regressor,
+    regressor: Columns,
     values: Float[np.ndarray, "entries samples"],
     tau: Float[np.ndarray, "dof samples"],
 ) -> list[Chunk]:

@@ -5,58 +5,45 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.regularizer import prior_scale
-from deltaid.identification.scatter import quantile
+from deltaid.identification.labels import Labels
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.uncertainty import uncertainty
-from deltaid.model.record import BaseParameter, Consistency, Fit, Parameter
+from deltaid.model.record import BaseParameter, Consistency, Fit, Parameter, Share
 from deltaid.robot.inertia import pseudo_inertia
-
-# Degrees of freedom that are as good as infinitely many.
-_MANY = 1e8
+from deltaid.robot.parameter import ADDED
 
 
-def judged_parameters(problem: FittedProblem) -> tuple[Parameter, ...]:
-    """The parameters of a fit with their intervals, and which of data and prior decided each."""
-    layout, reduction, p = problem.layout, problem.reduction, problem.p
-    p_reg, visible, uncertain = reduction.p_reg, problem.information.columns, uncertainty(problem)
-    free = np.any(reduction.A != 0, axis=1)
-    held_std = problem.settings.prior_spread * prior_scale(reduction)
+def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter, ...]:
+    """The parameters of a fit from some on, with their intervals and what decided each.
+
+    Those of additions follow the robot's.
+    """
+    labels, p_reg = Labels(problem), problem.reduction.p_reg
     rows = []
-    for i, parameter in enumerate(layout.parameters):
-        std, reach, middle = 0.0, 0.0, p[i]
-        if free[i] and uncertain.by_data[i]:
-            by, std, reach = "data", uncertain.std[i], uncertain.interval[i]
-        elif free[i]:
-            by, std, middle = "prior", uncertain.prior_std[i], p_reg[i]
-        elif p[i] != 0 and i in visible:
-            by = "fixed"
-        elif p[i] != 0:
-            by = "prior" if np.isclose(p[i], p_reg[i], rtol=1e-9) else "consistency"
-            std, middle = held_std[i], p_reg[i]
-        else:
-            by = "structure"
-        if by in ("prior", "consistency"):
-            reach = float(quantile(np.array([_MANY]))[0]) * std
-        low, high = max(middle - reach, parameter.low), min(middle + reach, parameter.high)
+    for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
+        label, value = labels.of(i), problem.values[i]
+        low, high = max(label.low, parameter.low), min(label.high, parameter.high)
         rows.append(
             Parameter(
                 name=parameter.name,
-                value=float(p[i]),
-                std=float(std),
-                low=float(min(low, p[i])),
-                high=float(max(high, p[i])),
+                value=float(value),
+                std=float(label.std),
+                low=float(min(low, value)),
+                high=float(max(high, value)),
                 unit=parameter.unit,
                 prior=float(p_reg[i]),
-                determined_by=by,
+                determined_by=label.by,
+                rests_on=label.rests_on,
+                share=label.share,
             )
         )
     return tuple(rows)
 
 
 def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
-    """Base parameters with their intervals."""
+    """Base parameters of the robot with their intervals."""
     base, estimate = problem.base, problem.estimate
+    by_noise, _ = estimate.by_noise
+    noise = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
     shown = [base.layout.parameters[group.representative] for group in base.groups]
     return tuple(
         BaseParameter(
@@ -67,16 +54,25 @@ def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
             low=float(value - half),
             high=float(value + half),
             unit=parameter.unit,
+            share=Share(noise=float(part), prior=0.0, geometry=float(1 - part)),
         )
-        for formula, value, std, half, parameter in zip(
-            base.formulas, estimate.values, estimate.std, estimate.interval, shown, strict=True
+        for formula, value, std, half, part, parameter in zip(
+            base.formulas,
+            estimate.values,
+            estimate.std,
+            estimate.interval,
+            noise,
+            shown,
+            strict=True,
         )
+        if parameter.kind not in ADDED
     )
 
 
 def record(problem: FittedProblem, error: TorqueError) -> Fit:
     """What a fit reached, with the torque errors that it leaves."""
     solution, base = problem.solution, problem.base
+    representatives = [group.representative for group in base.groups]
     certified = bool(np.isfinite(solution.bound))
     return Fit(
         objective=solution.objective,
@@ -86,7 +82,7 @@ def record(problem: FittedProblem, error: TorqueError) -> Fit:
         status=solution.status,
         iterations=solution.iterations,
         optimization_variables=problem.reduction.size,
-        base_parameters=base.rank,
+        base_parameters=sum(k < len(problem.p) for k in representatives),
         base_condition=base.condition,
         noise_level=problem.noise,
         rms=tuple(map(float, error.rms)),

@@ -6,7 +6,7 @@ p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The wei
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,14 +15,23 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
-from deltaid.errors import IdentificationError
+from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import gather_all, places_of, whitened
+from deltaid.identification.geometry import geometry, nearest
 from deltaid.identification.information import Information, triangle
-from deltaid.identification.scatter import Groups, Noise, Sums, inverse, observe, quantile
+from deltaid.identification.scatter import (
+    Groups,
+    Noise,
+    Sums,
+    half_width,
+    inverse,
+    observe,
+    quantile,
+)
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 
@@ -48,6 +57,17 @@ class BaseEstimate:
     full: Float[np.ndarray, " parameters"]
     noise: Noise
 
+    @property
+    def by_noise(self) -> tuple[Float[np.ndarray, " base"], Float[np.ndarray, " base"]]:
+        """Standard deviations by noise alone, and their degrees of freedom."""
+        return self.noise.deviations(inverse(self.noise.root).T)
+
+    def with_shifts(self, shifts: Float[np.ndarray, "base quantities"]) -> "BaseEstimate":
+        """The same with wider intervals, for quantities that shift p_B by their deviations."""
+        by_noise, freedom = self.by_noise
+        std = np.hypot(by_noise, np.linalg.norm(shifts, axis=1))
+        return replace(self, std=std, interval=half_width(std, by_noise, freedom))
+
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def identify_base(
@@ -55,7 +75,7 @@ def identify_base(
     logs: RecordingLike | Sequence[RecordingLike],
     method: LeastSquaresMethod = "weighted",
     *,
-    columns: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     cutoff: float | None = None,
     keep_all: bool = False,
 ) -> tuple[BaseParameters, BaseEstimate]:
@@ -69,13 +89,28 @@ def identify_base(
         IdentificationError: the motion does not determine the base parameters.
     """
     recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff, keep_all=keep_all)
+    for one in recordings:
+        if one.log.columns.loads:
+            raise RecordingError(
+                "declares a load, and base parameters are those of the robot alone",
+                where=str(one.path),
+                cure="give a recording without load; `deltaid identify` fits loads with the robot",
+            )
     gathered = gather_all(dynamics, recordings)
     information, groups = gathered.information, Groups(gathered.blocks, gathered.places)
     base = base_parameters(information, dynamics.layout)
-    if method != "gauss-markov":
-        return base, estimate_base(base, information, method, groups)
-    first = estimate_base(base, information, "weighted")
-    covariance = _residual_covariance(dynamics, first, recordings)
+    if method == "gauss-markov":
+        first = estimate_base(base, information, "weighted")
+        whitening = _whitening(_residual_covariance(dynamics, first, recordings))
+        estimate = estimate_gauss_markov(base, information, dynamics, recordings, whitening)
+    else:
+        estimate = estimate_base(base, information, method, groups)
+    p = nearest(dynamics, base, estimate.values)
+    return base, estimate.with_shifts(geometry(dynamics, recordings, base, information, p).shifts)
+
+
+def _whitening(covariance: Float[np.ndarray, "dof dof"]) -> Float[np.ndarray, "dof dof"]:
+    """Σ^-½."""
     try:
         L = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -85,8 +120,7 @@ def identify_base(
             where="--method gauss-markov",
             cure="use weighted least squares",
         ) from None
-    whitening = solve_triangular(L, np.eye(dynamics.dof), lower=True)
-    return base, estimate_gauss_markov(base, information, dynamics, recordings, whitening)
+    return solve_triangular(L, np.eye(len(L)), lower=True)
 
 
 def estimate_base(

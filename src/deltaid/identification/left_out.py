@@ -1,21 +1,39 @@
-"""What of a recording was left out: masks and reversals, reason by reason."""
+"""What of a recording was left out: masks, events and reversals, reason by reason."""
 
 from collections.abc import Sequence
 
 from deltaid.identification.torque_error import TorqueError
+from deltaid.model.events import Event
 from deltaid.model.left_out import LeftOut, Span
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask, Reason
+from deltaid.recording.repairs import (
+    CONTACT,
+    JOLT,
+    NO_REPAIRS,
+    SPIKE,
+    STOP,
+    WHY_REPAIRED,
+    LeftSpan,
+    Repairs,
+)
 
 REVERSAL, WHY_REVERSAL = (
     "reversal",
     "a joint turns round, and its friction with it, between two samples",
 )
+# Reasons that stand in the list of events.
+EVENTS = (CONTACT, STOP, SPIKE, JOLT)
 # Spans that are listed of one reason.
 _LISTED = 100
 
 
-def left_out(log: Log, drives: Sequence[str], error: TorqueError) -> tuple[LeftOut, ...]:
+def left_out(
+    log: Log,
+    drives: Sequence[str],
+    error: TorqueError,
+    repairs: Repairs = NO_REPAIRS,
+) -> tuple[LeftOut, ...]:
     """What a comparison of torques has left out of a log, the reasons in the order of time."""
     groups: dict[tuple[Reason, tuple[int, ...]], list[Mask]] = {}
     for mask in log.masks:
@@ -31,12 +49,53 @@ def left_out(log: Log, drives: Sequence[str], error: TorqueError) -> tuple[LeftO
         )
         for (reason, which), masks in groups.items()
     ]
+    found += _repaired(log, drives, repairs)
     turning = {drives[i]: share for i, share in enumerate(error.turning.tolist()) if share > 0}
     if turning:
         mean = sum(turning.values()) / len(turning)
         every = tuple(turning)
         found.append(LeftOut(reason=REVERSAL, why=WHY_REVERSAL, drives=every, share=mean))
     return tuple(found)
+
+
+def _repaired(log: Log, drives: Sequence[str], repairs: Repairs) -> list[LeftOut]:
+    """What is left out because of what happened there."""
+    groups: dict[tuple[str, tuple[int, ...]], list[LeftSpan]] = {}
+    for span in repairs.left_out:
+        groups.setdefault((span.reason, span.drives), []).append(span)
+    return [
+        LeftOut(
+            reason=reason,
+            why=WHY_REPAIRED[reason],
+            drives=tuple(drives[i] for i in which or range(len(drives))),
+            share=min(1.0, sum(span.last - span.first for span in spans) * log.rate / log.samples),
+            spans=tuple(_of(span) for span in spans[:_LISTED]),
+            more=max(0, len(spans) - _LISTED),
+        )
+        for (reason, which), spans in groups.items()
+    ]
+
+
+def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
+    """What acted on the robot beside its drives, all of it; play in gears is none of that."""
+    return tuple(
+        Event(
+            reason=span.reason,
+            start=round(span.first, 6),
+            end=round(span.last, 6),
+            drives=tuple(drives[i] for i in span.drives or range(len(drives))),
+            time=span.push and round(span.push.time, 6),
+            place=span.push and span.push.place,
+            force=span.push and span.push.force,
+            moment=span.push and span.push.moment,
+        )
+        for span in repairs.left_out
+        if span.reason in EVENTS
+    )
+
+
+def _of(span: LeftSpan) -> Span:
+    return Span(start=round(span.first, 6), end=round(span.last, 6))
 
 
 def _span(mask: Mask) -> Span:

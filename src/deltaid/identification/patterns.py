@@ -179,7 +179,7 @@ class Scene:
         drives = [self.drives.index(j.name) if j.name in self.drives else None for j in joints]
 
         def values(w: Samples) -> np.ndarray:
-            load = dynamics.torque(w.z, w.qd, w.qdd, self.p)
+            load = dynamics.carried(w.z, w.qd, w.qdd, self.p)
             entries, laws = dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values, []
             for joint, drive in zip(joints, drives, strict=True):
                 C, V = entries[joint.coulomb], entries[joint.viscous]
@@ -283,7 +283,7 @@ _WORDS = {
     "square": "friction that grows with the square of speed",
     "root": "friction that flattens with speed",
     "way": "friction that differs by direction",
-    "load": "friction that grows with the torque",
+    "load": "friction that grows with the load",
     "place": "the place of the platform",
 }
 

@@ -8,17 +8,17 @@ Diagonal entries that are neither free nor visible in any torque are left out of
 completed afterwards, because they can always be made large enough.
 """
 
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.parameters import (
     ParameterLayout,
     least_margin,
     parameter_layout,
-    prior_parameters,
 )
 from deltaid.errors import IdentificationError
 from deltaid.robot.description import RobotDescription
@@ -30,7 +30,7 @@ from deltaid.robot.inertia import (
     inertia_parameters,
     pseudo_inertia,
 )
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import Parameter, ParameterKind
 
 # ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
 # above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
@@ -59,6 +59,10 @@ class Block:
         """M_b(x)."""
         return self.constant + np.where(self.index >= 0, x[self.index], 0.0)
 
+    def moved(self, first: int) -> "Block":
+        """The same where the variables that it counts from 0 begin at `first`."""
+        return replace(self, index=np.where(self.index >= 0, self.index + first, -1))
+
 
 @dataclass(frozen=True)
 class Reduction:
@@ -72,6 +76,8 @@ class Reduction:
         blocks: what must be positive definite.
         p_reg: p at the prior, reduced.
         completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
+        widened: how many times wider than stated the prior is, for entries of p whose prior the
+            recording contradicts (`widening`).
     """
 
     layout: ParameterLayout
@@ -81,6 +87,7 @@ class Reduction:
     blocks: tuple[Block, ...]
     p_reg: Float[np.ndarray, " parameters"]
     completed: dict[str, tuple[int, ...]]
+    widened: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def size(self) -> int:
@@ -91,6 +98,11 @@ class Reduction:
     def names(self) -> tuple[str, ...]:
         """Name of each free variable, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
         return tuple(variable.name for variable in self.variables)
+
+    @cached_property
+    def wider(self) -> Float[np.ndarray, " parameters"]:
+        """How many times wider than stated the prior of each entry of p is."""
+        return np.array([self.widened.get(name, 1.0) for name in self.layout.names])
 
     @cached_property
     def prior(self) -> Float[np.ndarray, " n"]:
@@ -131,69 +143,135 @@ class Reduction:
         return p
 
 
-def build_reduction(robot: RobotDescription, visible: Int[np.ndarray, " columns"]) -> Reduction:
+@dataclass(frozen=True, eq=False)
+class Free:
+    """What a fit may change of some consecutive entries of p: p = A x + p_0.
+
+    Attributes:
+        variables, A, p_0, blocks: as of `Reduction`, of these entries and their variables alone;
+            blocks count both from 0.
+    """
+
+    variables: tuple[Parameter, ...]
+    A: Float[np.ndarray, "entries n"]
+    p_0: Float[np.ndarray, " entries"]
+    blocks: tuple[Block, ...]
+
+
+def free_coefficients(parameters: Sequence[Parameter]) -> Free:
+    """Coefficients that are free one by one, positive unless they are signed."""
+    blocks = tuple(
+        Block(one.name, np.array([[k]]), np.zeros((1, 1)), one.prior * np.eye(1))
+        for k, one in enumerate(parameters)
+        if not one.signed
+    )
+    return Free(tuple(parameters), np.eye(len(parameters)), np.zeros(len(parameters)), blocks)
+
+
+def build_reduction(
+    robot: RobotDescription,
+    visible: Int[np.ndarray, " columns"],
+    additions: Sequence[tuple[Sequence[Parameter], Free]] = (),
+) -> Reduction:
     """The reduction of a described robot.
 
     Args:
         visible: parameters whose regressor column is not zero.
+        additions: groups of parameters behind those of the robot, and what is free of them.
 
     Raises:
         IdentificationError: the prior is not consistent after the reduction.
     """
-    layout, p_reg = parameter_layout(robot), prior_parameters(robot)
-    variables, columns, blocks = [], [], []
-    p_0, completed = np.zeros(len(p_reg)), {}
-    to_p = entry_map()
-    is_visible = np.isin(np.arange(len(p_reg)), visible)
+    layout = parameter_layout(robot)
+    is_visible = np.isin(np.arange(len(layout.names)), visible)
+    parts, completed = [], dict[str, tuple[int, ...]]()
     for body in layout.bodies:
-        part = layout.body(body)
-        M = pseudo_inertia(p_reg[part])
-        if consistency(p_reg[part]) <= 0:
-            raise IdentificationError(
-                f"with the entries that 'free' leaves out set to zero, the prior of body {body} is "
-                "not consistent",
-                where=f"bodies.{body}",
-                cure="free the first moments of its centre of mass, or change the prior",
-            )
-        index = np.full((4, 4), -1)
-        hidden = []
-        for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
-            if entry in robot.bodies[body].free:
-                index[i, j] = index[j, i] = len(variables)
-                variables.append(_entry(body, entry, M))
-                column = np.zeros(len(p_reg))
-                column[part] = to_p[:, k]
-                columns.append(column)
-            else:
-                p_0[part] += to_p[:, k] * M[i, j]
-                if i == j and not is_visible[part][np.abs(to_p[:, k]) > 0].any():
-                    hidden.append(i)
-        completed[body] = tuple(sorted(hidden))
-        blocks += _body_blocks(body, index, M, completed[body])
-    for i in range(len(p_reg))[layout.coefficients]:
-        coefficient = layout.parameters[i]
-        if not coefficient.signed:
-            at, prior = np.array([[len(variables)]]), coefficient.prior * np.eye(1)
-            blocks.append(Block(coefficient.name, at, np.zeros((1, 1)), prior))
-        variables.append(coefficient)
-        columns.append(np.eye(len(p_reg))[i])
+        part, completed[body] = _of_body(robot, body, is_visible[layout.body(body)])
+        parts.append(part)
+    parts.append(free_coefficients(layout.parameters[layout.coefficients]))
+    parts += [free for _, free in additions]
+    more = tuple(parameter for group, _ in additions for parameter in group)
+    layout = ParameterLayout((*layout.parameters, *more), layout.bodies)
+    firsts = np.cumsum([0, *(len(part.variables) for part in parts)]).tolist()
     return Reduction(
         layout=layout,
-        variables=tuple(variables),
-        A=np.column_stack(columns),
-        p_0=p_0,
-        blocks=tuple(blocks),
-        p_reg=p_reg,
+        variables=tuple(variable for part in parts for variable in part.variables),
+        A=_block_diagonal([part.A for part in parts]),
+        p_0=np.concatenate([part.p_0 for part in parts]),
+        blocks=tuple(
+            block.moved(first)
+            for part, first in zip(parts, firsts, strict=False)
+            for block in part.blocks
+        ),
+        p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
     )
 
 
-def _entry(body: str, entry: str, M: Float[np.ndarray, "4 4"]) -> Parameter:
+def _block_diagonal(
+    parts: Sequence[Float[np.ndarray, "_ _"]],
+) -> Float[np.ndarray, "entries n"]:
+    """Parts along the diagonal; written out, because loading SciPy takes longer than this."""
+    rows, columns = (np.cumsum([0, *(part.shape[k] for part in parts)]).tolist() for k in (0, 1))
+    whole = np.zeros((rows[-1], columns[-1]))
+    for part, row, column in zip(parts, rows, columns, strict=False):
+        whole[row : row + part.shape[0], column : column + part.shape[1]] = part
+    return whole
+
+
+def _of_body(
+    robot: RobotDescription, body: str, is_visible: Bool[np.ndarray, " 10"]
+) -> tuple[Free, tuple[int, ...]]:
+    """What is free of a body's ten parameters, and the rows of M̄ that are completed."""
+    p_reg = robot.bodies[body].reduced_prior()
+    if consistency(p_reg) <= 0:
+        raise IdentificationError(
+            f"with the entries that 'free' leaves out set to zero, the prior of body {body} is "
+            "not consistent",
+            where=f"bodies.{body}",
+            cure="free the first moments of its centre of mass, or change the prior",
+        )
+    return free_body("inertia", body, p_reg, robot.bodies[body].free, is_visible)
+
+
+def free_body(
+    kind: ParameterKind,
+    body: str,
+    p_reg: Float[np.ndarray, " 10"],
+    free: Collection[str],
+    is_visible: Bool[np.ndarray, " 10"],
+) -> tuple[Free, tuple[int, ...]]:
+    """What is free of ten parameters about a consistent prior, and rows of M̄ to complete.
+
+    Args:
+        kind, body: of its parameters.
+        p_reg: the prior; entries of M̄ that are not free keep its values.
+        free: entries of M̄.
+        is_visible: which of the ten a torque shows.
+    """
+    M, to_p = pseudo_inertia(p_reg), entry_map()
+    variables, columns, hidden = list[Parameter](), list[np.ndarray](), list[int]()
+    index, p_0 = np.full((4, 4), -1), np.zeros(10)
+    for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
+        if entry in free:
+            index[i, j] = index[j, i] = len(variables)
+            variables.append(_entry(kind, body, entry, M))
+            columns.append(to_p[:, k])
+        else:
+            p_0 += to_p[:, k] * M[i, j]
+            if i == j and not is_visible[np.abs(to_p[:, k]) > 0].any():
+                hidden.append(i)
+    completed = tuple(sorted(hidden))
+    A = np.reshape(columns, (len(columns), 10)).T
+    return Free(tuple(variables), A, p_0, tuple(_body_blocks(body, index, M, completed))), completed
+
+
+def _entry(kind: ParameterKind, body: str, entry: str, M: Float[np.ndarray, "4 4"]) -> Parameter:
     """One entry of a body's M̄ as a free variable."""
     i, j = PSEUDO_INERTIA_ENTRIES[entry]
     unit = INERTIA_UNITS[tuple(PSEUDO_INERTIA_ENTRIES).index(entry)]
     low, scale = (0.0 if i == j else -np.inf), float(np.sqrt(M[i, i] * M[j, j]))
-    return Parameter("inertia", body, entry, unit, low, np.inf, float(M[i, j]), scale)
+    return Parameter(kind, body, entry, unit, low, np.inf, float(M[i, j]), scale)
 
 
 def _body_blocks(

@@ -71,19 +71,20 @@ class AffineInvariant:
 
 @dataclass(frozen=True)
 class SpectralTerm:
-    """A divergence of the eigenvalues of M_reg⁻¹ M(x), over all blocks."""
+    """A divergence of the eigenvalues of M_reg⁻¹ M(x), over all blocks with a weight each."""
 
     divergence: Divergence
     blocks: tuple[Block, ...]
+    weights: tuple[float, ...]
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian; infinite outside the cone."""
         value, gradient, hessian = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for block in self.blocks:
+        for block, weight in zip(self.blocks, self.weights, strict=True):
             v, g, H, at = _spectral_block(self.divergence, block, x)
-            value += v
-            gradient[at] += g
-            hessian[np.ix_(at, at)] += H
+            value += weight * v
+            gradient[at] += weight * g
+            hessian[np.ix_(at, at)] += weight * H
         return value, gradient, hessian
 
 
@@ -137,7 +138,7 @@ class Spectral:
     """A divergence over the blocks that must be positive definite.
 
     First moments of a body whose mass is completed stand in no block and are pulled as in the
-    Euclidean case.
+    Euclidean case. A block's prior is as wide as that of the widest entry of p that it is part of.
     """
 
     divergence: Divergence
@@ -150,14 +151,20 @@ class Spectral:
         rows = np.any(D != 0, axis=1)
         full = np.zeros((rows.sum(), reduction.size))
         full[:, free] = D[rows] / prior_scale(reduction)[rows][:, None]
-        return Regularizer(
-            QuadraticTerm(full, reduction.prior), SpectralTerm(self.divergence, reduction.blocks)
-        )
+        weights = tuple(_weight(block, reduction) for block in reduction.blocks)
+        spectral = SpectralTerm(self.divergence, reduction.blocks, weights)
+        return Regularizer(QuadraticTerm(full, reduction.prior), spectral)
+
+
+def _weight(block: Block, reduction: Reduction) -> float:
+    parts = np.any(reduction.A[:, np.unique(block.index[block.index >= 0])] != 0, axis=1)
+    return float(reduction.wider[parts].max() ** -2)
 
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
-    """|p_reg|, and for entries that are zero there m·ℓ or m·ℓ² of their body, or their own size."""
-    return parameter_scale(reduction.layout, reduction.p_reg)
+    """|p_reg|, and for entries that are zero there m·ℓ or m·ℓ² of their body, or their own size;
+    so many times that as the prior is widened."""
+    return reduction.wider * parameter_scale(reduction.layout, reduction.p_reg)
 
 
 def parameter_scale(
@@ -170,6 +177,8 @@ def parameter_scale(
     for body in layout.bodies:
         part = layout.body(body)
         scale[part] = inertia_scale(p_reg[part])
+    own = len(layout.names) - layout.added
+    scale[own:] = [parameter.scale for parameter in layout.parameters[own:]]
     return scale
 
 

@@ -27,6 +27,8 @@ from deltaid.identification.information import Information
 # A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
 # white level is taken with the widest t there is.
 _NO_SCATTER = 1e-6
+# Noise that is so many times smaller than the standard deviation does not matter.
+_HARDLY = 100.0
 
 Combinations = Float[np.ndarray, "n combinations"]
 # [Y, τ]ᵀW[Y, τ] of each group.
@@ -113,6 +115,16 @@ class Noise:
         v, nu = self.scatter.variances(U)
         told = np.isfinite(v)
         return np.where(told, np.sqrt(v), white), np.where(told, nu, 1.0)
+
+
+def half_width(
+    std: Float[np.ndarray, " n"],
+    by_noise: Float[np.ndarray, " n"],
+    freedom: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Half the width of 95 % intervals, by Satterthwaite: only the part by noise is estimated."""
+    least = np.maximum(std / _HARDLY, np.finfo(float).tiny)
+    return quantile(freedom * (std / np.maximum(by_noise, least)) ** 4) * std
 
 
 def observe(

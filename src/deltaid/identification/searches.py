@@ -95,7 +95,8 @@ def _load(
     at = np.flatnonzero(np.diff(held))
     tries = float(np.log10(len(held))) * len(at)
     rows = np.tile(held, len(scene.drives))[:, None]
-    times = tuple(scene.motion.time[at].tolist())
+    time = scene.motion.time
+    times = tuple((0.5 * (time[at] + time[at + 1])).tolist())
     return Pattern("load-change", "", columns * rows, body, tries, times)
 
 

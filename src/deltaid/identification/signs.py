@@ -8,7 +8,7 @@ are positive. A wrong sign of τ_i or q_i makes them negative, whatever the othe
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.information import Information
@@ -38,7 +38,7 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
     """The drives whose torques work against their motion."""
     found = []
     for i, drive in enumerate(dynamics.robot.drives):
-        probes = _probes(dynamics, i)[:, information.columns]
+        probes = _among(_probes(dynamics, i), information.columns)
         values, stds = _told(information.factors[i], information.samples[i], probes)
         certain = values / np.maximum(stds, np.finfo(float).tiny)
         if certain[np.argmax(np.abs(certain))] < -_CERTAIN:
@@ -61,21 +61,33 @@ def told(found: tuple[Negative, ...], robot: RobotDescription) -> str:
     )
 
 
+def row_at_home(
+    dynamics: Dynamics, i: int, qd: Float[np.ndarray, " dof"], qdd: Float[np.ndarray, " dof"]
+) -> Float[np.ndarray, " parameters"]:
+    """The row c with c p = τ_i of a motion at home; friction that depends on load left out."""
+    home = dynamics.kinematics.home[None]
+    sparse = dynamics.sparse_regressor(home, qd[None], qdd[None], np.zeros_like(home))
+    drives, columns = dynamics.regressor_pattern
+    row, own = np.zeros(len(dynamics.layout.names)), drives == i
+    row[columns[own]] = sparse.values[own, 0]
+    return row
+
+
 def _probes(dynamics: Dynamics, i: int) -> Float[np.ndarray, "2 parameters"]:
     """Rows c with c p = M_ii at home, and c p = f_i at unit speed."""
-    at_rest, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
-
-    def row(qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-        home = dynamics.kinematics.home[None]
-        sparse = dynamics.sparse_regressor(home, qd[None], qdd[None], np.zeros_like(home))
-        drives, columns = dynamics.regressor_pattern
-        full, own = np.zeros(len(dynamics.layout.names)), drives == i
-        full[columns[own]] = sparse.values[own, 0]
-        return full
-
-    inertia = row(at_rest, e) - row(at_rest, at_rest)
+    zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
+    inertia = row_at_home(dynamics, i, zero, e) - row_at_home(dynamics, i, zero, zero)
     # Coriolis forces are the same both ways.
-    return np.stack([inertia, 0.5 * (row(e, at_rest) - row(-e, at_rest))])
+    friction = 0.5 * (row_at_home(dynamics, i, e, zero) - row_at_home(dynamics, i, -e, zero))
+    return np.stack([inertia, friction])
+
+
+def _among(
+    rows: Float[np.ndarray, "2 parameters"], columns: Int[np.ndarray, " columns"]
+) -> Float[np.ndarray, "2 columns"]:
+    """Rows of a robot's parameters for some columns, of which those beside the robot come last."""
+    added = max(0, int(columns[-1]) + 1 - rows.shape[1])
+    return np.pad(rows, ((0, 0), (0, added)))[:, columns]
 
 
 def _told(

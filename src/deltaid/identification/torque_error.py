@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Window
+from deltaid.recording.windows import Samples, Window
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class TorqueError:
         covariance: mean of e eᵀ over the samples, of the filtered errors.
         turning: share of the samples that do not count because a joint turns round there.
         cutoff: the filter's cut-off [Hz]; None without a filter.
+        fastest: largest speed [rad/s or m/s].
     """
 
     rms: Float[np.ndarray, " dof"]
@@ -32,6 +33,7 @@ class TorqueError:
     covariance: Float[np.ndarray, "dof dof"]
     turning: Float[np.ndarray, " dof"]
     cutoff: float | None
+    fastest: Float[np.ndarray, " dof"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class Prediction:
 
     Attributes:
         weights: of the samples; no columns without torques.
+        carried: what held loads take beside what is predicted; no measured torque has it.
         gain: the weights through the filter: what it leaves of a constant.
         counted: how many samples each filtered one is worth (`Window.counted`).
     """
@@ -52,6 +55,7 @@ class Prediction:
     measured: Float[np.ndarray, "samples torques"]
     predicted: Float[np.ndarray, "samples dof"]
     weights: Float[np.ndarray, "samples torques"]
+    carried: Float[np.ndarray, "samples dof"]
     filtered_measured: Float[np.ndarray, "apart torques"]
     filtered_predicted: Float[np.ndarray, "apart dof"]
     gain: Float[np.ndarray, "apart torques"]
@@ -68,7 +72,7 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
 
 def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction:
     own, wide = window.own, window.wide
-    predicted = dynamics.torque(wide.z, wide.qd, wide.qdd, p)
+    predicted = dynamics.torque(wide.z, wide.qd, wide.qdd, p) + _lost_to_loads(dynamics, p, wide)
     n = wide.tau.shape[1]
     drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
     both = np.hstack([wide.tau, predicted]).T
@@ -81,11 +85,31 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
         measured=own.tau,
         predicted=window.trimmed(predicted),
         weights=own.weights,
+        carried=own.carried,
         filtered_measured=smooth[:, :n],
         filtered_predicted=smooth[:, n:],
         gain=np.ones_like(counted) if whole else window.smoothed(wide.weights.T).T,
         counted=counted,
     )
+
+
+def _lost_to_loads(
+    dynamics: Dynamics, p: Parameters, w: Samples
+) -> Float[np.ndarray, "samples dof"]:
+    """What held loads add to friction that depends on load, Σ μ sign(q̇) (|x + x_L| − |x|).
+
+    What loads take of the torques otherwise has been taken out of them.
+    """
+    lost, robot = np.zeros_like(w.carried), dynamics.robot
+    if not robot.load_drives or not w.carried.any():
+        return lost
+    x, first = dynamics.carried(w.z, w.qd, w.qdd, p), dynamics.layout.friction.start
+    for k, term in enumerate(robot.friction_terms):
+        if term.of_load:
+            i = robot.drives.index(term.joint)
+            more = np.abs(x[:, i] + w.carried[:, i]) - np.abs(x[:, i])
+            lost[:, i] += p[first + k] * np.sign(w.qd[:, i]) * more
+    return lost
 
 
 def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueError:
@@ -103,11 +127,14 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
                 np.full(len(raw), all_samples),
             ]
         )
-        return error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, counts
+        squares = error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, counts
+        return *squares, np.abs(part.speed).max(axis=0, initial=0.0)
 
     dof = dynamics.dof
     totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((4, dof))
-    for one in recording.evaluate(dynamics.kinematics, sums):
+    fastest = np.zeros(dof)
+    for *one, speeds in recording.evaluate(dynamics.kinematics, sums):
+        fastest = np.maximum(fastest, speeds)
         for total, part in zip(totals, one, strict=True):
             total += part
     covariance, power, raw, (samples, raw_samples, turning, all_samples) = totals
@@ -121,11 +148,17 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         covariance=covariance / np.sqrt(np.outer(samples, samples)),
         turning=turning / all_samples,
         cutoff=recording.cutoff,
+        fastest=fastest,
     )
 
 
-def prediction_csv(part: Prediction, *, header: bool) -> str:
-    """Predicted torques as lines of CSV: t, tau1, tau2, …"""
+def prediction_csv(part: Prediction, gains: Float[np.ndarray, " drives"], *, header: bool) -> str:
+    """Torques to be commanded, as lines of CSV: t, tau1, tau2, …
+
+    Args:
+        gains: torque at the joint for a commanded one.
+    """
     columns = {"t": part.time}
-    columns |= {f"tau{i + 1}": part.predicted[:, i] for i in range(part.predicted.shape[1])}
+    torque = part.predicted + part.carried
+    columns |= {f"tau{i + 1}": tau for i, tau in enumerate((torque / gains).T)}
     return pl.DataFrame(columns).write_csv(include_header=header)

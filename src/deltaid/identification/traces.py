@@ -14,10 +14,11 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
+from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
+from deltaid.recording.delay import Shift
 from deltaid.recording.filter import LowPass, apply
-from deltaid.recording.log import Log
-from deltaid.recording.recording import with_filter
+from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
 
 # Windows that are kept at most: 262 s at 1 kHz.
@@ -37,15 +38,17 @@ class Trace:
 
     Attributes:
         dynamics: of the robot that moved.
-        load: parameters whose torques friction that depends on load sees.
+        load: parameters by which friction that depends on load knows what gears carry.
         stretches: runs of samples without a gap; motion filtered, torques as recorded.
         low_pass: its filter.
+        recording: whose they are.
     """
 
     dynamics: Dynamics
     load: Parameters
     stretches: tuple[Samples, ...]
     low_pass: LowPass
+    recording: Recording
 
     def filtered(
         self,
@@ -67,26 +70,50 @@ class Trace:
         """Measured torques of `delay` [s] later, τ(t + delay), filtered."""
         by = delay * self.low_pass.rate
         return self.filtered(
-            lambda w: _later(w.tau, by).T, np.arange(self.dynamics.dof), _margin(by)
+            lambda w: (_later(w.tau + w.carried, by) - w.carried).T,
+            np.arange(self.dynamics.dof),
+            _margin(by),
         )
 
-    def regressor(self, *, between: bool = False) -> Float[np.ndarray, "dof thinned columns"]:
+    def regressor(
+        self, additions: Sequence[Addition] = (), *, between: bool = False
+    ) -> Float[np.ndarray, "dof thinned columns"]:
         """The active columns of Y, filtered.
 
         Args:
+            additions: whose columns follow those of the robot.
             between: put a step of friction at a reversal where the speed passes zero, between two
                 samples, and not at the next one: torques that have been shifted in time were
                 sampled elsewhere.
         """
-        rows, _ = self.dynamics.regressor_pattern
+        regressor = extended(self.dynamics, additions)
+        (rows, columns), active = regressor.regressor_pattern, active_columns(regressor)
 
         def values(w: Samples) -> Values:
-            return self._with_steps_between(self._entries(w)) if between else self._entries(w)
+            own = self._entries(w)
+            more = [one.entries(w, own, self.recording) for one in additions]
+            return np.vstack([self._with_steps_between(own) if between else own, *more])
 
-        entries, active = self.filtered(values, rows, 1), active_columns(self.dynamics)
+        entries = self.filtered(values, rows, 1)
         Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
-        Y[rows, :, np.searchsorted(active, self.dynamics.regressor_pattern[1])] = entries
+        Y[rows, :, np.searchsorted(active, columns)] = entries
         return Y
+
+    def pattern(self, additions: Sequence[Addition] = ()) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and column of each of `entries`."""
+        return extended(self.dynamics, additions).regressor_pattern
+
+    def entries(self, w: Samples, additions: Sequence[Addition] = ()) -> Values:
+        """Entries of Y along some samples, those of additions behind those of the robot."""
+        own = self._entries(w)
+        return np.vstack([own, *(one.entries(w, own, self.recording) for one in additions)])
+
+    def shifted(self, delay: Delay) -> "Trace":
+        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it."""
+        shift = Shift.of(delay.tolist(), self.low_pass.rate)
+        parts = (_shifted(one, shift, self.low_pass.rate) for one in self.stretches)
+        long = tuple(one for one in parts if _outputs(self.low_pass, len(one.time)) > 0)
+        return replace(self, stretches=long)
 
     def model(self, p: Parameters) -> Float[np.ndarray, "dof thinned"]:
         """Torques of parameters, filtered."""
@@ -126,15 +153,15 @@ class Trace:
         return out
 
     def _entries(self, w: Samples) -> Values:
-        tau = w.tau
+        load = None
         if self.dynamics.robot.load_drives:
-            tau = self.dynamics.torque(w.z, w.qd, w.qdd, self.load)
-        return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, tau).values
+            load = self.dynamics.carried(w.z, w.qd, w.qdd, self.load) + w.carried
+        return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values
 
 
 def trace(
     dynamics: Dynamics,
-    log: Log,
+    recording: Recording,
     load: Parameters,
     *,
     cutoff: float | None,
@@ -142,13 +169,13 @@ def trace(
     reversals: bool = True,
     windows: int | None = None,
 ) -> Trace:
-    """The beginning of a log in memory; of a log of usual length all of it.
+    """The beginning of a recording in memory; of one of usual length all of it.
 
     Speeds and accelerations come from the positions, also where they are recorded, so that nothing
     that is wrong with those gets in.
 
     Args:
-        load: parameters whose torques friction that depends on load sees.
+        load: parameters by which friction that depends on load knows what gears carry.
         cutoff: of the filter [Hz]; None for the log's own.
         reach: how far [s] torques will be shifted; weights leave out what would come from beyond
             the ends and from samples that do not count.
@@ -159,9 +186,10 @@ def trace(
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
     """
+    log = recording.log
     columns = replace(log.columns, velocity=(), acceleration=())
     # What a log masks stays masked either way; this is about its reversals only.
-    recording = with_filter(replace(log, columns=columns, keep_all=reversals), cutoff)
+    recording = recording.changed(cutoff, columns=columns, keep_all=reversals)
     assert recording.low_pass is not None  # positions alone are always filtered
     held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
     joined = _joined(_spread(held, windows or _MOST))
@@ -176,7 +204,25 @@ def trace(
         raise RecordingError(
             "is too short to be filtered", where=str(log.path), cure="give a longer recording"
         )
-    return Trace(dynamics, load, tuple(stretches), recording.low_pass)
+    return Trace(dynamics, load, tuple(stretches), recording.low_pass, recording)
+
+
+def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
+    """Samples with their torques later; weights leave out reversals beside their old places."""
+    before, after = shift.reach
+    motion, dof = (stretch.z, stretch.qd, stretch.qdd, stretch.carried), stretch.z.shape[1]
+    # What loads take is taken out where they are held, not where their torques were recorded.
+    torques = stretch.tau + stretch.carried
+    wide = np.hstack([stretch.time[:, None], *motion, torques, stretch.weights])
+    if len(wide) <= before + after:
+        return stretch.part(slice(0))
+    rows = shift.rows(wide, 4 * dof, rate)
+    time, z, qd, qdd, carried, tau, weights = np.split(rows, np.cumsum([1, *[dof] * 5]), axis=1)
+    for i, smear in enumerate(shift.smear):
+        weights[:, [i]] = _eroded(weights[:, [i]], float(smear + (shift.common != 0.0)))
+    own = stretch.part(slice(before, len(wide) - after))
+    moved = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
+    return replace(own, **moved, tau=tau - carried, weights=weights)
 
 
 def _spread(parts: list[Samples], most: int) -> list[Samples]:

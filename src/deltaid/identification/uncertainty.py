@@ -10,12 +10,12 @@ from deltaid.errors import IdentificationError
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.information import triangle
 from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.scatter import quantile
+from deltaid.identification.regularizer import prior_scale
+from deltaid.identification.scatter import half_width
 
-# The data decided a parameter whose standard deviation it shrank below this share of the prior's.
-_SHRUNK = 0.5
-# Noise that is so many times smaller than the standard deviation does not matter.
-_HARDLY = 100.0
+# Others whose priors a parameter rests on are named until they make up this share of what priors
+# leave open, so many at most.
+_TOLD, _MOST = 0.7, 2
 
 
 @dataclass(frozen=True)
@@ -24,28 +24,51 @@ class Uncertainty:
 
     Attributes:
         std, interval: standard deviation, and half the width of the 95 % interval.
-        prior_std: standard deviation given the prior alone.
-        by_data: whether the data decided.
+        prior_std: standard deviation given the prior alone, widened where it is.
+        shares: of the variance, by noise, by the prior, and by geometry.
+        moves: column i is by how many standard deviations of its own prior each parameter moves
+            along what priors leave open of parameter i.
     """
 
     std: Float[np.ndarray, " parameters"]
     interval: Float[np.ndarray, " parameters"]
     prior_std: Float[np.ndarray, " parameters"]
-    by_data: Bool[np.ndarray, " parameters"]
+    shares: Float[np.ndarray, "parameters 3"]
+    moves: Float[np.ndarray, "others parameters"]
+
+    def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
+        """Other parameters whose priors make up most of what priors leave open of parameter i.
+
+        The variance by the prior, cᵀ H⁻¹ P H⁻¹ c, is a sum over the parameters: the squares of
+        `moves`.
+
+        Args:
+            among: which may be named.
+        """
+        share = np.where(among, self.moves[:, i] ** 2, 0.0)
+        share[i] = 0.0
+        order = np.argsort(-share, kind="stable")[:_MOST]
+        before = np.append(0.0, np.cumsum(share[order])[:-1])
+        return tuple(int(k) for k in order[(before < _TOLD * share.sum()) & (share[order] > 0)])
 
 
-def uncertainty(problem: FittedProblem) -> Uncertainty:
-    """Deviations of the minimiser of (15) from the truth, by noise and by the prior.
+def uncertainty(
+    problem: FittedProblem, combinations: Float[np.ndarray, "n parameters"] | None = None
+) -> Uncertainty:
+    """Deviations of the minimiser of (15) from the truth, by noise, by the prior and by geometry.
 
     Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²). With its Hessian
     H = D + P, D from the data and P from the prior, x errs by H⁻¹ (g + P (x_prior − x)), where g is
     what the noise adds to the gradient. The variance by the prior is cᵀ H⁻¹ P H⁻¹ c for a
     combination cᵀx; that by the noise comes from the scatter of the recording (`scatter`), and for
     white noise would be cᵀ H⁻¹ D H⁻¹ c. Where a body touches the edge of consistency this reaches
-    beyond it.
+    beyond it. Geometry that is off shifts least squares by δp_B, and x by H⁻¹ D δp_B.
 
-    Data decides where the standard deviation is less than half of the prior's. A sharp sum of two
-    parameters does not make the two known: each keeps the part by the prior of the other.
+    A sharp sum of two parameters does not make the two known: each keeps the part by the prior of
+    the other, and is as good as that (`consistent_range` does without).
+
+    Args:
+        combinations: of parameters, in whose place results are; each parameter alone if None.
 
     Raises:
         IdentificationError: the prior's sizes are too far apart for the arithmetic.
@@ -65,14 +88,20 @@ def uncertainty(problem: FittedProblem) -> Uncertainty:
         ) from None
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
     A = reduction.A / scale
+    wanted = A if combinations is None else combinations @ A
     factor = triangle(np.vstack([data, root]))
-    H_inverse_A = solve_triangular(factor, solve_triangular(factor, A.T, trans="T"))
+    H_inverse_A = solve_triangular(factor, solve_triangular(factor, wanted.T, trans="T"))
     prior_share = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
     in_scores = noise.root @ (problem.base.combination() @ (A @ H_inverse_A))
-    by_noise, freedom = noise.deviations(2.0 / (objective.gamma * samples) * in_scores)
-    std = np.hypot(by_noise, np.sqrt(prior_share))
-    # Satterthwaite: only the part by noise is estimated.
-    least = np.maximum(std / _HARDLY, np.finfo(float).tiny)
-    nu = freedom * (std / np.maximum(by_noise, least)) ** 4
-    prior_std = unit * np.linalg.norm(solve_triangular(root, A.T, trans="T"), axis=0)
-    return Uncertainty(std, quantile(nu) * std, prior_std, std < _SHRUNK * prior_std)
+    to_scores = 2.0 / (objective.gamma * samples) * in_scores
+    by_noise, freedom = noise.deviations(to_scores)
+    geometry = problem.geometry
+    shifts = geometry.shifts if geometry else np.zeros((problem.base.rank, 0))
+    by_geometry = np.sum((to_scores.T @ noise.root @ shifts) ** 2, axis=1)
+    parts = np.stack([by_noise**2, prior_share, by_geometry], axis=1)
+    variance = parts.sum(axis=1)
+    std, half = np.sqrt(variance), half_width(np.sqrt(variance), by_noise, freedom)
+    prior_std = unit * np.linalg.norm(solve_triangular(root, wanted.T, trans="T"), axis=0)
+    moves = A @ H_inverse_A / prior_scale(reduction)[:, None]
+    shares = parts / np.where(variance > 0, variance, 1.0)[:, None]
+    return Uncertainty(std, half, prior_std, shares, moves)

@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 
+from deltaid.mechanism.growth import Growth
 from deltaid.mechanism.limb import LimbMotion, build_limb, elbow, limb_motion, mode_margin
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.own import build_own
@@ -21,8 +22,11 @@ from deltaid.robot.platform import H4Platform, RigidPlatform
 _QUARTER, _CLEAR = np.deg2rad(90.0), np.deg2rad(170.0)
 
 
-def build_mechanism(robot: RobotDescription) -> Mechanism:
+def build_mechanism(robot: RobotDescription, growth: Growth | None = None) -> Mechanism:
     """The mechanism of a described robot.
+
+    With `growth`, z, q and the motion of all bodies are those of lengths that exceed the described
+    ones by its symbols; what is for one robot at rest (reach, closure, forward kinematics) is not.
 
     Raises:
         DescriptionError: the function of a mechanism of the user's own fails.
@@ -33,15 +37,20 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
     z, q_symbols = ca.SX.sym("z", dof), ca.SX.sym("q", dof)
     drives, task = Speed.named("qd", dof), Speed.named("zd", dof)
     motion = Path(z, task.u, task.ud)
-    platform = build_platform(robot, motion)
-    middles = [_middle(robot, i, z, point.at) for i, point in enumerate(platform.points)]
+    described = build_platform(robot, motion)
+    middles = [_middle(robot, i, z, point.at) for i, point in enumerate(described.points)]
+    platform = build_platform(robot, motion, growth.half) if growth else described
     limbs = tuple(
         limb_motion(
-            point, limb, robot.limb_bodies(i), drives[i : i + 1], Speed.named("w", 2), middle or 0.0
+            platform.points[i],
+            limb,
+            robot.limb_bodies(i),
+            drives[i : i + 1],
+            Speed.named("w", 2),
+            middles[i] or 0.0,
+            growth.limbs[i] if growth else None,
         )
-        for i, (limb, point, middle) in enumerate(
-            zip(robot.limb_geometry, platform.points, middles, strict=True)
-        )
+        for i, limb in enumerate(robot.limb_geometry)
     )
     bodies = [body for limb in limbs for body in (limb.bodies.driven, limb.bodies.strut)]
     bodies += platform.bodies
@@ -52,7 +61,8 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         joints["platform"] = platform.joint
     passive, bar = [limb.swing for limb in limbs], None
     if robot.telescope is not None:
-        bar = build_telescope(motion, robot.telescope, Speed.named("spin", 3))
+        higher = growth.telescope if growth else None
+        bar = build_telescope(motion, robot.telescope, Speed.named("spin", 3), higher)
         bodies += [bar.bodies.upper, bar.bodies.lower, bar.bodies.tool]
         passive.append(bar.spin)
         q, closure = ca.vertcat(q, z[3]), ca.vertcat(closure, z[3] - q_symbols[3])
@@ -72,7 +82,7 @@ def build_mechanism(robot: RobotDescription) -> Mechanism:
         closure=closure,
         modes=modes,
         hold=_hold(robot, limbs),
-        forward=_closed_form(robot, (z, q), q_symbols),
+        forward=None if growth else _closed_form(robot, (z, q), q_symbols),
         lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if dof > 3 else [])),
         period=platform.period,
     )

@@ -6,17 +6,20 @@ and outwards, positive downwards; carriage C at the strut's upper joint, paralle
 the elbow, x along the strut, hanging on two revolute joints of which the first is parallel to y.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.mechanism.growth import LimbGrowth
 from deltaid.mechanism.mechanism import LimbBodies, MovingBody
 from deltaid.mechanism.rotation import Path, Turn, pointing, rotation
 from deltaid.mechanism.speeds import Speed
 from deltaid.mechanism.vectors import fixed, reciprocal
 from deltaid.robot.limbs import LimbGeometry
+
+_Length = float | ca.SX
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ def limb_motion(
     drive: Speed,
     swing: Speed,
     middle: float,
+    grown: LimbGrowth | None = None,
 ) -> LimbMotion:
     """Inverse kinematics and motion of a limb.
 
@@ -95,17 +99,23 @@ def limb_motion(
         drive: q̇ and q̈ as symbols.
         swing: rates and accelerations of the strut's two angles as symbols.
         middle: angle of a rotary drive opposite to which its coordinate jumps by a turn [rad].
+        grown: symbols that its lengths exceed the described ones by.
     """
+    lengths: tuple[_Length, _Length] = (limb.upper_arm, limb.strut)
+    if grown is not None:
+        point = replace(point, at=point.at + fixed(limb.R_WL[:, 0]) * grown.seat)
+        lengths = limb.upper_arm + grown.arm, limb.strut + grown.strut
     R_LW, origin = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base)
     d, qd, qdd = R_LW @ (point.at - fixed(limb.base)), drive.u, drive.ud
-    solved = _rotary(d, limb, middle) if limb.drive == "rotary" else _linear(d, limb)
+    rotary = limb.drive == "rotary"
+    solved = _rotary(d, limb, lengths, middle) if rotary else _linear(d, limb, lengths[1])
     bias = solved.curve * qd**2
     elbow = Path(origin + solved.elbow, solved.slope * qd, solved.slope * qdd + bias)
     s = Path(d - solved.elbow, R_LW @ point.rate - elbow.rate,
              R_LW @ point.acceleration - elbow.acceleration)  # fmt: skip
-    turns = pointing("yz", s, Path.still(ca.SX(limb.strut)))
+    turns = pointing("yz", s, Path.still(ca.SX(lengths[1])))
     strut = rotation(*(turn.with_rates(swing.u[k], swing.ud[k]) for k, turn in enumerate(turns)))
-    if limb.drive == "rotary":
+    if rotary:
         arm = rotation(Turn("y", solved.cos, solved.sin, qd, qdd))
         driven = MovingBody(names[0], 1, limb.R_WL, arm, Path.still(origin))
     else:
@@ -139,10 +149,12 @@ class _Drive:
     reach: ca.SX
 
 
-def _rotary(d: ca.SX, limb: LimbGeometry, middle: float) -> _Drive:
+def _rotary(
+    d: ca.SX, limb: LimbGeometry, lengths: tuple[_Length, _Length], middle: float
+) -> _Drive:
     """With d from the motor axis to the held point, the upper arm's direction x_U solves
     d · x_U = κ = (|d|² + L² − l²) / (2 L) in the arm's plane; the working mode picks one of two."""
-    L, l = limb.upper_arm, limb.strut
+    L, l = lengths
     outwards, lateral, height = d[0], d[1], d[2]
     rho_squared = outwards**2 + height**2
     kappa = (rho_squared + (lateral**2 + (L**2 - l**2))) * (0.5 / L)
@@ -170,10 +182,10 @@ def _angle(cos: ca.SX, sin: ca.SX, middle: float) -> ca.SX:
     return middle + ca.atan2(c * sin - s * cos, c * cos + s * sin)
 
 
-def _linear(p: ca.SX, limb: LimbGeometry) -> _Drive:
+def _linear(p: ca.SX, limb: LimbGeometry, l: _Length) -> _Drive:
     """With p from the rail's zero point to the held one and e along the rail, |p − q e| = l gives
     q = e·p ∓ √(l² − |p|² + (e·p)²); outwards is the carriage above."""
-    l, e = limb.strut, fixed(limb.rail)
+    e = fixed(limb.rail)
     along = ca.dot(e, p)
     aside_squared = ca.sumsqr(p) - along**2
     q = along - (1 if limb.outwards else -1) * ca.sqrt(l**2 - aside_squared)
@@ -181,7 +193,7 @@ def _linear(p: ca.SX, limb: LimbGeometry) -> _Drive:
     return _Drive(q, ca.SX(1), ca.SX(0), q * e, e, none, l - ca.sqrt(aside_squared))
 
 
-def _rotary_reach(rho_squared: ca.SX, lateral: ca.SX, L: float, l: float) -> ca.SX:
+def _rotary_reach(rho_squared: ca.SX, lateral: ca.SX, L: _Length, l: _Length) -> ca.SX:
     """Distance [m] from the held point to the nearest one that the limb cannot reach.
 
     The limb reaches all points that are a strut l away from some point of the elbow's circle: those

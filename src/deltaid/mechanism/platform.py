@@ -35,8 +35,12 @@ class PlatformParts:
     period: float | None
 
 
-def build_platform(robot: RobotDescription, z: Path) -> PlatformParts:
-    """The platform of a described robot along a motion of z."""
+def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None) -> PlatformParts:
+    """The platform of a described robot along a motion of z.
+
+    Args:
+        grown: a symbol that half the distance of its parts exceeds the described one by [m].
+    """
     r, platform = z.at[:3], robot.platform
     attachments = [limb.attachment for limb in robot.limb_geometry]
     if isinstance(platform, RigidPlatform):
@@ -45,6 +49,8 @@ def build_platform(robot: RobotDescription, z: Path) -> PlatformParts:
         return PlatformParts(points, (_body("P", part),), None, None, None)
     joint = z.at[3] / platform.ratio
     half = _half(platform, joint)
+    if grown is not None and not platform.slides:
+        half += grown * _towards(joint)
     parts = along(r + half, z), along(r - half, z)
     points = tuple(
         parts[0 if platform.on_first(i) else 1].shifted(d) for i, d in enumerate(attachments)
@@ -75,7 +81,12 @@ def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.
         angle = np.deg2rad(platform.direction_deg)
         direction = np.array([np.cos(angle), np.sin(angle), 0.0])
         return _half_length(platform) * joint * fixed(direction)
-    return _half_length(platform) * ca.sparsify(ca.vertcat(ca.cos(joint), ca.sin(joint), 0))
+    return _half_length(platform) * _towards(joint)
+
+
+def _towards(joint: ca.SX) -> ca.SX:
+    """u(θ)."""
+    return ca.sparsify(ca.vertcat(ca.cos(joint), ca.sin(joint), 0))
 
 
 def _half_length(platform: H4Platform | Par4Platform | I4Platform) -> float:

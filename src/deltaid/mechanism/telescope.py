@@ -28,7 +28,9 @@ class TelescopeMotion:
     spin: Speed
 
 
-def build_telescope(z: Path, bar: Telescope, spin: Speed) -> TelescopeMotion:
+def build_telescope(
+    z: Path, bar: Telescope, spin: Speed, grown: ca.SX | None = None
+) -> TelescopeMotion:
     """Motion of the telescope bar; ψ turns the fork of its base joint about world z.
 
     The bar's z axis points from platform to base. The cross of the base joint turns about the
@@ -38,17 +40,20 @@ def build_telescope(z: Path, bar: Telescope, spin: Speed) -> TelescopeMotion:
         z: r and ψ.
         bar: the description.
         spin: symbols for ω and ω̇ of the bar.
+        grown: a symbol that its base joint stands higher than described by [m].
     """
-    base, r = np.array(bar.base_joint), along(z.at[:3], z)
+    base, r = ca.SX(np.array(bar.base_joint)), along(z.at[:3], z)
+    if grown is not None:
+        base[2] += grown
     lower = r.shifted(np.array(bar.platform_joint))
-    span = ca.DM(base) - lower.at
+    span = base - lower.at
     length = ca.sqrt(ca.sumsqr(span))
     fork = rotation(turn_z(z[3]))
     seen = _seen(fork, Path(span, -lower.rate, -lower.acceleration))
     stretch = along(length, z)
     turned = rotation(turn_z(z[3]), *pointing("xy", seen, stretch))
     R_WT = Rotation(turned.R, spin.u, spin.ud)
-    top, eye = Path.still(ca.SX(base)), np.eye(3)
+    top, eye = Path.still(base), np.eye(3)
     bodies = TelescopeBodies(
         upper=MovingBody("TU", 1, eye, R_WT, top),
         lower=MovingBody("TL", 1, eye, R_WT, lower),

@@ -97,6 +97,43 @@ class Model:
         names = self.layout.names
         return float(self.p[names.index(name)]) if name in names else 0.0
 
+    @property
+    def gains(self) -> Float[np.ndarray, " drives"]:
+        """Torque at the joint for what each drive records and is commanded, as identified."""
+        if self.identified is None:
+            return np.ones(len(self.robot.drives))
+        return self.identified.gains
+
+    def with_load(self, load: str | Float[np.ndarray, " 10"], body: str | None = None) -> "Model":
+        """The same robot with a load that it holds all the time.
+
+        Args:
+            load: the name of one that the model was identified with, or the ten parameters of any.
+            body: what carries it; of a named one it is known, else EE, or P where there is no EE.
+
+        Raises:
+            ValueError: the model has no load of that name.
+            DescriptionError: the robot has no such body, or a body with the load cannot exist.
+        """
+        if isinstance(load, str):
+            known = {one.name: one for one in self.identified.loads} if self.identified else {}
+            if load not in known:
+                has = ", ".join(known) or "none"
+                raise ValueError(f"the model has no load '{load}'; it has {has}")
+            body, ten = known[load].body, known[load].p
+        else:
+            ten = load
+        body = body or ("EE" if "EE" in self.layout.bodies else "P")
+        if body not in self.layout.bodies:
+            raise DescriptionError(
+                f"has no body {body}",
+                where=self.source or self.robot.name,
+                cure=f"name one of {', '.join(self.layout.bodies)}",
+            )
+        p = self.p.copy()
+        p[self.layout.body(body)] += ten
+        return replace(self, p=p)
+
     def without_friction(self) -> "Model":
         """The same robot with all friction coefficients zero."""
         p = self.p.copy()

@@ -5,7 +5,10 @@ from typing import Literal
 Method = Literal["conic", "log-cholesky"]
 RegularizerName = Literal["euclidean", "entropic", "riemannian"]
 FrictionLaws = Literal["described", "choose"]
+LagChoice = Literal["estimate", "none"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 # Beyond these the fit only sees the data's rounding, or only the prior.
 GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
+# The largest lag that can be given [s].
+LARGEST_LAG = 0.1

@@ -10,12 +10,16 @@ from pydantic import Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
-from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.corrections import Correction
+from deltaid.model.events import Event
+from deltaid.model.friction_record import FrictionChoice, FrictionCurve
 from deltaid.model.left_out import LeftOut
 from deltaid.model.options import (
     GAMMA_LIMITS,
+    LARGEST_LAG,
     SPREAD_LIMITS,
     FrictionLaws,
+    LagChoice,
     Method,
     RegularizerName,
 )
@@ -26,9 +30,11 @@ from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate
 
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
-# 2: base parameters name their representative.
-FORMAT = 2
+# 2: base parameters name their representative. 3: corrections; what a parameter rests on.
+FORMAT = 3
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
+
+Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
 
 
 class Settings(Part):
@@ -40,8 +46,11 @@ class Settings(Part):
         gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
         prior_spread: relative standard deviation of the prior that this rule assumes.
         cutoff: low-pass cut-off [Hz] for logs; by rule when None.
-        friction: laws as described, or chosen by cross-validation.
+        friction: laws as described, or extended where the recordings ask for it.
         keep_all: whether nothing is left out of the recordings.
+        lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
+            or one a drive.
+        events: whether contacts, stops, torque spikes and play in gears are found and left out.
     """
 
     method: Method = "conic"
@@ -49,21 +58,51 @@ class Settings(Part):
     gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
     prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
     cutoff: Annotated[float, Field(gt=0)] | None = None
-    friction: FrictionLaws = "described"
+    friction: FrictionLaws = "choose"
     keep_all: bool = False
+    lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
+    events: bool = True
+
+
+class Share(Part):
+    """What a variance comes from: noise of the recording, the prior, the robot's geometry.
+
+    Shares of one.
+    """
+
+    noise: Annotated[float, Field(ge=0, le=1)]
+    prior: Annotated[float, Field(ge=0, le=1)]
+    geometry: Annotated[float, Field(ge=0, le=1)]
+
+    @classmethod
+    def of(cls, shares: Float[np.ndarray, " 3"]) -> "Share":
+        """From an array."""
+        noise, prior, geometry = (float(share) for share in shares)
+        return cls(noise=noise, prior=prior, geometry=geometry)
+
+
+# What decided a parameter.
+Origin = Literal["data", "sum", "prior", "limit", "structure", "fixed", "consistency"]
 
 
 class Parameter(Part):
-    """One parameter: value, standard deviation, 95 % interval, prior, and which of both decided it.
+    """One parameter: value, standard deviation, 95 % interval, prior, and what decided it.
 
-    `determined_by` is 'data' where the data shrank the prior's standard deviation to less than a
-    half, what the priors of other parameters leave open included; 'prior' where it did not;
-    'structure' for entries that the reduction holds at zero; 'fixed' for entries that torques show
-    but the reduction holds at the prior (± 0); and 'consistency' for entries that no torque shows
-    and that grew to keep their body consistent, which are lower bounds. For 'prior' and
-    'consistency', standard deviation and interval are the prior's own. Parameters that must be
-    positive have intervals that end at zero. `low` and `high` are missing in models of earlier
-    versions.
+    `determined_by` is
+
+    - 'data' where the recording knows it to less than half of the prior's spread by itself;
+    - 'sum' where it does so only with the priors of others, which `rests_on` names: torques show a
+      sum of it and these. `std` takes these priors at their word, the interval does not;
+    - 'prior' where neither is the case; standard deviation and interval are the prior's own;
+    - 'limit' where it is as small as consistency lets it be; the interval is one-sided, or what
+      recording and consistency leave open;
+    - 'consistency' for entries that no torque shows and that grew to keep their body consistent,
+      which are lower bounds; standard deviation and interval are the prior's own;
+    - 'fixed' for entries that torques show but the reduction holds at the prior (± 0);
+    - 'structure' for entries that the reduction holds at zero.
+
+    Parameters that must be positive have intervals that end at zero. `low` and `high` are missing
+    in models of earlier versions, `rests_on`, 'sum' and 'limit' in those of format 2.
     """
 
     name: str
@@ -73,7 +112,36 @@ class Parameter(Part):
     high: Coordinate | None = None
     unit: str
     prior: Coordinate
-    determined_by: Literal["data", "prior", "structure", "fixed", "consistency"]
+    determined_by: Origin
+    rests_on: tuple[str, ...] = Field(
+        default=(), description="whose priors a value that only a sum shows rests on"
+    )
+    share: Share | None = Field(
+        default=None,
+        description="what an interval by the data comes from; missing in earlier files",
+    )
+
+
+class HeldLoad(Part):
+    """A load that recordings held, as it was declared and found.
+
+    `parameters` are the ten of a body, about the frame of the body that carries it.
+    """
+
+    name: str
+    body: str
+    logs: tuple[str, ...]
+    parameters: Annotated[tuple[Parameter, ...], Field(min_length=10, max_length=10)]
+
+    @property
+    def p(self) -> Float[np.ndarray, " 10"]:
+        """m, mcx, mcy, mcz, Θ_xx, …, of the load."""
+        return np.array([parameter.value for parameter in self.parameters])
+
+    @property
+    def mass(self) -> Parameter:
+        """Its mass [kg]."""
+        return self.parameters[0]
 
 
 class BaseParameter(Part):
@@ -91,6 +159,9 @@ class BaseParameter(Part):
     low: float
     high: float
     unit: str
+    share: Share | None = Field(
+        default=None, description="what the interval comes from; missing in earlier files"
+    )
 
 
 class Source(Part):
@@ -101,9 +172,19 @@ class Source(Part):
     samples: int
     rate_hz: float
     cutoff_hz: float | None = None
+    motion_cutoff_hz: float | None = Field(
+        default=None, description="of the positions; missing in earlier files"
+    )
     used_samples: int
     left_out: tuple[LeftOut, ...] = Field(
         default=(), description="what was left out; missing in earlier files"
+    )
+    delay: tuple[float, ...] = Field(
+        default=(), description="by how much torques of each drive were read later [s]; empty: none"
+    )
+    events: tuple[Event, ...] = Field(
+        default=(),
+        description="what acted on the robot beside its drives; missing in earlier files",
     )
 
 
@@ -147,7 +228,16 @@ class IdentifiedModel(Part):
     consistency: tuple[Consistency, ...]
     fit: Fit
     settings: Settings
+    loads: tuple[HeldLoad, ...] = Field(
+        default=(), description="what the recordings held; the model is of the robot without it"
+    )
+    corrections: tuple[Correction, ...] = Field(
+        default=(), description="what was put right; missing in earlier files"
+    )
     friction_choice: FrictionChoice | None = None
+    friction_curves: tuple[FrictionCurve, ...] = Field(
+        default=(), description="friction over speed with intervals; missing in earlier files"
+    )
     sources: tuple[Source, ...]
     warnings: tuple[str, ...] = ()
 
@@ -165,6 +255,12 @@ class IdentifiedModel(Part):
     def consistent(self) -> bool:
         """Whether all bodies are physically consistent and all friction positive."""
         return least_margin(self.layout, self.p)[1] > 0
+
+    @property
+    def gains(self) -> Float[np.ndarray, " drives"]:
+        """How large each drive's torque is at the joint that its recordings call 1 N m (or 1 N)."""
+        found = {one.subject: one.value for one in self.corrections if one.kind == "gain"}
+        return np.array([found.get(drive) or 1.0 for drive in self.robot.drives])
 
     def value(self, name: str) -> float:
         """One parameter by name, such as 'U.mcx' or 'viscous.drive1'."""

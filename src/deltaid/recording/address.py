@@ -26,6 +26,7 @@ class Field:
         cure: what to do about that.
         is_opaque: whether it may hold the numbers of a recording, but cannot be read.
         is_clock: whether it is read as seconds since the first row, as dates are.
+        is_truth: whether it holds true and false, read as 1 and 0.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Field:
     cure: str = "store it as numbers; times as seconds since the start"
     is_clock: bool = False
     is_opaque: bool = False
+    is_truth: bool = False
 
     @property
     def wide(self) -> tuple[int, ...]:

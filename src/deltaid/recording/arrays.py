@@ -1,7 +1,7 @@
 """Arrays that are to be a recording: shapes, numbers, times and units."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,6 +88,34 @@ def time_of(
             cure="give one time a sample; drives are columns of q, so perhaps q.T",
         )
     return copied(time)
+
+
+def beside(
+    given: Mapping[str, ArrayLike], samples: int, taken: Collection[str], name: str
+) -> dict[str, np.ndarray]:
+    """Columns of what was recorded beside the drives; truth values as 1 and 0.
+
+    Args:
+        taken: names of the other columns.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for key, value in given.items():
+        where = f"{name}, extra {key}"
+        if key in taken:
+            raise RecordingError(
+                f"{key} is the name of a drive's column, or of the time", where=where,
+                cure="give it another name",
+            )  # fmt: skip
+        states = np.asarray(value)
+        array = states.astype(float) if states.dtype == bool else numbers_of(value, where)
+        if array.shape != (samples,):
+            raise RecordingError(
+                f"has shape {array.shape}, but q has {samples} rows",
+                where=where,
+                cure="give one number a sample",
+            )
+        columns[key] = copied(array)
+    return columns
 
 
 def mapping_of(

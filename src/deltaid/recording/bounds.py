@@ -36,6 +36,8 @@ class Bounds:
                 highest = (_SLIDING if slides else _TURNING)[quantity]
                 largest.append(min(highest, _FACTOR * stated) if stated else highest)
                 units.append(_UNITS[slides][quantity])
+        largest += [np.inf] * len(columns.extra)
+        units += [""] * len(columns.extra)
         self._largest, self._units = np.array(largest), units
 
     def check(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:

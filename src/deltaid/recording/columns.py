@@ -4,8 +4,12 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Bool, Float
+
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, find, listing
+from deltaid.recording.carried import Load
 from deltaid.recording.mapping import (
     DATES,
     QUANTITIES,
@@ -21,6 +25,8 @@ from deltaid.recording.units import si_factor
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
 _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
+# Scale and zero of temperatures in degrees Celsius.
+_CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, 273.15), "degF": (5 / 9, 32.0)}
 
 
 @dataclass(frozen=True)
@@ -52,19 +58,67 @@ class TimeChannel(Channel):
 
 @dataclass(frozen=True)
 class Columns:
-    """Channels of a log; a quantity that the log does not have is empty."""
+    """Channels of a log; a quantity that the log does not have is empty.
+
+    Attributes:
+        extra: what is recorded beside the drives, in no unit: each column once, whatever asks for
+            it.
+        loads: what the robot carries, and when.
+        temperature: one of `extra`, with its map to degrees Celsius; None if there is none.
+    """
 
     time: TimeChannel
     position: tuple[Channel, ...]
     velocity: tuple[Channel, ...]
     acceleration: tuple[Channel, ...]
     torque: tuple[Channel, ...]
+    extra: tuple[Channel, ...] = ()
+    loads: tuple[Load, ...] = ()
+    temperature: Channel | None = None
+
+    @property
+    def drives(self) -> tuple[Channel, ...]:
+        """Channels of the drives."""
+        return self.position + self.velocity + self.acceleration + self.torque
 
     @property
     def all(self) -> tuple[Channel, ...]:
-        """All channels, time first."""
-        drives = self.position + self.velocity + self.acceleration + self.torque
-        return (self.time, *drives)
+        """All channels, time first, those beside the drives last."""
+        return (self.time, *self.drives, *self.extra)
+
+    @property
+    def motion_places(self) -> slice:
+        """Where positions, velocities and accelerations stand in `all`."""
+        return slice(1, 1 + len(self.drives) - len(self.torque))
+
+    @property
+    def torque_places(self) -> slice:
+        """Where the torques stand in `all`."""
+        return slice(self.motion_places.stop, 1 + len(self.drives))
+
+    @property
+    def extra_places(self) -> slice:
+        """Where the channels beside the drives stand in `all`."""
+        return slice(1 + len(self.drives), 1 + len(self.drives) + len(self.extra))
+
+    def beside(self, column: str) -> int:
+        """Where a column stands in `extra`."""
+        return [channel.column for channel in self.extra].index(column)
+
+    def held(
+        self, time: Float[np.ndarray, " samples"], extra: Float[np.ndarray, "samples extra"]
+    ) -> Bool[np.ndarray, "loads samples"]:
+        """Which loads the robot holds, sample by sample.
+
+        Args:
+            time: of the samples, as the recording has it [s].
+            extra: numbers of the channels beside the drives.
+        """
+        states = np.zeros((len(self.loads), len(time)), dtype=bool)
+        for k, load in enumerate(self.loads):
+            column = extra[:, self.beside(load.column)] if load.column is not None else None
+            states[k] = load.held(time, column)
+        return states
 
     @property
     def recorded(self) -> tuple[Channel, ...]:
@@ -97,12 +151,20 @@ def resolve_columns(
         else _under_default_names(quantity, table, linear)
         for quantity in QUANTITIES
     }
-    columns = Columns(time, **channels)
+    beside = dict.fromkeys(load.column for load in mapping.loads if load.column is not None)
+    warm = mapping.temperature
+    if warm is not None:
+        beside[warm.column] = None
+    extra = tuple(Channel(name, 1.0, 0.0) for name in beside)
+    degrees = Channel(warm.column, *_CELSIUS[warm.unit]) if warm is not None else None
+    columns = Columns(time, **channels, extra=extra, loads=mapping.loads, temperature=degrees)
     names = [channel.column for channel in columns.recorded]
     if not columns.position:
         names += _default_names("position", len(linear))
     _require_once(names, table, mapping.source)
-    _require_no_dates(table.picks(names)[not time.is_absent :], str(table.path))
+    picks = table.picks(names)[not time.is_absent :]
+    _require_no_dates(picks, str(table.path))
+    _require_no_truths(picks[: len(picks) - len(extra)], str(table.path))
     return columns
 
 
@@ -241,6 +303,16 @@ def _require_no_dates(picks: list[Pick], where: str) -> None:
                 f"column {pick.field.name} holds dates or times of day, which no drive measures",
                 where=where,
                 cure="map another column",
+            )
+
+
+def _require_no_truths(picks: list[Pick], where: str) -> None:
+    for pick in picks:
+        if pick.field.is_truth:
+            raise RecordingError(
+                f"column {pick.field.name} holds truth values, not numbers",
+                where=where,
+                cure=pick.field.cure,
             )
 
 

@@ -5,6 +5,12 @@ first and second derivative are the same filter convolved with central differenc
 so q, q̇ and q̈ stay consistent. Filtered signals carry nothing above the cut-off and are thinned to
 the rate that this allows.
 
+Positions and the rows of the regression have a cut-off each. Torques and regressor pass the same
+filter, so whatever it lets through, τ = Y p holds behind it; what a filter took from the positions
+*before* Y was formed is missing in Y alone, and is a bias. So positions keep all that stands out of
+their noise, and rows only what the motion shows the parameters by: noise of the accelerations, play
+and ringing of gears lie above.
+
 At a high rate the low-pass works in two stages, or it would grow with the rate: a short filter
 (`lead`) thins to a rate that is still far above the cut-off, the low-pass itself works there, and
 where values for every sample are wanted `lead` brings them back by interpolation. Either way it is
@@ -42,32 +48,36 @@ class LowPass:
     """A zero-phase low-pass with its derivatives, as FIR coefficients in the order of convolution.
 
     Attributes:
-        cutoff: frequency of half amplitude [Hz].
+        cutoff: frequency of half amplitude of what goes over the rows [Hz].
+        motion_cutoff: of what goes over positions; not below `cutoff`.
         rate: sampling rate of what goes in [Hz].
         stride: every how many samples are left by the first stage; 1 where there is a single one.
         lead: coefficients of the first stage, a single 1 where there is none.
-        smooth: coefficients of the low-pass, `first` and `second` of its derivatives [1/s, 1/s²],
-            for samples `stride` apart.
+        smooth: coefficients of the low-pass over rows, for samples `stride` apart.
+        level, first, second: of the low-pass over positions and of its derivatives [1/s, 1/s²],
+            all of one length.
         decimation: every how many of these samples of the output are kept.
     """
 
     cutoff: float
+    motion_cutoff: float
     rate: float
     stride: int
     lead: Float[np.ndarray, " lead"]
     smooth: Float[np.ndarray, " taps"]
+    level: Float[np.ndarray, " longer"]
     first: Float[np.ndarray, " longer"]
     second: Float[np.ndarray, " longer"]
     decimation: int
 
     @property
     def half(self) -> int:
-        """Samples, `stride` apart, that the low-pass reaches to either side."""
+        """Samples, `stride` apart, that the low-pass over rows reaches to either side."""
         return len(self.smooth) // 2
 
     @property
     def margin(self) -> int:
-        """Samples, `stride` apart, lost at either end by a derivative."""
+        """Samples, `stride` apart, lost at either end by the motion."""
         return len(self.first) // 2
 
     @property
@@ -153,32 +163,43 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
     return 8 * ((taps + len(_FIRST) - 1) // 2)
 
 
-def design_low_pass(cutoff: float, rate: float, *, single: bool = False) -> LowPass:
+def design_low_pass(
+    cutoff: float, rate: float, *, motion_cutoff: float = 0.0, single: bool = False
+) -> LowPass:
     """A low-pass of `cutoff` Hz for data of `rate` Hz, in two stages if the rate is high.
 
     Args:
+        motion_cutoff: that of positions [Hz], if it is higher.
         single: in one stage, whatever the rate.
 
     Raises:
-        RecordingError: the cut-off is not below a tenth of the sampling rate.
+        RecordingError: a cut-off is not below a tenth of the sampling rate.
     """
+    motion_cutoff = max(cutoff, motion_cutoff)
     samples_needed(cutoff, rate)
-    enough = max(_BETWEEN, _OVERSAMPLED * cutoff)
+    samples_needed(motion_cutoff, rate)
+    enough = max(_BETWEEN, _OVERSAMPLED * motion_cutoff)
     stride = 1 if single else max(1, int(rate / enough))
     between = rate / stride
-    taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff / between)
-    smooth = _sinc(taps, beta, cutoff / between)
-    highest = _highest(cutoff)
+    level = _smooth(motion_cutoff / between)
     return LowPass(
         cutoff=cutoff,
+        motion_cutoff=motion_cutoff,
         rate=rate,
         stride=stride,
-        lead=_lead(highest, rate, stride),
-        smooth=smooth,
-        first=np.convolve(smooth, _FIRST[::-1]) * between,
-        second=np.convolve(smooth, _SECOND) * between**2,
-        decimation=max(1, int(between / (2 * highest))),
+        lead=_lead(_highest(motion_cutoff), rate, stride),
+        smooth=_smooth(cutoff / between),
+        level=np.pad(level, len(_FIRST) // 2),
+        first=np.convolve(level, _FIRST[::-1]) * between,
+        second=np.convolve(level, _SECOND) * between**2,
+        decimation=max(1, int(between / (2 * _highest(cutoff)))),
     )
+
+
+def _smooth(cutoff: float) -> Float[np.ndarray, " taps"]:
+    """The low-pass of a cut-off, as a share of the sampling rate."""
+    taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff)
+    return _sinc(taps, beta, cutoff)
 
 
 def _highest(cutoff: float) -> float:

@@ -89,6 +89,8 @@ def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Fie
         yield Field(name, is_clock=True)
     elif _is_number(kind):
         yield Field(name)
+    elif isinstance(kind, pl.Boolean):
+        yield Field(name, is_truth=True)
     else:
         yield Field(name, holds=str(kind))
 

@@ -32,6 +32,8 @@ from deltaid.recording.time.words import told_of_holes
 # Holes that are bridged while the cut-off is not known yet, and the longest stretch of stale rows
 # in whose place a motion is put [s].
 _BRIDGED, _HELD = 0.005, 0.1
+# The rule of `Log.suggested_cutoff`: multiple of the bandwidth, Hz, and periods in a segment.
+_ABOVE, _AT_LEAST, _LEAST_PERIODS = 2.0, 12.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,9 @@ class Log:
         position_noise: standard deviation of each drive's position, steps of the encoder included
             [rad or m]; 0 where it is not seen.
         reach: lowest and highest of the platform's coordinates [m].
-        suggested_cutoff: low-pass cut-off by the rule of `SpectrumEstimate.cutoff` [Hz], from the
-            stretches between emergency stops.
+        motion_cutoff: low-pass cut-off of the positions by the rule of `SpectrumEstimate.cutoff`
+            [Hz], from the stretches between emergency stops.
+        bandwidth: of the motion, by `SpectrumEstimate.bandwidth` [Hz], from the same.
         masks: what is left out of it; without any where all is kept.
         keep_all: whether nothing is to be left out.
         warnings: what is doubtful, with rows and columns.
@@ -62,7 +65,8 @@ class Log:
     torque_max: Float[np.ndarray, " drives"]
     position_noise: Float[np.ndarray, " positions"]
     reach: Float[np.ndarray, "2 3"]
-    suggested_cutoff: float | None
+    motion_cutoff: float | None
+    bandwidth: float | None
     masks: tuple[Mask, ...]
     keep_all: bool
     warnings: tuple[Doubt, ...]
@@ -81,6 +85,23 @@ class Log:
     def has_derivatives(self) -> bool:
         """Whether velocities and accelerations are recorded."""
         return bool(self.columns.velocity and self.columns.acceleration)
+
+    @property
+    def suggested_cutoff(self) -> float | None:
+        """Low-pass cut-off for the rows of a regression [Hz]; None where it is not known.
+
+        Twice the motion's bandwidth, because torques hold products of velocities, and at least
+        12 Hz for the steps of friction; above there is hardly anything but noise, play and ringing
+        of gears. No higher than what positions hold, and no lower than what costs a usual segment
+        a sixteenth of its samples, by the filter's length.
+        """
+        if self.motion_cutoff is None or self.bandwidth is None:
+            return None
+        segments = self.laid.segments(self.bridged(self.motion_cutoff))
+        usual = np.sum(segments**2.0) / np.sum(segments) / self.rate
+        return min(
+            self.motion_cutoff, max(_ABOVE * self.bandwidth, _AT_LEAST, _LEAST_PERIODS / usual)
+        )
 
     @cached_property
     def laid(self) -> Clock:
@@ -103,7 +124,7 @@ class Log:
         """
         weights = Weights(self.masks, len(self.columns.torque))
         stale = [mask for mask in self._stale if not self._is_long(mask)]
-        row, motion = 0, slice(1, len(self.columns.all) - len(self.columns.torque))
+        row, motion = 0, self.columns.motion_places
         for batch in bridged(read_batches(self.table, self.columns), stale, motion):
             yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
             row += len(batch.values)
@@ -115,7 +136,8 @@ class Log:
             cutoff: what is filtered away later [Hz]; shorter holes are bridged.
         """
         rows = (batch.values for batch in self.batches())
-        return segments(rows, self.laid, self.bridged(cutoff), len(self.columns.torque))
+        weights, held = len(self.columns.torque), len(self.columns.extra)
+        return segments(rows, self.laid, self.bridged(cutoff), weights, held)
 
     def bridged(self, cutoff: float | None) -> int:
         """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""
@@ -188,7 +210,7 @@ def open_log(
         survey.warnings += unwrapping.told(table)
         clock = _clock(survey)
         survey.finish(clock)
-    masks = survey.search.masks(clock) if survey.search and not keep_all else ()
+    masks = _masks(survey, clock) if not keep_all else ()
     require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
     log = Log(
         table=table,
@@ -199,7 +221,8 @@ def open_log(
         torque_max=survey.torque_max,
         position_noise=survey.spectrum.noise,
         reach=np.array([survey.nearest, survey.farthest]),
-        suggested_cutoff=survey.spectrum.cutoff(clock.rate),
+        motion_cutoff=survey.spectrum.cutoff(clock.rate),
+        bandwidth=survey.spectrum.bandwidth(clock.rate),
         masks=masks,
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
@@ -218,12 +241,20 @@ def resolved_table(
     mapping, source = mapping or ColumnMapping(), as_source(source)
     if isinstance(source, Recording):
         source.require_drives(kinematics.dof)
-        table, mapping = source.table, source.mapping or mapping
+        if source.mapping is not None:
+            mapping = source.mapping.changed(load=mapping.load)
+        table = source.table
     else:
         table = open_table(source, mapping)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
     return table, resolve_columns(table, linear, mapping), mapping
+
+
+def _masks(survey: Survey, clock: Clock) -> tuple[Mask, ...]:
+    """All that is left out, in the order of rows."""
+    found = (*(survey.search.masks(clock) if survey.search else ()), *survey.loads.masks(clock))
+    return tuple(sorted(found, key=lambda mask: (mask.first, mask.drives)))
 
 
 def _with_cutoff_between_stops(log: Log) -> Log:
@@ -240,7 +271,12 @@ def _with_cutoff_between_stops(log: Log) -> Log:
     cutoff = spectrum.cutoff(log.rate)
     if cutoff is None:
         return log
-    return replace(log, suggested_cutoff=cutoff, position_noise=spectrum.noise)
+    return replace(
+        log,
+        motion_cutoff=cutoff,
+        bandwidth=spectrum.bandwidth(log.rate),
+        position_noise=spectrum.noise,
+    )
 
 
 def _clock(survey: Survey) -> Clock:

@@ -1,12 +1,13 @@
 """The user's mapping: which column of a log is what, and in which unit. Declared, never guessed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from deltaid.errors import RecordingError
+from deltaid.recording.carried import Load, as_loads
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
@@ -152,6 +153,13 @@ class TimeColumn(Part):
         return self
 
 
+class TemperatureColumn(Part):
+    """The column of a temperature that friction may follow, of a motor, a gear or the oil."""
+
+    column: Name
+    unit: Literal["degC", "K", "degF"] = "degC"
+
+
 class ColumnMapping(Part):
     """The user's mapping file: columns of a log by address, drives in order of q."""
 
@@ -160,6 +168,12 @@ class ColumnMapping(Part):
     velocity: DriveColumns | None = None
     acceleration: DriveColumns | None = None
     torque: DriveColumns | None = None
+    load: Load | tuple[Load, ...] | None = Field(
+        default=None, description="what the robot carries, and when; a list if there are several"
+    )
+    temperature: TemperatureColumn | None = Field(
+        default=None, description="what friction may change with"
+    )
     header_row: Annotated[int, Field(ge=1)] = Field(
         default=1,
         description="line of a CSV file of the column names; searched if neither row is given",
@@ -182,6 +196,11 @@ class ColumnMapping(Part):
         return mapping
 
     @property
+    def loads(self) -> tuple[Load, ...]:
+        """What the robot carries."""
+        return as_loads(self.load)
+
+    @property
     def needed(self) -> tuple[tuple[str, ...], ...]:
         """Names of which a header holds one each: time, and positions of whatever robot."""
         if isinstance(self.position, AllDrives):
@@ -196,7 +215,35 @@ class ColumnMapping(Part):
     def _check(self) -> "ColumnMapping":
         if self.data_row is not None and self.data_row <= self.header_row:
             raise ValueError("data_row must come after header_row")
+        names = [load.name for load in self.loads]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"two loads are called {twice}; give each a name of its own")
         return self
+
+
+# One for all recordings, or one each in their order; None for the default names.
+ColumnMappings = ColumnMapping | Sequence[ColumnMapping | None] | None
+
+
+def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping | None]:
+    """The mapping of each recording.
+
+    Raises:
+        RecordingError: there are several, but not as many as recordings.
+    """
+    if columns is None or isinstance(columns, ColumnMapping):
+        return [columns] * recordings
+    if len(columns) == 1:
+        return [columns[0]] * recordings
+    if len(columns) not in (0, recordings):
+        raise RecordingError(
+            f"{len(columns)} mappings are given for {recordings} "
+            f"recording{'s' if recordings > 1 else ''}",
+            where="columns",
+            cure="give one for all recordings, or one for each, in the same order",
+        )
+    return list(columns) or [None] * recordings
 
 
 def load_mapping(path: str | Path) -> ColumnMapping:

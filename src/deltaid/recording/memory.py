@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from deltaid.errors import RecordingError
 from deltaid.recording.arrays import (
     Units,
+    beside,
     copied,
     mapping_of,
     numbers_of,
@@ -97,6 +98,7 @@ class Recording:
         unit_qd: Units | None = None,
         unit_qdd: Units | None = None,
         unit_tau: Units | None = None,
+        extra: Mapping[str, ArrayLike] | None = None,
         name: str = "arrays",
     ) -> "Recording":
         """A recording from arrays, which are copied.
@@ -109,6 +111,8 @@ class Recording:
             q, qd, qdd, tau: position, velocity, acceleration and torque, (samples, drives).
             t: time, (samples,); or
             rate: the sampling rate in its place [Hz].
+            extra: what was recorded beside the drives, such as the state of a gripper, by the names
+                that a mapping gives, (samples,) each.
             name: of the recording, for messages and reports.
 
         Raises:
@@ -127,6 +131,7 @@ class Recording:
         columns = {"t": time_of(t, rate, unit_t, samples, name)}
         for key, array in arrays.items():
             columns |= {f"{key}{i + 1}": copied(array[:, i]) for i in range(drives)}
+        columns |= beside(extra or {}, samples, columns, name)
         frame = pl.DataFrame(columns)
         units = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
         mapping = mapping_of(units, unit_t, arrays, name)
@@ -227,6 +232,8 @@ def _series(key: str, column: Any) -> pl.Series:
     if hasattr(column, "cat"):
         column = column.astype(column.cat.categories.dtype)
         kind = column.dtype.kind
+    if kind == "b":
+        return pl.Series(key, column.to_numpy(dtype=bool))
     if kind in "iuf":
         return pl.Series(key, copied(column.to_numpy(dtype=np.float64, na_value=math.nan)))
     if kind == "M":

@@ -6,8 +6,11 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Channel, Columns
-from deltaid.recording.source import Rows, Table
+from deltaid.recording.source import Column, Rows, Table
 from deltaid.recording.time.unwrap import Unwrapping
+
+# How states are written as text.
+_TRUE, _FALSE = ("true", "on"), ("false", "off")
 
 
 def to_si(
@@ -32,6 +35,8 @@ def to_si(
             array = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
             if unwrapper := unwrapping.of(k):
                 array = unwrapper.add(np.asarray(array, dtype=np.float64), row)
+            if k >= columns.extra_places.start:
+                array = _states(array, rows.written[k])
             np.subtract(array, channel.zero, out=values[:, k])
             if channel.scale != 1:
                 values[:, k] *= channel.scale
@@ -39,6 +44,17 @@ def to_si(
     if not finite.all():
         i, k = (int(index) for index in np.argwhere(~finite)[0])
         raise _bad_value(table, channels[k], rows.written[k][i], row + i)
+    return values
+
+
+def _states(numbers: np.ndarray, written: Column) -> Float[np.ndarray, " rows"]:
+    """Numbers of a column beside the drives, with 1 and 0 where true and false stand as text."""
+    if not isinstance(written, pl.Series) or written.dtype != pl.String:
+        return np.asarray(numbers, dtype=np.float64)
+    text = written.str.strip_chars().str.to_lowercase()
+    values = np.array(numbers, dtype=np.float64)
+    for states, number in ((_TRUE, 1.0), (_FALSE, 0.0)):
+        values[text.is_in(states).fill_null(False).to_numpy()] = number
     return values
 
 

@@ -1,24 +1,27 @@
 """A recording as a value: a surveyed log and its filter, whose windows come ready to use."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
+from deltaid.recording.burden import Burden
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.recording.repairs import Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import Uncut, Window, cut, reach
+from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")
 
@@ -30,10 +33,14 @@ class Recording:
     Attributes:
         log: the file and what its survey found.
         low_pass: its filter; None if velocities and accelerations are taken as recorded.
+        repairs: what is put right in its rows.
+        every: of its windows each so-manieth is worked on.
     """
 
     log: Log
     low_pass: LowPass | None
+    repairs: Repairs = field(default_factory=Repairs)
+    every: int = 1
 
     @property
     def path(self) -> Path:
@@ -42,8 +49,13 @@ class Recording:
 
     @property
     def cutoff(self) -> float | None:
-        """The filter's cut-off [Hz]; None without one."""
+        """The filter's cut-off over rows [Hz]; None without one."""
         return self.low_pass.cutoff if self.low_pass else None
+
+    @property
+    def motion_cutoff(self) -> float | None:
+        """The filter's cut-off over positions [Hz]; None without one."""
+        return self.low_pass.motion_cutoff if self.low_pass else None
 
     @property
     def stride(self) -> int:
@@ -59,7 +71,11 @@ class Recording:
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
         shortest = reach(self.low_pass) + 1 if self.low_pass else 1
-        return self.log.laid.report(self.log.bridged(self.cutoff), shortest)
+        return self.log.laid.report(self.log.bridged(self.motion_cutoff), shortest)
+
+    def sparser(self, windows: int) -> "Recording":
+        """The same with about so many of its windows at most, evenly spread."""
+        return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]
@@ -72,14 +88,18 @@ class Recording:
         def done(uncut: Uncut) -> _Result:
             return work(uncut.window())
 
-        return ordered(done, self._uncut(kinematics))
+        return ordered(done, islice(self._uncut(kinematics), None, None, self.every))
 
     def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
         """Windows to be made, segment by segment; none reaches beyond its segment."""
         log, start = self.log, 0
         directions = None if log.keep_all else self._directions
-        for rows in log.segments(self.cutoff):
-            for uncut in cut(rows, log.columns, kinematics, self.low_pass, directions):
+        burden = None
+        if self.repairs.loads:
+            burden = Burden.of(kinematics.robot, log.columns, self.repairs.loads)
+        for rows in log.segments(self.motion_cutoff):
+            repaired = self.repairs.of(rows, log.columns, log.rate)
+            for uncut in cut(repaired, log.columns, kinematics, self.low_pass, directions, burden):
                 if uncut.samples:
                     yield replace(uncut, start=start)
                 start += -(-uncut.samples // self.thinned) * self.thinned
@@ -90,7 +110,15 @@ class Recording:
         noise = np.zeros_like(self.log.position_noise)
         if self.low_pass and not self.log.columns.velocity:
             noise = self.log.position_noise * self.low_pass.speed_gain
-        return Directions(1 / self.log.rate, noise)
+        return Directions(1 / self.log.rate, noise, self.repairs.smear(self.log.rate))
+
+    def changed(self, cutoff: float | None, **log: Any) -> "Recording":
+        """The same with another filter, repairs kept; fields of its log may change as well.
+
+        Raises:
+            RecordingError: the log is too short, or the cut-off does not go with its rate.
+        """
+        return replace(with_filter(replace(self.log, **log), cutoff), repairs=self.repairs)
 
     def windows(self, kinematics: Kinematics) -> Iterator[Window]:
         """All samples, window by window."""
@@ -100,13 +128,16 @@ class Recording:
 def open_recordings(
     logs: RecordingLike | Sequence[RecordingLike],
     kinematics: Kinematics,
-    mapping: ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     cutoff: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
     *,
     keep_all: bool = False,
 ) -> list[Recording]:
     """Survey one or several recordings and choose a filter for each.
+
+    Args:
+        columns: names and units of their columns: one mapping for all, or one each.
 
     Raises:
         RecordingError: there is none, one cannot be used, or two are the same.
@@ -117,7 +148,7 @@ def open_recordings(
             "no log was given", where="logs", cure="give at least one recording: a file or a table"
         )
     recordings: list[Recording] = []
-    for source in sources:
+    for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"checking {source}")
         log = open_log(source, kinematics, mapping, keep_all=keep_all)
         _require_new(log, recordings)
@@ -160,7 +191,7 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
             where=str(log.path),
             cure="record longer, or record velocities and accelerations as well",
         )
-    low_pass = design_low_pass(cutoff, log.rate)
-    masks = before_stops(log.masks, cutoff, log.rate)
+    low_pass = design_low_pass(cutoff, log.rate, motion_cutoff=log.motion_cutoff or 0.0)
+    masks = before_stops(log.masks, low_pass.motion_cutoff, log.rate)
     log = log if masks == log.masks else replace(log, masks=masks)
-    return Recording(log.cut_at(cutoff, reach(low_pass) + 1), low_pass)
+    return Recording(log.cut_at(low_pass.motion_cutoff, reach(low_pass) + 1), low_pass)

@@ -1,6 +1,7 @@
 """Where a log lies, on the disk or in memory: its name, what it holds, and how a file is opened."""
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -35,7 +36,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(ABC):
     """A log that was opened: where it is, what it holds, and how to read it.
 
     Each kind of file has a class of its own, which may hold more about the layout.
@@ -69,6 +70,7 @@ class Table:
         """What was seen while all rows were read."""
         return []
 
+    @abstractmethod
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """Some columns by their addresses, all rows in order, in pieces of any length.
 
@@ -77,7 +79,6 @@ class Table:
         Raises:
             RecordingError: the file is damaged, or a column does not hold numbers.
         """
-        raise NotImplementedError
 
     def picks(self, columns: Sequence[str]) -> list[Pick]:
         """Columns by their addresses.

@@ -14,6 +14,7 @@ from deltaid.recording.bounds import Bounds
 from deltaid.recording.branch import BranchCheck
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
+from deltaid.recording.masks.loads import LoadSearch
 from deltaid.recording.masks.search import MaskSearch
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import Power, SpectrumEstimate, power_of
@@ -70,6 +71,7 @@ class Survey:
     bounds: Bounds = field(init=False)
     clock: ClockCheck = field(init=False)
     search: MaskSearch | None = field(init=False)
+    loads: LoadSearch = field(init=False)
 
     def __post_init__(self) -> None:
         self.begin_again()
@@ -81,6 +83,7 @@ class Survey:
         efforts = [(limit and limit.effort) or np.inf for limit in limits]
         dof = self.kinematics.dof
         self.search = MaskSearch(dof, efforts) if self.columns.torque else None
+        self.loads = LoadSearch(self.table, self.columns)
 
     def begin_again(self) -> None:
         """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
@@ -98,8 +101,7 @@ class Survey:
     @property
     def torque_max(self) -> Float[np.ndarray, " drives"]:
         """Largest |τ| of each drive [N m]."""
-        n = len(self.columns.torque)
-        return np.maximum(np.abs(self.low), np.abs(self.high))[len(self.low) - n :]
+        return np.maximum(np.abs(self.low), np.abs(self.high))[self.columns.torque_places]
 
     def look(self, batch: Batch) -> Seen:
         """A batch with its poses, whatever they are worth, and spectra; changes nothing here.
@@ -121,7 +123,8 @@ class Survey:
         batch, values = seen.batch, seen.batch.values
         apart = self.clock.add(batch)
         if self.search is not None:
-            self.search.add(values, self.clock.period)
+            self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
+        self.loads.add(values, batch.row)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
@@ -187,6 +190,7 @@ class Survey:
                     cure="keep away from it, for small errors of lengths and zeros are large there",
                 )
             )
+        self.warnings += self.loads.told()
         self.warnings += told_of_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
 

@@ -4,12 +4,13 @@ A segment is a run of rows without a gap. No filter reaches beyond its ends.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.recording.burden import Burden
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LowPass, apply, convolve
 from deltaid.recording.masks.directions import Directions
@@ -29,8 +30,11 @@ class Samples:
 
     Attributes:
         time [s], z, qd, qdd: the motion; filtered if there is a filter.
-        tau: drive torques as recorded, never filtered here; no columns if the log has none.
+        tau: drive torques as recorded, never filtered here; no columns if the log has none. What
+            held loads take is taken out of them.
         weights: how far each drive's torque counts, between 0 and 1; no columns without torques.
+        extra: what is recorded beside the drives, as in `Columns.extra`, never filtered.
+        carried: what held loads take of the torques.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -39,11 +43,12 @@ class Samples:
     qdd: Float[np.ndarray, "samples dof"]
     tau: Float[np.ndarray, "samples torques"]
     weights: Float[np.ndarray, "samples torques"]
+    extra: Float[np.ndarray, "samples extra"]
+    carried: Float[np.ndarray, "samples dof"]
 
     def part(self, which: slice) -> "Samples":
         """Some of them."""
-        parts = (self.time, self.z, self.qd, self.qdd, self.tau, self.weights)
-        return Samples(*(x[which] for x in parts))
+        return Samples(*(getattr(self, one.name)[which] for one in fields(self)))
 
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels (channels, samples) times the weights of the drives that they belong to.
@@ -68,6 +73,7 @@ class Window:
         own: its samples; those of all windows are the recording.
         wide: the same and more at either end: where to evaluate what is to be filtered.
         low_pass: the filter, if there is one.
+        off: recorded positions less the filtered ones, at the wide samples.
         turning: for each drive how many of its own samples do not count because a joint turns round
             there, and for no other reason.
     """
@@ -76,6 +82,7 @@ class Window:
     own: Samples
     wide: Samples
     low_pass: LowPass | None
+    off: Float[np.ndarray, "wide dof"]
     turning: Int[np.ndarray, " torques"]
 
     def filtered(self, of: Callable[[Samples], Values]) -> Values:
@@ -108,7 +115,7 @@ class Window:
             return self.own.weights.T[:, ::every] ** 2
         return apply(low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
-    def trimmed(self, x: Float[np.ndarray, "wide ..."]) -> Float[np.ndarray, "own ..."]:
+    def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:
         """Something computed from `wide`, unfiltered, at the own samples."""
         low_pass = self.low_pass
         lost = low_pass.lead_half + low_pass.stride * low_pass.half if low_pass else 0
@@ -147,6 +154,7 @@ def cut(
     kinematics: Kinematics,
     low_pass: LowPass | None,
     directions: Directions | None = None,
+    burden: Burden | None = None,
 ) -> Iterator["Uncut"]:
     """The samples of one segment as blocks from which windows can be made apart from each other."""
     size, overlap = WINDOW, 0
@@ -155,7 +163,7 @@ def cut(
         # Of long filters the overlap is what costs.
         size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
     for k, block in enumerate(recut(rows, size, overlap)):
-        yield Uncut(k * size, block, columns, kinematics, low_pass, directions)
+        yield Uncut(k * size, block, columns, kinematics, low_pass, directions, burden)
 
 
 def reach(low_pass: LowPass) -> int:
@@ -173,6 +181,7 @@ class Uncut:
     kinematics: Kinematics
     low_pass: LowPass | None
     directions: Directions | None = None
+    burden: Burden | None = None
 
     @property
     def samples(self) -> int:
@@ -190,17 +199,21 @@ class Uncut:
         derivative that is, through the filter. Without a filter both must be recorded.
         """
         c, low_pass = self.columns, self.low_pass
-        counts = [len(x) for x in (c.position, c.velocity, c.acceleration, c.torque)]
-        q, qd, qdd, tau, weights = np.split(self.rows[:, 1:], np.cumsum(counts), axis=1)
+        counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]
+        q, qd, qdd = np.split(self.rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
+        weights = self.rows[:, c.extra_places.stop :]
         if low_pass is None:
-            samples = self._samples(0, q, qd, qdd, tau, weights)
-            return Window(self.start, samples, samples, None, _lost(samples, weights))
+            samples = self._samples(0, q, qd, qdd, weights)
+            lost = _lost(samples, weights)
+            return Window(self.start, samples, samples, None, np.zeros_like(q), lost)
         first = low_pass.lead_half + low_pass.stride * (low_pass.margin + low_pass.spread_half)
-        wide = self._samples(first, *_motion(low_pass, q, qd, qdd), tau, weights)
+        smooth, speed, acceleration = _motion(low_pass, q, qd, qdd)
+        wide = self._samples(first, smooth, speed, acceleration, weights)
         apart = len(wide.time) // low_pass.stride - low_pass.lead_loss - 2 * low_pass.half
         lost = low_pass.lead_half + low_pass.stride * low_pass.half
         own = wide.part(slice(lost, lost + max(0, apart) * low_pass.stride))
-        return Window(self.start, own, wide, low_pass, _lost(own, weights[first + lost :]))
+        off = q[first : first + len(smooth)] - smooth
+        return Window(self.start, own, wide, low_pass, off, _lost(own, weights[first + lost :]))
 
     def _samples(
         self,
@@ -208,7 +221,6 @@ class Uncut:
         q: np.ndarray,
         qd: np.ndarray,
         qdd: np.ndarray,
-        tau: np.ndarray,
         weights: np.ndarray,
     ) -> Samples:
         """Samples of some motion, which begins with a row of its own."""
@@ -217,7 +229,13 @@ class Uncut:
         weights = weights[rows]
         if self.directions is not None and weights.size:
             weights = weights * self.directions.known(self.kinematics, z, qd, qdd)
-        return Samples(self.rows[rows, 0], z, qd, qdd, tau[rows], weights)
+        c, own = self.columns, self.rows[rows]
+        time, tau, extra = own[:, 0], own[:, c.torque_places], own[:, c.extra_places]
+        carried = np.zeros_like(qd)
+        if self.burden is not None:
+            carried = self.burden.torques(time, z, qd, qdd, extra)
+            tau = tau - carried if tau.size else tau
+        return Samples(time, z, qd, qdd, tau, weights, extra, carried)
 
 
 def _lost(
@@ -232,8 +250,7 @@ def _motion(
     low_pass: LowPass, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Filtered q, q̇ and q̈ in rows, from those that are recorded; the others have no columns."""
-    longer = low_pass.margin - low_pass.half
-    orders = np.stack([np.pad(low_pass.smooth, longer), low_pass.first, low_pass.second])
+    orders = np.stack([low_pass.level, low_pass.first, low_pass.second])
 
     def derivatives(x: np.ndarray, count: int) -> list[np.ndarray]:
         apart = x.T if low_pass.stride == 1 else apply(low_pass.lead, x.T, low_pass.stride)

@@ -36,6 +36,7 @@ class Comparison:
         frequency [Hz], measured_density, residual_density [N m/√Hz]: amplitude spectra of the
             torque as recorded and of what the model leaves of it.
         cutoff: of the filter [Hz], None without one.
+        events: first and last time [s] of stretches that are left out because of what happened.
     """
 
     time: Float[np.ndarray, " shown"]
@@ -48,6 +49,7 @@ class Comparison:
     measured_density: Float[np.ndarray, "frequencies dof"]
     residual_density: Float[np.ndarray, "frequencies dof"]
     cutoff: float | None
+    events: Float[np.ndarray, "events 2"]
 
 
 def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparison:
@@ -75,6 +77,9 @@ def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparis
         measured_density=measured,
         residual_density=residual,
         cutoff=recording.cutoff,
+        events=np.array([(one.first, one.last) for one in recording.repairs.left_out]).reshape(
+            -1, 2
+        ),
     )
 
 

@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.kernel.batch import BatchKernel
-from deltaid.model.friction_record import FrictionChoice, FrictionTrial
+from deltaid.model.friction_record import FrictionChoice, FrictionCurve, FrictionTrial
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.report import style
 from deltaid.report.comparison import Comparison
@@ -79,6 +79,8 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
         )
         if model.identified is not None:
             found = law(model.robot, joint, grid, model.p)
+            known = [one for one in model.identified.friction_curves if one.joint == joint]
+            traces += [_band(one) for one in known]
             traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
         for trace in traces:
             trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
@@ -97,7 +99,8 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
         figure,
         "Friction over speed, prior and identified. The dots are what the recordings leave for a "
         "drive's friction when everything else the model predicts is taken away; where they leave "
-        "the line, the law does not fit. What depends on load is not in the lines.",
+        "the line, the law does not fit. The band is the 95 % interval of the whole curve, with "
+        "the law's speed and exponent unknown. What depends on load is not in the lines.",
     )
 
 
@@ -108,6 +111,22 @@ def _dots(speed: Float[np.ndarray, " dots"], torque: Float[np.ndarray, " dots"])
         name="measured, less all else",
         mode="markers",
         marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
+    )
+
+
+def _band(curve: FrictionCurve) -> go.Scatter:
+    speed = np.array(curve.speed)
+    low, high = curve.band(speed)
+    return go.Scatter(
+        x=np.concatenate([speed, speed[::-1]]).astype(np.float32),
+        y=np.concatenate([low, high[::-1]]).astype(np.float32),
+        name="its 95 % interval",
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        fillcolor=style.IDENTIFIED,
+        opacity=0.25,
+        hoverinfo="skip",
     )
 
 
@@ -128,20 +147,21 @@ def _line(
 
 
 def _choice(choice: FrictionChoice, robot: RobotDescription) -> tuple[Text | Table, ...]:
-    added = "What was added, in this order, and whether the final law keeps it."
-    steps = (_trials(choice.steps, added),) if choice.steps else (Text("Nothing was added."),)
+    if not choice.steps:
+        return (Text("No joint shows more friction than its described law has."),)
     return (
         Text(
-            f"The laws were chosen by cross-validation over {choice.folds} stretches of the "
-            f"recordings, each left out once: {choice_sentence(choice)}."
+            "Laws were extended where the recordings show more friction than the described ones "
+            f"have, by the scatter between {choice.folds} stretches of time: "
+            f"{choice_sentence(choice)}."
         ),
         choice_table(choice, robot),
-        *steps,
+        _trials(choice.steps, "What was added, in this order, and whether the final law keeps it."),
         _trials(
             choice.trials,
-            "Every addition alone, to viscous and Coulomb friction everywhere, and whether its "
-            "gain is beyond chance. The gain is the share by which the squared error falls; its "
-            "significance is in standard errors.",
+            "Every addition alone, to the described laws, and whether its gain is beyond chance. "
+            "The gain is the share by which the squared error falls; its significance is the "
+            "multiple of what chance explains.",
         ),
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from deltaid.model.friction_record import AdditionKind, FrictionChoice
-from deltaid.report.numbers import WIDTH, number, percent, with_uncertainty
+from deltaid.report.numbers import WIDTH, number, percent, span, with_uncertainty
 from deltaid.report.table import Table
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
@@ -15,6 +15,10 @@ if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordin
     from deltaid.model.model import Model
     from deltaid.model.record import BaseParameter, IdentifiedModel, Parameter
 
+# What has an interval that does not come from its own prior.
+MEASURED = ("data", "sum", "limit")
+# Intervals whose longer side is so many times the shorter one are written as their two ends.
+_LOPSIDED = 1.2
 # What ± stands for in tables.
 _HALF_WIDTH = "± (95 %)"
 ADDITIONS: dict[AdditionKind, str] = {
@@ -38,7 +42,7 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
             parameter.name,
             number(parameter.prior),
             *([] if truth is None else [number(truth[k])]),
-            *_value(parameter),
+            *value_and_width(parameter),
             parameter.unit,
             origin(parameter),
         )
@@ -49,29 +53,42 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         ("parameter", "prior", *true, "identified", _HALF_WIDTH, "unit", "from"),
         rows,
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
-        "that are zero by structure are left out. Grey rows are not decided by the data: behind "
-        "“prior” stands how far that may be off; “fixed” is held by the description; "
-        "“consistency” is a lower bound.",
-        frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by != "data"),
+        "that are zero by structure are left out. “Data, with the prior of …”: torques show only a "
+        "sum of the parameter and these; its value takes their priors at their word, its interval "
+        "does not. “At the limit of consistency”: as small as physics allows. Grey rows are not "
+        "decided by the data: behind “prior” stands how far that may be off; “fixed” is held by "
+        "the description; “consistency” is a lower bound.",
+        frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by not in MEASURED),
         model.robot.title or model.robot.name,
     )
 
 
 def origin(parameter: "Parameter") -> str:
-    """What decided a parameter; where it was the prior, how wide the interval of that is."""
-    if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
-        return parameter.determined_by
-    return f"prior ± {percent((parameter.high - parameter.prior) / abs(parameter.prior))}"
+    """What decided a parameter; whose prior it rests on, or how wide the interval of its own is."""
+    match parameter.determined_by:
+        case "sum":
+            several = "s" if len(parameter.rests_on) > 1 else ""
+            return f"data, with the prior{several} of {', '.join(parameter.rests_on)}"
+        case "limit":
+            return "at the limit of consistency"
+        case "prior" if parameter.high is not None and parameter.prior:
+            reach = (parameter.high - parameter.prior) / abs(parameter.prior)
+            return f"prior ± {percent(reach)}"
+        case _:
+            return parameter.determined_by
 
 
-def _value(parameter: "Parameter") -> tuple[str, str]:
-    """Value and half the width of its 95 % interval, if the data decided it."""
-    if parameter.determined_by == "data":
-        if parameter.high is None:  # a model of an earlier version
-            return with_uncertainty(parameter.value, WIDTH * parameter.std)
-        return with_uncertainty(parameter.value, parameter.high - parameter.value)
-    bound = "≥ " if parameter.determined_by == "consistency" else ""
-    return bound + number(parameter.value), ""
+def value_and_width(parameter: "Parameter") -> tuple[str, str]:
+    """Value, and half the width or the ends of its 95 % interval if the data has a part in it."""
+    if parameter.determined_by not in MEASURED:
+        bound = "≥ " if parameter.determined_by == "consistency" else ""
+        return bound + number(parameter.value), ""
+    if parameter.high is None or parameter.low is None:  # a model of an earlier version
+        return with_uncertainty(parameter.value, WIDTH * parameter.std)
+    up, down = parameter.high - parameter.value, parameter.value - parameter.low
+    if parameter.determined_by == "data" and max(up, down) < _LOPSIDED * min(up, down):
+        return with_uncertainty(parameter.value, max(up, down))
+    return number(parameter.value), span(parameter.low, parameter.high)
 
 
 def base_table(parameters: "Sequence[BaseParameter]") -> Table:
@@ -149,18 +166,15 @@ def choice_table(choice: FrictionChoice, robot: RobotDescription) -> Table:
             gain = max(trial.gain, 0.0) if trial else 0.0
             row.append("–" if trial is None else percent(gain) if trial.useful else "chance")
         rows.append((*row, written(law)))
-    title = (
-        "friction laws: gain of each term alone on stretches the fit has not seen "
-        f"({choice.folds} folds)"
-    )
+    title = "friction laws: share of the squared error that each term alone explains"
     return Table(
         ("joint", *ADDITIONS.values(), "chosen law"), tuple(rows), f"{title}.", title=title
     )
 
 
 def choice_sentence(choice: FrictionChoice) -> str:
-    """The torque error on unseen stretches before and after the choice."""
+    """The torque error before and after the choice."""
     return (
-        f"torque error on unseen stretches {percent(choice.plain_error)} of the largest torque "
-        f"with viscous and Coulomb friction, {percent(choice.chosen_error)} with the chosen laws"
+        f"torque error {percent(choice.plain_error)} of the largest torque with the described "
+        f"laws, {percent(choice.chosen_error)} with the chosen ones"
     )

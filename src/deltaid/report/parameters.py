@@ -4,9 +4,10 @@ import plotly.graph_objects as go
 
 from deltaid.model.record import IdentifiedModel, Parameter
 from deltaid.report import style
-from deltaid.report.model_tables import parameter_table
+from deltaid.report.model_tables import MEASURED, parameter_table
 from deltaid.report.numbers import WIDTH
 from deltaid.report.page import Figure, Section, Text
+from deltaid.report.shares import share_table
 
 _FAR = 300.0  # % of the prior, beyond which a parameter would flatten all others
 
@@ -14,19 +15,24 @@ _FAR = 300.0  # % of the prior, beyond which a parameter would flatten all other
 def parameter_section(model: IdentifiedModel) -> Section:
     """Every parameter that is not zero by structure, as a table and beside its prior."""
     parameters = tuple(p for p in model.parameters if p.determined_by != "structure")
+    shares = share_table(model)
     return Section(
         "Parameters",
         (
             Text(
-                "The data decides a parameter when it shrinks the prior's standard deviation to "
-                "less than a half; its interval contains what the priors of others leave open. All "
-                "others are marked “prior”, with how far that may be off: their value is mostly "
-                "what the description said, and the data supports no interval for them. What the "
-                "data does determine about them are combinations, which the base parameters below "
-                "show."
+                "The data decides a parameter when it knows it, without any prior, to less than "
+                "half of the prior's spread. Where it takes the priors of others to get there, "
+                "torques show only a sum; such a parameter is marked with the priors that its "
+                "value rests on, and its interval is all that recording and physical consistency "
+                "leave open, whatever these priors. “At the limit of consistency” is what would be "
+                "smaller if that were possible. All others are marked “prior”, with how far that "
+                "may be off: their value is mostly what the description said, and the data "
+                "supports no interval for them. What the data does determine about them are "
+                "combinations, which the base parameters below show."
             ),
             _chart(parameters),
             parameter_table(model),
+            *((shares,) if shares is not None else ()),
         ),
     )
 
@@ -45,6 +51,8 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
     figure = go.Figure()
     for kind, name, color, symbol in (
         ("data", "identified, with 95 % interval", style.IDENTIFIED, "circle"),
+        ("sum", "with the prior of others", style.IDENTIFIED, "circle-open"),
+        ("limit", "at the limit of consistency", style.IDENTIFIED, "triangle-left-open"),
         ("prior", "from the prior, no interval", style.PRIOR, "circle-open"),
         ("fixed", "held by the description", style.PRIOR, "line-ns-open"),
         ("consistency", "lower bound", style.PRIOR, "triangle-right-open"),
@@ -57,7 +65,7 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
         figure.add_scatter(
             x=[_change(p) for p in own],
             y=[style.label(p.name) for p in own],
-            error_x=bars if kind == "data" else None,
+            error_x=bars if kind in MEASURED else None,
             name=name,
             mode="markers",
             marker={"color": color, "symbol": symbol, "size": 8},
@@ -97,7 +105,7 @@ def _change(parameter: Parameter) -> float:
 def _reach(parameter: Parameter) -> tuple[float, float]:
     """How far the interval reaches down and up, in per cent of the prior; nothing where the data
     did not decide."""
-    if parameter.determined_by != "data":
+    if parameter.determined_by not in MEASURED:
         return 0.0, 0.0
     low, high = _interval(parameter)
     share = 100 / abs(parameter.prior)

@@ -58,6 +58,20 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
                 row=row,
                 col=1,
             )
+        if len(c.events):
+            nothing = np.full(len(c.events), np.nan)
+            figure.add_scatter(
+                x=np.column_stack([c.events, nothing]).ravel(),
+                y=np.tile([0.0, 0.0, np.nan], len(c.events)),
+                name="left out: events",
+                legendgroup="events",
+                showlegend=i == 0,
+                mode="lines",
+                line={"color": style.LIMIT, "width": 5},
+                hovertemplate="left out from here at %{x:.4g} s<extra></extra>",
+                row=2 * i + 2,
+                col=1,
+            )
         figure.update_yaxes(title_text=f"{drive} [{units.force}]", row=2 * i + 1, col=1)
         figure.update_yaxes(title_text="residual", row=2 * i + 2, col=1)
     figure.update_xaxes(title_text="time [s]", row=2 * n, col=1)

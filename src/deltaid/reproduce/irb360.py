@@ -157,7 +157,7 @@ def _candidates(
     found = {}
     for name, column in _PRIORS.items():
         progress(f"identifying from {column}")
-        result = identify(priors[column], [log])
+        result = identify(priors[column], [log], settings=Settings(friction="described"))
         found[name] = Candidate(name, result.model.robot, result.model.p, result)
     geom = found[GEOM].identification
     assert geom is not None

@@ -3,6 +3,7 @@
 import numpy as np
 
 from deltaid.model.record import IdentifiedModel
+from deltaid.report.model_tables import origin
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section, Table, Text
 from deltaid.reproduce.irb360 import CHOSEN, GEOM, RETUNED_4, SIMPLE
@@ -136,9 +137,9 @@ def _table_one(result: Irb360) -> Section:
     for name, printed in TABLE.items():
         cells = [name + (" *" if name in DETERMINED else ""), *(number(v, 3) for v in printed)]
         found = [m.parameters[m.layout.names.index(name)] for m in models.values()]
-        origin = {parameter.determined_by for parameter in found}
+        origins = {origin(parameter).partition(" ±")[0] for parameter in found}
         cells += [number(parameter.value, 3) for parameter in found]
-        rows.append((*cells, ", ".join(sorted(origin))))
+        rows.append((*cells, ", ".join(sorted(origins))))
     columns = ("", *(f"paper: {c}" for c in COLUMNS), *(f"here: {n}" for n in models), "from")
     return Section(
         "Table I",
@@ -165,9 +166,8 @@ def _doubts(models: dict[str, IdentifiedModel]) -> tuple[Text, ...]:
 
 _STRUT_TEXT = (
     "The longitudinal inertia of the strut that the paper identified, 0.0246 kg m², is hundreds of "
-    "times its regularisation; a tube of its mass would need a radius of 0.3 m. With such a truth "
-    "a regularisation relative to p_reg holds the entry back, and telescope and strut make up for "
-    "it: values “from the data” there may be off by more than their intervals say."
+    "times its regularisation; a tube of its mass would need a radius of 0.3 m. Where a fit sees "
+    "this beyond doubt, the prior of that entry is widened, which is listed among its corrections."
 )
 
 _DETERMINED_TEXT = (
@@ -227,18 +227,17 @@ def _friction(result: Irb360) -> Section:
     blocks = [
         Text(
             "The paper retunes drive 4 by hand on the motion it verifies with and concludes that "
-            "an improved friction model is required. Here the law is chosen by cross-validation "
-            f"on the fast identification recording alone ({choice.folds} stretches, each left out "
-            "once). Torque error on unseen stretches, as a share of the largest torque: "
-            f"{100 * choice.plain_error:.2g} % with viscous and Coulomb friction, "
-            f"{100 * choice.chosen_error:.2g} % with the chosen laws."
+            "an improved friction model is required. Here the law is extended by what the fast "
+            "identification recording alone shows, as far as that is beyond chance. Torque error "
+            f"as a share of the largest torque: {100 * choice.plain_error:.2g} % with viscous and "
+            f"Coulomb friction, {100 * choice.chosen_error:.2g} % with the chosen laws."
         ),
         Table(("joint", "law"), laws, "The chosen laws."),
         Table(
             ("joint", "term", "gain", "significance", "kept"),
             steps,
-            "What was added one after the other: by what share the squared error on unseen "
-            "stretches falls, and that gain as a multiple of its standard error.",
+            "What was added one after the other: by what share the squared error falls, and the "
+            "multiple of what chance would explain.",
         ),
         friction_curve(result),
         figure_8(result),
@@ -255,8 +254,9 @@ def _files() -> Section:
                 "(rg-simple.yaml, rg-geom.yaml), the models (id-simple.yaml, id-geom.yaml, "
                 "id-geom-law-chosen.yaml) and all numbers (results.json). Each step again by hand:"
                 "\n\n"
-                "deltaid identify rg-geom.yaml identify.csv --verify slow.csv\n\n"
-                "deltaid identify rg-geom.yaml identify.csv --verify slow.csv --friction choose"
+                "deltaid identify rg-geom.yaml identify.csv --verify slow.csv --friction described"
+                "\n\n"
+                "deltaid identify rg-geom.yaml identify.csv --verify slow.csv"
             ),
         ),
     )

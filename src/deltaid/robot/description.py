@@ -22,6 +22,7 @@ from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
 from deltaid.robot.task import NAMES, Task
 from deltaid.robot.telescope import Telescope
+from deltaid.robot.tolerances import LENGTHS, Tolerances
 from deltaid.robot.workspace import Box, Workspace
 
 TELESCOPE_BODIES = ("TU", "TL", "EE")
@@ -82,6 +83,10 @@ class RobotDescription(Part):
     rotor_inertia: dict[str, Positive] = Field(
         default_factory=dict,
         description="prior inertia of motor and gear reduced to a drive, kg m², or kg for a rail",
+    )
+    tolerances: Tolerances = Field(
+        default=Tolerances(),
+        description="how well lengths, zeros of drives and the direction of gravity are known",
     )
     workspace: Workspace
     drive_limits: dict[str, DriveLimits] = Field(default_factory=dict)
@@ -255,6 +260,12 @@ class RobotDescription(Part):
                 raise ValueError(f"friction.{joint} has a load term, which only drives can have")
         _among("rotor_inertia", self.rotor_inertia, self.drives)
         _among("drive_limits", self.drive_limits, self.drives)
+        by_name = self.tolerances.lengths, self.tolerances.homing
+        for key, given, known in zip(
+            ("lengths", "homing"), by_name, (LENGTHS, self.drives), strict=True
+        ):
+            if isinstance(given, dict):
+                _among(f"tolerances.{key}", given, known)
         return self
 
     def _check_workspace(self) -> None:

@@ -8,8 +8,9 @@ With the joint's speed v and s = sign(v), the friction torque (a force in a slid
     + power·s·|v|^exponent                       lubricants: exponent below 1 flattens with speed
     + stribeck·s·exp(−(|v|/speed)^exponent)      more friction near rest
     + hess_soom·s/(1 + (v/speed)²)               the same in the form of Hess and Soom
-    + load·s·|τ|                                 a gear's loss: a share of the drive's own torque τ
+    + load·s·|x|                                 a gear's loss: a share of what it carries
 
+where x is the drive's torque on its link's side: without friction and rotor of the motor itself.
 Every coefficient but the offset is positive, so friction always takes energy away. A new term is a
 key of `Friction` and one class here, listed in `TERMS`.
 """
@@ -77,7 +78,7 @@ class Friction(Part):
     stribeck: Stribeck | None = None
     hess_soom: HessSoom | None = None
     load: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None, description="share of the drive's own torque that is lost; drives only"
+        default=None, description="share of what the gear carries that is lost; drives only"
     )
 
     @model_validator(mode="after")
@@ -129,7 +130,7 @@ class FrictionTerm(ABC):
     kind: ClassVar[str]
     # Whether h(v) is continuous at rest, v = 0.
     continuous: ClassVar[bool] = False
-    # Whether h depends on the torque that the drive carries.
+    # Whether h depends on what the gear carries.
     of_load: ClassVar[bool] = False
     # Bounds of the coefficient.
     low: ClassVar[float] = 0.0
@@ -147,7 +148,7 @@ class FrictionTerm(ABC):
         Args:
             v: the joint's speed.
             s: its sign, or a smooth stand-in for it.
-            load: torque that the joint carries, τ.
+            load: torque that the drive's gear carries on its link's side, x.
         """
 
     @property
@@ -318,7 +319,7 @@ class _HessSoom(FrictionTerm):
 
 
 class _Load(FrictionTerm):
-    """s |τ|; a share of the torque, so below one."""
+    """s |x|; a share of what the gear carries, below one."""
 
     kind, of_load, high = "load", True, 1.0
 
@@ -331,7 +332,7 @@ class _Load(FrictionTerm):
 
     @property
     def words(self) -> str:
-        return "share of the torque"
+        return "share of the load"
 
 
 # In the order of p.

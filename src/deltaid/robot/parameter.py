@@ -3,7 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal
 
-ParameterKind = Literal["inertia", "friction", "spring", "rotor"]
+ParameterKind = Literal[
+    "inertia", "friction", "spring", "rotor", "load", "lag", "temperature", "gain", "constant"
+]
+# What is fitted beside a robot and is not of it; loads are named as bodies are.
+ADDED: tuple[ParameterKind, ...] = ("load", "lag", "temperature", "gain", "constant")
+_OF_BODIES = ("inertia", "load")
 
 # Relative standard deviation of a prior where nothing else is said.
 PRIOR_SPREAD = 0.5
@@ -38,12 +43,12 @@ class Parameter:
     def name(self) -> str:
         """'U.mcx' for an entry of a body, 'viscous.drive1' for a coefficient of a joint."""
         first, second = self.owner, self.symbol
-        return f"{first}.{second}" if self.kind == "inertia" else f"{second}.{first}"
+        return f"{first}.{second}" if self.kind in _OF_BODIES else f"{second}.{first}"
 
     @property
     def label(self) -> str:
         """The name in formulas: 'mcx_U', 'viscous.drive1'."""
-        return f"{self.symbol}_{self.owner}" if self.kind == "inertia" else self.name
+        return f"{self.symbol}_{self.owner}" if self.kind in _OF_BODIES else self.name
 
     @property
     def signed(self) -> bool:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from deltaid.check.wiring.candidate import Candidate
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
 
 # Blocks of time, step of the slopes [rad or m], and spread of the prior.
@@ -172,17 +173,6 @@ def _others(dof: int, motion: Motion, best: Candidate) -> Float[np.ndarray, "col
     return np.concatenate([offsets, gains])
 
 
-def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "axes 3"]:
-    """Two axes to turn gravity about."""
-    if not g.any():
-        return np.zeros((0, 3))
-    third = np.argmin(np.abs(g))
-    first = np.cross(g, np.eye(3)[third])
-    first /= np.linalg.norm(first)
-    second = np.cross(g, first)
-    return np.stack([first, second / np.linalg.norm(second)])
-
-
 def _moments(
     dynamics: Dynamics, z: Float[np.ndarray, "samples dof"], p: Float[np.ndarray, " parameters"]
 ) -> Float[np.ndarray, "samples 3 dof"]:
@@ -200,4 +190,5 @@ def _moments(
     along = [
         (moment(z + step) - moment(z - step)) / (2 * _STEP) for step in _STEP * np.eye(dynamics.dof)
     ]
-    return np.stack(along, axis=2) @ np.linalg.inv(kinematics.jacobian(z))
+    J = kinematics.jacobian(z)
+    return np.linalg.solve(J.swapaxes(1, 2), np.stack(along, axis=1)).swapaxes(1, 2)

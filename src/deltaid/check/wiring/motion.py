@@ -43,7 +43,7 @@ class Motion:
 
     Attributes:
         q, qd, qdd: (samples, drives) as mapped, evenly spaced.
-        load: τ at these samples, for friction that depends on it.
+        load: τ at these samples, which stands for what gears carry.
         tau: (kept, drives) torques that passed the low-pass, thinned.
         awake: (kept,) where no drive stands still that moves at other times: at rest friction is
             whatever balances the torque. All, where else too few were left.

@@ -9,6 +9,7 @@ from deltaid.check.wiring.candidate import TURNING, Candidate
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.signs import row_at_home
 
 # Below this share of the largest of a drive's torques a component is too small to be compared; of
 # a drive that nothing ties to others, below the other one.
@@ -103,12 +104,7 @@ def _components(
     zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
 
     def row(qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-        home = dynamics.kinematics.home[None]
-        sparse = dynamics.sparse_regressor(home, qd[None], qdd[None], np.zeros_like(home))
-        drives, entries = dynamics.regressor_pattern
-        full, own = np.zeros(len(dynamics.layout.names)), drives == i
-        full[entries[own]] = sparse.values[own, 0]
-        return full[columns]
+        return row_at_home(dynamics, i, qd, qdd)[columns]
 
     def friction(speed: float) -> np.ndarray:
         return 0.5 * (row(speed * e, zero) - row(-speed * e, zero))  # Coriolis forces are even

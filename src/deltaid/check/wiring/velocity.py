@@ -69,10 +69,10 @@ def _rate(
 ) -> Rate:
     A = np.column_stack([d[:, nearest], dd[:, nearest]])
     (k, b), *_ = np.linalg.lstsq(A, v, rcond=None)
-    e = v - A @ (k, b)
-    inverse = np.linalg.inv(A.T @ A)
-    scores = np.stack([p.sum(axis=0) for p in np.array_split(A * e[:, None], _BLOCKS)])
-    std = np.sqrt((inverse @ scores.T @ scores @ inverse)[1, 1] * _BLOCKS / (_BLOCKS - 2))
+    # What each residual moves b by; those of a block of time may hang together.
+    moved = np.linalg.pinv(A)[1] * (v - A @ (k, b))
+    blocks = np.array([part.sum() for part in np.array_split(moved, _BLOCKS)])
+    std = np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2))
     return Rate(
         drive,
         nearest,

@@ -65,8 +65,8 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
         yield from fields_of(name, (*shape, *inner), base)
     elif dtype.kind == "M" and np.datetime_data(dtype)[0] in _UNITS:
         yield Field(name, shape, is_clock=True)
-    elif dtype.kind in "iuf":
-        yield Field(name, shape)
+    elif dtype.kind in "iufb":
+        yield Field(name, shape, is_truth=dtype.kind == "b")
     else:
         yield Field(name, shape, holds=_KINDS.get(dtype.kind, str(dtype)[:40]))
 
@@ -75,7 +75,6 @@ _KINDS = {
     "S": "text",
     "U": "text",
     "O": "objects, which are never loaded",
-    "b": "truth values",
     "c": "complex numbers",
     "M": "dates",
     "m": "durations",

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from deltaid.errors import RecordingError, visible
-from deltaid.recording.formats.library import library
+from deltaid.recording.formats.extras import library
 from deltaid.recording.formats.stream import content, unzstd
 from deltaid.recording.source import first_line, opened
 

@@ -12,7 +12,7 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
 from deltaid.recording.formats.arrays import BATCH_ROWS, ArrayTable, Cut, entries_of_type, fields_of
-from deltaid.recording.formats.library import library
+from deltaid.recording.formats.extras import library
 from deltaid.recording.formats.mat5 import matlab_object
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, first_line, readable

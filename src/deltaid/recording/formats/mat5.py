@@ -36,7 +36,7 @@ _COMPLEX = 0x800
 _DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
 
 
-class Damaged(Exception):  # noqa: N818 - what is wrong, with the place
+class DamagedError(Exception):
     """A file does not hold what its headers say."""
 
 
@@ -53,7 +53,7 @@ class Variable:
         """Its element with the tag, or as much of it from its beginning.
 
         Raises:
-            Damaged: what is compressed is broken.
+            DamagedError: what is compressed is broken.
         """
         held = data[self.start : self.start + self.size]
         if not self.is_compressed:
@@ -62,12 +62,14 @@ class Variable:
             start = zlib.decompressobj().decompress(held, 8)
             size = 8 + int(np.frombuffer(start, f"{self.order}u4", 2)[1])
             if size > _HEAD + 1100 * len(held):  # no more than deflate can do
-                raise Damaged(f"the variable at byte {self.start} claims {size} bytes")
+                raise DamagedError(f"the variable at byte {self.start} claims {size} bytes")
             whole = zlib.decompressobj().decompress(held, min(size, most or size))
         except (zlib.error, ValueError) as error:
-            raise Damaged(f"the variable at byte {self.start} does not unpack: {error}") from None
+            raise DamagedError(
+                f"the variable at byte {self.start} does not unpack: {error}"
+            ) from None
         if len(whole) < min(size, most or size):
-            raise Damaged(f"the variable at byte {self.start} is cut off")
+            raise DamagedError(f"the variable at byte {self.start} is cut off")
         return memoryview(whole)
 
 
@@ -83,11 +85,11 @@ class Numbers:
         """The array, in the memory of the variable.
 
         Raises:
-            Damaged: it does not fit into the variable.
+            DamagedError: it does not fit into the variable.
         """
         count = math.prod(self.shape)
         if self.offset + count * np.dtype(self.dtype).itemsize > len(data):
-            raise Damaged(f"an array of {count} numbers ends behind the end of its variable")
+            raise DamagedError(f"an array of {count} numbers ends behind the end of its variable")
         flat = np.frombuffer(data, self.dtype, count, self.offset)
         return flat.reshape(self.shape, order="F")
 
@@ -96,18 +98,18 @@ def variables(data: memoryview) -> Iterator[Variable]:
     """All variables of a file.
 
     Raises:
-        Damaged: it ends within one, or its header is none.
+        DamagedError: it ends within one, or its header is none.
     """
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
     if order is None:
-        raise Damaged("its header of 128 bytes does not say the byte order")
+        raise DamagedError("its header of 128 bytes does not say the byte order")
     at = _HEADER
     while at + 8 <= len(data):
         kind, size = (int(n) for n in np.frombuffer(data, f"{order}u4", 2, at))
         if kind not in (_MATRIX, _COMPRESSED):
-            raise Damaged(f"there is no variable at byte {at}")
+            raise DamagedError(f"there is no variable at byte {at}")
         if at + 8 + size > len(data):
-            raise Damaged(f"the variable at byte {at} ends behind the end of the file")
+            raise DamagedError(f"the variable at byte {at} ends behind the end of the file")
         if kind == _COMPRESSED:
             yield Variable(at + 8, size, True, order)
         else:
@@ -119,7 +121,7 @@ def contents(data: memoryview, variable: Variable) -> Iterator[tuple[str, Number
     """What a variable holds, with the addresses: arrays, and what are none.
 
     Raises:
-        Damaged: its headers contradict one another.
+        DamagedError: its headers contradict one another.
     """
     head = _Reader(variable.unpacked(data, _HEAD), variable)
     if head.next_class() in (_CELL, _STRUCT, _OBJECT):
@@ -155,7 +157,7 @@ class _Reader:
         whole = self._element()
         end = whole.start + whole.size
         if whole.kind != _MATRIX:
-            raise Damaged(f"{self._where} has no matrix at its byte {whole.start}")
+            raise DamagedError(f"{self._where} has no matrix at its byte {whole.start}")
         if not whole.size:
             yield name, Field(name, (0, 0))
             return
@@ -171,7 +173,7 @@ class _Reader:
         own = self._text(self._element())
         name = name or own
         if min(shape, default=0) < 0 or len(shape) < 2:
-            raise Damaged(f"{self._where} has the size {shape}")
+            raise DamagedError(f"{self._where} has the size {shape}")
         if kind in _HOLDS or flags & _COMPLEX:
             holds = _HOLDS.get(kind, "complex numbers")
             yield name, Field(name, tuple(shape), holds=holds)
@@ -198,7 +200,7 @@ class _Reader:
         (length,) = self._integers(self._element(), "i4", 1)
         table = bytes(self._bytes(self._element()))
         if length < 1:
-            raise Damaged(f"{self._where} has names of fields of length {length}")
+            raise DamagedError(f"{self._where} has names of fields of length {length}")
         rows = [table[i : i + length] for i in range(0, len(table), length)]
         names = [row.partition(b"\0")[0].decode("utf-8", "replace") for row in rows]
         self._require_room(count * len(names), end, depth)
@@ -209,14 +211,14 @@ class _Reader:
 
     def _require_room(self, count: int, end: int, depth: int) -> None:
         if count * 8 > end - self._at or depth > _DEEPEST:
-            raise Damaged(f"{self._where} claims {count} entries at level {depth}")
+            raise DamagedError(f"{self._where} claims {count} entries at level {depth}")
 
     def _numbers(self, element: _Element, shape: tuple[int, ...]) -> Numbers:
         kind = _TYPES.get(element.kind)
         if kind is None:
-            raise Damaged(f"{self._where} holds elements of type {element.kind}")
+            raise DamagedError(f"{self._where} holds elements of type {element.kind}")
         if math.prod(shape) * int(kind[1]) != element.size:
-            raise Damaged(
+            raise DamagedError(
                 f"{self._where} is of size {shape}, but holds {element.size} bytes of {kind}"
             )
         return Numbers(element.start, self._order + kind, shape)
@@ -224,7 +226,7 @@ class _Reader:
     def _element(self) -> _Element:
         """The tag that comes next; what follows it is skipped."""
         if self._at + 8 > len(self._data):
-            raise Damaged(f"{self._where} ends within a header")
+            raise DamagedError(f"{self._where} ends within a header")
         kind, size = (int(n) for n in np.frombuffer(self._data, f"{self._order}u4", 2, self._at))
         if kind >> 16:  # up to four bytes stand in the tag itself
             element = _Element(kind & 0xFFFF, self._at + 4, min(kind >> 16, 4))
@@ -237,13 +239,13 @@ class _Reader:
     def _bytes(self, element: _Element) -> memoryview:
         held = self._data[element.start : element.start + element.size]
         if len(held) < element.size:
-            raise Damaged(f"{self._where} ends within a header")
+            raise DamagedError(f"{self._where} ends within a header")
         return held
 
     def _integers(self, element: _Element, kind: str, most: int) -> list[int]:
         held = self._bytes(element)
         if not int(kind[1]) <= len(held) <= 8 * most or len(held) % int(kind[1]):
-            raise Damaged(f"{self._where} has a header of {len(held)} bytes")
+            raise DamagedError(f"{self._where} has a header of {len(held)} bytes")
         return [int(n) for n in np.frombuffer(held, self._order + kind)]
 
     def _text(self, element: _Element) -> str:

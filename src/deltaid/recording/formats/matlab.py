@@ -13,7 +13,7 @@ from pathlib import Path
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
 from deltaid.recording.formats.arrays import ArrayTable, Cut
-from deltaid.recording.formats.mat5 import Damaged, Numbers, Variable, contents, variables
+from deltaid.recording.formats.mat5 import DamagedError, Numbers, Variable, contents, variables
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, opened
 
@@ -77,7 +77,7 @@ def _mapped(path: Path) -> Generator[memoryview, None, None]:
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
         try:
             yield data
-        except Damaged as error:
+        except DamagedError as error:
             raise RecordingError(
                 f"is a damaged MATLAB file: {error}",
                 where=str(path),

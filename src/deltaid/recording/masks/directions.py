@@ -8,7 +8,8 @@ and model make of the rows about it can differ by the whole friction. A row is l
 
 δ the time by which torques and positions may be apart, a millisecond and no more than the time
 between two samples, and σ the deviation that noise of the positions gives ϑ̇ after the filter:
-for a drive in its own row, for a passive joint in the rows of all drives that move it.
+for a drive in its own row, for a passive joint in the rows of all drives that move it. Where a
+drive's torque has been interpolated, δ is longer by the samples that it was made of.
 """
 
 from dataclasses import dataclass
@@ -31,10 +32,12 @@ class Directions:
     Attributes:
         period: time between two samples [s].
         noise: σ of each drive's speed [rad/s or m/s].
+        smear: over how many samples to either side each drive's torque is spread; empty for none.
     """
 
     period: float
     noise: Float[np.ndarray, " dof"]
+    smear: tuple[int, ...] = ()
 
     def known(
         self,
@@ -42,16 +45,24 @@ class Directions:
         z: Float[np.ndarray, "samples dof"],
         qd: Float[np.ndarray, "samples dof"],
         qdd: Float[np.ndarray, "samples dof"],
+        within: float = _SAME,
     ) -> Bool[np.ndarray, "samples dof"]:
-        """Whether in a drive's row the direction of every joint with friction is known."""
-        robot, apart = kinematics.robot, min(self.period, _SAME)
+        """Whether in a drive's row the direction of every joint with friction is known.
+
+        Args:
+            within: longest δ [s].
+        """
+        robot, apart = kinematics.robot, np.full(qd.shape[1], min(self.period, within))
+        if self.smear:
+            apart += self.period * np.array(self.smear)
         known = np.abs(qd) > apart * np.abs(qdd) + _CERTAIN * self.noise
         known |= np.array([drive not in robot.friction for drive in robot.drives])
         passive = kinematics.passive_friction
         if passive.names:
             joints = passive.rates(z, qd, qdd)
             noise = np.linalg.norm(joints.slope * self.noise, axis=2)
-            sure = np.abs(joints.speed) > (apart * np.abs(joints.acceleration) + _CERTAIN * noise)
             for k, moved_by in enumerate(passive.moved_by):
-                known &= sure[:, k, None] | ~moved_by
+                speed, rise = np.abs(joints.speed[:, k, None]), np.abs(joints.acceleration[:, k])
+                sure = speed > apart * rise[:, None] + _CERTAIN * noise[:, k, None]
+                known &= sure | ~moved_by
         return known

@@ -21,6 +21,7 @@ Reason = Literal[
     "emergency stop",
     "saturated torque",
     "stale rows",
+    "load changes",
 ]
 # Why such rows say nothing, or something wrong, about the drives' torques.
 WHY: dict[Reason, str] = {
@@ -30,6 +31,7 @@ WHY: dict[Reason, str] = {
     "emergency stop": "brakes slow the robot down, the drives are without torque",
     "saturated torque": "on the largest or smallest number of its channel; the torque went on",
     "stale rows": "the logger repeated a row while the robot moved",
+    "load changes": "a load is taken up or put down; when exactly is not known to a sample",
 }
 
 

@@ -23,6 +23,14 @@ def joined(runs: Runs, gap: int = 0) -> Runs:
     return np.column_stack([runs[np.append(0, apart + 1), 0], runs[np.append(apart, -1), 1]])
 
 
+def joined_times(spans: Float[np.ndarray, "_ 2"]) -> Float[np.ndarray, "_ 2"]:
+    """Spans of time in any order as ascending ones that are apart from each other."""
+    spans = spans[np.argsort(spans[:, 0])]
+    ends = np.maximum.accumulate(spans[:, 1])
+    apart = np.flatnonzero(spans[1:, 0] > ends[:-1])
+    return np.column_stack([spans[np.append(0, apart + 1), 0], ends[np.append(apart, -1)]])
+
+
 def without(runs: Runs, others: Runs) -> Runs:
     """Ascending runs less the rows of others."""
     kept = []

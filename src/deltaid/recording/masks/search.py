@@ -1,6 +1,6 @@
 """Finding what of a recording is no motion under power of its drives, while it is surveyed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,9 @@ _BETWEEN = 0.003
 _SHORT = 0.04
 # An emergency stop ends so long after the drives are without torque at most [s].
 _STOPS = 1.5
+
+# What is left out: why, for which drives, and which rows counted from 0.
+Found = tuple[Reason, tuple[int, ...], Runs]
 
 
 @dataclass
@@ -68,15 +71,10 @@ class MaskSearch:
 
     def masks(self, clock: Clock) -> tuple[Mask, ...]:
         """All that is left out, in the order of rows; the clock tells when that was."""
-        masks = [
-            Mask(reason, drives, first, last, *clock.stamps(np.array([first, last])).tolist())
-            for reason, drives, runs in self.runs()
-            for first, last in runs.tolist()
-        ]
-        return tuple(sorted(masks, key=lambda mask: (mask.first, mask.drives)))
+        return timed(self.runs(), clock)
 
-    def runs(self) -> list[tuple[Reason, tuple[int, ...], Runs]]:
-        """All that is left out: why, for which drives, and which rows counted from 0."""
+    def runs(self) -> list[Found]:
+        """All that is left out."""
         rest, everyone = self._rest, tuple(range(self.dof))
         if rest is None:
             return []
@@ -86,7 +84,7 @@ class MaskSearch:
         resting = resting[resting[:, 1] - resting[:, 0] >= rest.overlap]
         on_brakes, under_control = _told_apart(resting, off, short)
         stopping = _stops(off, on_brakes, round(_STOPS / rest.period))
-        found: list[tuple[Reason, tuple[int, ...], Runs]] = [
+        found: list[Found] = [
             ("standing still", everyone, under_control),
             ("on brakes", everyone, on_brakes),
             ("emergency stop", everyone, stopping),
@@ -99,6 +97,16 @@ class MaskSearch:
             ordered = saturated[np.argsort(saturated[:, 0])]
             found.append(("saturated torque", (i,), without(ordered, on_brakes)))
         return [one for one in found if len(one[2])]
+
+
+def timed(found: Iterable[Found], clock: Clock) -> tuple[Mask, ...]:
+    """Rows as masks, in their order; the clock tells when they were."""
+    masks = [
+        Mask(reason, drives, first, last, *clock.stamps(np.array([first, last])).tolist())
+        for reason, drives, runs in found
+        for first, last in runs.tolist()
+    ]
+    return tuple(sorted(masks, key=lambda mask: (mask.first, mask.drives)))
 
 
 def _told_apart(resting: Runs, off: Runs, short: int) -> tuple[Runs, Runs]:

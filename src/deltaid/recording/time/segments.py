@@ -2,7 +2,8 @@
 
 A short hole is bridged: positions and velocities go on as the motion about it does, and no torque
 counts there. A long one ends a segment. Where samples were taken unevenly, all of them are
-interpolated.
+interpolated. What is recorded beside the drives, such as the state of a gripper, stays as it was
+until it is recorded again.
 """
 
 from collections.abc import Iterable, Iterator
@@ -35,7 +36,7 @@ def longest_hole(rate: float, cutoff: float) -> int:
 
 
 def segments(
-    batches: Iterable[Rows], clock: Clock, longest: int, drives: int
+    batches: Iterable[Rows], clock: Clock, longest: int, drives: int, held: int = 0
 ) -> Iterator[Iterator[Rows]]:
     """The samples of each segment, in blocks. Use each segment up before the next.
 
@@ -44,22 +45,23 @@ def segments(
         clock: what is known of their places.
         longest: rows missing that may be bridged.
         drives: number of weights in a row.
+        held: number of channels before the weights that hold their value between rows.
     """
     if clock.steady:
         yield iter(batches)
         return
-    parts = _parts(batches, clock, longest, drives)
+    parts = _parts(batches, clock, longest, drives, held)
     for _, part in groupby(parts, key=lambda one: one[0]):
         yield (rows for _, rows in part)
 
 
 def _parts(
-    batches: Iterable[Rows], clock: Clock, longest: int, drives: int
+    batches: Iterable[Rows], clock: Clock, longest: int, drives: int, held: int
 ) -> Iterator[tuple[int, Rows]]:
     """Consecutive samples with the number of their segment."""
     cuts = clock.cuts(longest)
     steps = np.where(cuts, 0, clock.lost)
-    number, start, run = 0, 0, _Run(clock, longest, drives)
+    number, start, run = 0, 0, _Run(clock, longest, drives, held)
     for rows in batches:
         stop = start + len(rows)
         kept = np.ones(len(rows), dtype=bool)
@@ -77,7 +79,7 @@ def _parts(
             if k:
                 yield from ((number, block) for block in run.end())
                 begin = float(clock.until[here][cuts[here]][k - 1])
-                number, run = number + 1, _Run(clock, longest, drives, begin)
+                number, run = number + 1, _Run(clock, longest, drives, held, begin)
             yield from ((number, block) for block in run.add(values[own], missing[own]))
         start = stop
     yield from ((number, block) for block in run.end())
@@ -94,6 +96,7 @@ class _Run:
     clock: Clock
     longest: int
     drives: int
+    held: int
     begin: float = np.nan
     waiting: Rows = field(default_factory=lambda: np.zeros((0, 0)))
     places: Places = field(default_factory=lambda: np.zeros(0))
@@ -143,6 +146,8 @@ class _Run:
             out[:, first:] = weights * told[:, None]
         else:
             out = self._bridged(wanted, first)
+        before = np.clip(np.searchsorted(self.places, wanted, side="right") - 1, 0, None)
+        out[:, first - self.held : first] = self.waiting[before, first - self.held : first]
         out[:, 0] = self.begin + self.clock.period * wanted
         return out
 

@@ -1,14 +1,16 @@
-"""A recording looked at for lags and patterns: what verdicts on its residual rest on."""
+"""A recording looked at for lags and patterns: which causes its residual has, the largest first.
+
+Corrections ask it which they may trust, and verdicts on a residual rest on it.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
-from deltaid.check.evidence import Evidence
-from deltaid.check.spectra import white_noise
-from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
 from deltaid.identification.explained import SEEN, Account, account, surprise
@@ -24,12 +26,11 @@ from deltaid.identification.lag import (
 from deltaid.identification.patterns import Pattern, Scene, missing
 from deltaid.identification.searches import load_steps, ripples
 from deltaid.identification.traces import Delay, Trace, trace
-from deltaid.recording.windows import WINDOW, Samples
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import WINDOW
 
-# Above this [Hz] next to nothing of a Delta's motion is left, but rows grow in number.
-_CUTOFF = 30.0
-# Windows of a log, and seconds, that are looked at; more hardly say more.
-_WINDOWS, _SECONDS = 6, 10.0
+# So many seconds of a log are looked at, and rows with this cut-off [Hz]; more hardly say more.
+_SECONDS, _CUTOFF = 24.0, 30.0
 # What is left of a drive's torque at least, as a share of its largest, to be compared with.
 _FLOOR = 1e-5
 # Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
@@ -59,21 +60,28 @@ class Study:
     plain: Float[np.ndarray, " dof"]
     hidden: bool = False
 
+    @property
+    def is_disturbed(self) -> bool:
+        """Whether a load that comes and goes explains more than anything else.
 
-def studied(evidence: Evidence) -> Study | None:
-    """None where nothing can be differentiated; other checks say why."""
-    recording, dynamics = evidence.surveyed, evidence.dynamics
-    if isinstance(recording, RecordingError):
-        return None
+        Lags and friction laws then take what they can of it, and mean nothing.
+        """
+        found = self.account.found
+        return bool(found) and max(found, key=lambda one: one.gain).pattern.kind == "load-change"
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
+    """Look at a recording; None where nothing can be differentiated."""
     log = recording.log
-    cutoff = recording.cutoff or log.suggested_cutoff
+    cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
-    windows = max(_WINDOWS, round(_SECONDS * log.rate / WINDOW))
+    windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
     load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
     try:
-        record = trace(dynamics, log, load, cutoff=cutoff, reach=REACH, windows=windows)
+        record = trace(dynamics, recording, load, cutoff=cutoff, reach=REACH, windows=windows)
     except RecordingError:
         return None
     rough = record.regressor(between=True)
@@ -85,6 +93,9 @@ def studied(evidence: Evidence) -> Study | None:
     start = np.full(dynamics.dof, coarse_lag(record, between))
     common = estimate_lag(record, between, start, common=True)
     each = estimate_lag(record, between, common.values, common=False)
+    record = trace(
+        dynamics, recording, load, cutoff=cutoff, reach=REACH, reversals=False, windows=windows
+    )
     exact = record.regressor()
     basis = basis_of(dynamics, exact, scale)
     scene, account = _accounted(record, exact, basis, still)
@@ -102,7 +113,13 @@ def studied(evidence: Evidence) -> Study | None:
     lag = common if alike else each
     reach = np.abs(lag.values).max() + 1.0 / log.rate
     record = trace(
-        dynamics, log, load, cutoff=cutoff, reach=float(reach), reversals=False, windows=windows
+        dynamics,
+        recording,
+        load,
+        cutoff=cutoff,
+        reach=float(reach),
+        reversals=False,
+        windows=windows,
     )
     exact = record.regressor()
     put_back = _accounted(record, exact, basis_of(dynamics, exact, scale), lag.values)
@@ -143,29 +160,6 @@ def _inertia(scene: Scene, p: Parameters) -> Float[np.ndarray, " dof"]:
     z, rest = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
     tau = dynamics.torque(z, rest, np.vstack([np.eye(dof), np.zeros(dof)]), p)
     return np.diag(tau[:-1] - tau[-1])
-
-
-def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
-    """Torques less those of the model, of the longest stretch, nothing put back or filtered."""
-    w, dynamics = longest(study), study.scene.trace.dynamics
-    left = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.scene.p)
-    return np.where(w.weights > 0, left, 0.0)
-
-
-def longest(study: Study) -> Samples:
-    """The longest stretch without a gap."""
-    return max(study.scene.trace.stretches, key=lambda one: len(one.time))
-
-
-def largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
-    """Of the model, each drive's."""
-    return np.maximum(np.abs(study.scene.model).max(axis=1), 1e-300)
-
-
-def white_share(study: Study) -> Float[np.ndarray, " dof"]:
-    """What white noise of the torques would leave after the filter."""
-    low_pass = study.scene.trace.low_pass
-    return white_noise(unexplained(study), low_pass.rate) * low_pass.noise_gain
 
 
 def spoilt(study: Study, p: Parameters) -> Float[np.ndarray, " dof"]:

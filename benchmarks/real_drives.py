@@ -1,0 +1,239 @@
+"""How far identified models are from the truth on recordings as real drives write them.
+
+    pip install -e '.[test]'
+    python benchmarks/real_drives.py [--rows ROW,…] [--kinds KIND,…] [--seeds N] [--processes N]
+
+Recordings come from `tests/drives`: robots of six kinds, each row of the table with one fault or
+several. Leaves `tables/real_drives.md`, which `docs/real_drives.md` explains.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import numpy as np
+from _table import leave
+
+from deltaid.errors import DeltaidError
+from drives import KINDS, ROWS, case
+from drives.judge import Judged, judge
+from drives.noise import noise_limit
+from drives.told import identified
+
+HEAD = (
+    "recording",
+    "asked: M, friction",
+    "M: median, 90 %, worst",
+    "friction: median, 90 %, worst",
+    "within, n",
+    "noise alone: M, friction",
+    "and",
+    "said",
+)
+# Asked of M and of friction (%), for nine in ten recordings; three times as much at most.
+ASKED = {
+    "clean": (0.1, 0.3),
+    "lag": (0.2, 0.5),
+    "one-lag": (0.2, 0.5),
+    "current-loop": (0.2, 0.5),
+    "velocity": (0.2, 0.5),
+    "standing": (0.2, 0.5),
+    "brakes": (0.2, 0.5),
+    "stops": (0.2, 0.5),
+    "clipped": (0.3, 0.7),
+    "contacts": (0.2, 0.5),
+    "load-cycles": (0.3, 0.5),
+    "load-half": (0.3, 0.5),
+    "gains": (1.0, None),
+    "stribeck": (0.2, 1.0),
+    "direction": (0.2, 1.0),
+    "load-friction": (0.3, 1.5),
+    "three-laws": (0.3, 1.5),
+    "backlash": (0.3, 1.0),
+    "gear-20000": (0.5, None),
+    "gear-5000": (1.0, None),
+    "realistic": (3.0, 12.0),
+    "production": (0.5, 1.0),
+    "poor-priors": (2.0, None),
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """Of one case; `error` where it was refused."""
+
+    row: str
+    kind: str
+    seed: int
+    judged: Judged | None
+    limit: tuple[float, float]
+    seconds: float
+    error: str = ""
+
+
+def results(kind: str, seed: int, rows: Sequence[str]) -> list[Result]:
+    """All rows of one robot."""
+    return [result(row, kind, seed) for row in rows]
+
+
+def result(row: str, kind: str, seed: int) -> Result:
+    """Make a case, identify, judge."""
+    made = case(row, kind, seed)
+    limit, start = noise_limit(made), time.process_time()
+    try:
+        found = identified(made)
+    except DeltaidError as error:
+        return Result(row, kind, seed, None, limit, 0.0, str(error).split("\n")[0])
+    seconds = time.process_time() - start
+    return Result(row, kind, seed, judge(made, found), limit, seconds)
+
+
+def line(row: str, own: Sequence[Result]) -> tuple[object, ...]:
+    """A row of the table."""
+    ok = [one.judged for one in own if one.judged is not None]
+    asked = ASKED.get(row, (None, None))
+    inside = [within(one, asked) for one in own]
+    limits = 100 * np.array([one.limit for one in own])
+    bounds = ", ".join("–" if a is None else f"{a:g}" for a in asked)
+    return (
+        row,
+        bounds,
+        spread([100 * one.M for one in ok]),
+        spread([100 * one.friction for one in ok]),
+        f"{np.mean(inside):.0%}, {len(own)}",
+        ", ".join(f"{x:.2g}" for x in np.quantile(limits, 0.9, axis=0)),
+        "; ".join(more(row, own, ok)),
+        said(own),
+    )
+
+
+def within(one: Result, asked: tuple[float | None, float | None]) -> bool:
+    """Whether errors are within what is asked, or within what the noise alone leaves."""
+    if one.judged is None:
+        return False
+    errors = (one.judged.M, one.judged.friction)
+    return all(
+        bound is None or error <= max(bound / 100, limit)
+        for error, bound, limit in zip(errors, asked, one.limit, strict=True)
+    )
+
+
+def spread(values: Sequence[float]) -> str:
+    """Median, 90 % quantile and worst."""
+    if not values:
+        return "–"
+    return ", ".join(f"{x:.2g}" for x in (*np.quantile(values, [0.5, 0.9]), max(values)))
+
+
+def more(row: str, own: Sequence[Result], ok: Sequence[Judged]) -> Iterable[str]:
+    """What else is asked of a row."""
+    lags = [1e3 * one.lag for one in ok if one.lag is not None]
+    if lags:
+        yield f"lag within {np.quantile(lags, 0.9):.2g} ms in 90 %, worst {max(lags):.2g}"
+    loads = [100 * one.load for one in ok if one.load is not None]
+    if loads:
+        yield f"load within {np.quantile(loads, 0.9):.2g} % in 90 %, worst {max(loads):.2g}"
+    yield from _contacts(ok)
+    yield from _gains(ok)
+    if row.endswith("undeclared"):
+        yield from _undeclared(row, ok)
+    if row == "realistic":
+        yield f"friction as measured {spread([100 * one.friction_as_measured for one in ok])}"
+    curves = [share for one in ok for share in one.curves]
+    if curves:
+        yield f"friction curves' intervals hold {np.mean(curves):.0%}"
+    if row in ("clean", "homing", "poor-priors", "closed-loop"):
+        yield f"intervals of bodies hold {share(ok, lambda one: one.bodies)}"
+        yield f"of base parameters {share(ok, lambda one: one.base)}"
+    refused = Counter(one.error for one in own if one.error)
+    yield from (f"refused {n} times: {error[:120]}" for error, n in refused.items())
+
+
+def _contacts(ok: Sequence[Judged]) -> Iterable[str]:
+    if not any(one.contacts for one in ok):
+        return
+    yield f"found {share(ok, lambda one: one.contacts.strong if one.contacts else ())} above 100 N"
+    yield f"{share(ok, lambda one: one.contacts.weak if one.contacts else ())} below"
+    elsewhere = [one.contacts.elsewhere for one in ok if one.contacts]
+    yield f"elsewhere {np.quantile(elsewhere, 0.9):.1%} in 90 %"
+
+
+def _undeclared(row: str, ok: Sequence[Judged]) -> Iterable[str]:
+    yield f"told in {share(ok, lambda one: (one.changes is not None,))}"
+    late = [1e3 * one.changes.late for one in ok if one.changes and one.changes.late is not None]
+    if late and row == "load-half-undeclared":
+        yield f"its time within {np.quantile(late, 0.9):.2g} ms in 90 %"
+    right = [one.changes.right for one in ok if one.changes and one.changes.right is not None]
+    if right:
+        yield f"state right for {np.quantile(right, 0.1):.0%} of the time in 90 %"
+
+
+def _gains(ok: Sequence[Judged]) -> Iterable[str]:
+    first = [100 * gain for one in ok for gain in one.gains[:3]]
+    if first:
+        rms = np.sqrt(np.mean(np.square(first)))
+        yield f"gains 1–3 {rms:.2g} % rms, worst {np.abs(first).max():.2g} %"
+        yield f"all gains' intervals hold {share(ok, lambda one: one.gains_held)}"
+
+
+def share(ok: Sequence[Judged], of: Callable[[Judged], Sequence[bool]]) -> str:
+    """Of all that is counted."""
+    all_of = [one for judged in ok for one in of(judged)]
+    return f"{np.mean(all_of):.0%}" if all_of else "–"
+
+
+def said(own: Sequence[Result]) -> str:
+    """In how many cases each kind of correction was made, and each verdict is not good."""
+    ok = [one.judged for one in own if one.judged]
+    kinds = Counter(kind for one in ok for kind, _ in one.said)
+    keys = Counter(key for one in ok for key in one.verdicts)
+    done = ", ".join(f"{kind} {n}" for kind, n in kinds.most_common())
+    words = ", ".join(f"{key} {n}" for key, n in keys.most_common())
+    return "; ".join(filter(None, (done, words and f"verdicts: {words}"))) or "nothing"
+
+
+def note(seeds: int, kinds: str, seconds: float) -> str:
+    """What stands above the table."""
+    return (
+        f"Errors in %, {seeds} seeds of {kinds.replace(',', ', ')}. *Within* is the share of "
+        "recordings whose errors are within what is asked or within what the noise alone leaves. "
+        f"An identification takes {seconds:.1f} s of processor time (median)."
+    )
+
+
+def main() -> int:
+    """Make, identify, judge, write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rows", default=",".join(ROWS))
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--each", action="store_true", help="print every case")
+    given = parser.parse_args()
+    rows = given.rows.split(",")
+    jobs = [(kind, seed, rows) for seed in range(given.first, given.first + given.seeds)
+            for kind in given.kinds.split(",")]  # fmt: skip
+    with ProcessPoolExecutor(given.processes) as pool:
+        found = list[Result]()
+        for some in pool.map(results, *zip(*jobs, strict=True)):
+            found += some
+            if given.each:
+                print(*some, sep="\n", flush=True)
+    table = [line(row, [one for one in found if one.row == row]) for row in rows]
+    seconds = float(np.median([one.seconds for one in found]))
+    leave(HEAD, table, note(given.seeds, given.kinds, seconds))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

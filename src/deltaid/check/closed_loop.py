@@ -1,0 +1,146 @@
+"""Noise of encoders that a controller turns into torques: whether it shakes the drives.
+
+A controller answers an error n of a measured position with the torque −(K + D s) n, which is
+recorded as well. Above the motion's frequencies torque and position then go together, but not as
+torque and motion do: τ = M q̈ has the gain M ω², and the controller's is far below that, as its
+bandwidth is. The torque that goes with such a position is real; it shakes the drive with the speed
+τ / (M ω). Where that is as fast as the motion, friction reverses in samples in which the filtered
+positions do not show it, so friction comes out too small near reversals and inertia takes its part.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+from threadpoolctl import threadpool_limits
+
+from deltaid.check.evidence import Evidence, Rows
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.words import percent
+from deltaid.errors import IdentificationError, RecordingError
+from deltaid.identification.fit import FittedProblem
+from deltaid.recording.recording import Recording
+
+# Rows of a segment of the spectra, and segments at least.
+_LENGTH, _SEGMENTS = 512, 8
+# Windows of the recording whose speeds are looked at.
+_WINDOWS = 8
+# Looked at is what lies above so many times the positions' cut-off and below so much of the rate.
+_ABOVE, _BELOW = 2.0, 0.4
+# A controller's gain is below this share of M ω².
+_GAIN = 0.5
+# Coherence that many segments do not reach by chance: γ² of independent noise is exponential with
+# mean 1/K, so 7/K lies beyond 0.999.
+_CHANCE = 7.0
+# Share of the samples in which friction reverses unseen that bends parameters: 0.8 % of them bent
+# friction by 0.4 %, 2.4 % by 5 %.
+_DOUBTFUL, _WRONG = 0.007, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Shake:
+    """What feedback of noise does to the drives.
+
+    Attributes:
+        speed: standard deviation of the speeds that it makes [rad/s or m/s]; 0 where there is none.
+        torque: of the torques that go with noise of the positions [N m or N].
+        reversed: share of the samples in which it turns a drive's speed round.
+    """
+
+    speed: Float[np.ndarray, " dof"]
+    torque: Float[np.ndarray, " dof"]
+    reversed: Float[np.ndarray, " dof"]
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
+def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
+    """Whether a controller shakes drives with the noise of their encoders; silent where it does
+    not, because what cannot be seen of it does no harm."""
+    recording, fitted = evidence.surveyed, evidence.fitted
+    if isinstance(recording, RecordingError) or isinstance(
+        fitted, RecordingError | IdentificationError
+    ):
+        return
+    shake = shaken(evidence.rows, recording, fitted)
+    if shake is None or not shake.speed.any():
+        return
+    drives, worst = evidence.robot.drives, int(np.argmax(shake.reversed))
+    unit = evidence.robot.drive_units[drives[worst]]
+    share = float(shake.reversed[worst])
+    seen = (
+        f"noise of the encoder comes back as torque, {shake.torque[worst]:.2g} {unit.force} and "
+        f"{shake.speed[worst]:.2g} {unit.speed} of {drives[worst]}; it turns round the joint in "
+        f"{percent(share)} of the samples"
+    )
+    if share < _DOUBTFUL:
+        yield Verdict("closed-loop", Grade.GOOD, seen, number=100 * share, unit="%")
+        return
+    yield Verdict(
+        "closed-loop",
+        Grade.WRONG if share > _WRONG else Grade.DOUBTFUL,
+        seen,
+        subject=drives[worst],
+        cause="coarse or noisy positions, differentiated by the controller, shake the drives: "
+        "friction near rest is averaged away, and inertia takes its part",
+        cure="lower the controller's gains or the cut-off of its speed for this recording, or use "
+        "the motor's encoder; intervals do not hold this",
+        number=100 * share,
+        unit="%",
+    )
+
+
+def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:
+    """Speeds and torques by fed-back noise; None where rows or rate do not show them."""
+    rate, dynamics = 1.0 / rows.step, fitted.dynamics
+    frequency, qq, tt, qt, count = _spectra(rows.q, rows.tau, rate)
+    low = _ABOVE * (recording.motion_cutoff or recording.log.motion_cutoff or 0.0)
+    band = (frequency > low) & (frequency < _BELOW * rate)
+    if count < _SEGMENTS or not band.any():
+        return None
+    w = 2 * np.pi * frequency[band, None]
+    qq, tt, qt = qq[band], tt[band], qt[band]
+    windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
+    speeds = np.concatenate([w.qd for w in windows])
+    counted = np.concatenate([w.weights for w in windows]) > 0
+    M = dynamics.mass_matrix(dynamics.kinematics.inverse(dynamics.kinematics.home[None]), fitted.p)[
+        0
+    ]
+    answer = np.abs(np.linalg.inv(M))
+    tiny = np.finfo(float).tiny
+    coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
+    gain = np.abs(qt) / np.maximum(qq, tiny)
+    fed = (coherence > _CHANCE / count) & (gain < _GAIN * w**2 / np.diag(answer))
+    torque = np.where(fed, coherence * tt, 0.0)
+    step = frequency[1] - frequency[0]
+    speed = np.sqrt(step * np.sum(torque / w**2, axis=0) @ answer.T**2)
+    turned = ndtr(-np.abs(speeds) / np.where(speed > 0, speed, np.inf)) * (speed > 0) * counted
+    reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
+    return Shake(speed, np.sqrt(step * torque.sum(axis=0)), reversed_)
+
+
+def _spectra(
+    q: Float[np.ndarray, "rows dof"], tau: Float[np.ndarray, "rows dof"], rate: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """Frequencies, one-sided densities of q, of τ and of both, and of how many segments (Welch).
+
+    Second differences come first, so that the motion does not leak into what is above it; their
+    gain is taken out again.
+    """
+    ends = range(0, len(q) - 2 - _LENGTH + 1, _LENGTH)
+    window = np.hanning(_LENGTH + 2)[1:-1, None]
+    frequency = np.fft.rfftfreq(_LENGTH, 1.0 / rate)
+    parts = []
+    for start in ends:
+        both = (np.diff(x[start : start + _LENGTH + 2], 2, axis=0) for x in (q, tau))
+        a, b = (np.fft.rfft(window * x, axis=0) for x in both)
+        parts.append((np.abs(a) ** 2, np.abs(b) ** 2, np.conj(a) * b))
+    if not parts:
+        empty = np.zeros((len(frequency), q.shape[1]))
+        return frequency, empty, empty, empty, 0
+    through = (2 * np.sin(np.pi * frequency / rate))[:, None] ** 4
+    scale = 2.0 / (rate * np.sum(window**2) * np.maximum(through, np.finfo(float).tiny))
+    qq, tt, qt = (scale * np.mean(part, axis=0) for part in zip(*parts, strict=True))
+    return frequency, qq, tt, qt, len(parts)

@@ -1,0 +1,203 @@
+"""How torques change with a robot's lengths, its drives' zeros and the direction of gravity.
+
+A recording has drive coordinates q, whatever the geometry is. With torques τ(z, q̇, q̈; g) and
+coordinates q(z; g) of lengths g, and J = ∂q/∂z,
+
+    dτ/dg = ∂τ/∂g − ∂τ/∂z J⁻¹ ∂q/∂g,    dτ/dq_0 = ∂τ/∂z J⁻¹.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.joint_columns import joint_columns
+from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.mechanism.composition import build_mechanism
+from deltaid.mechanism.growth import Growth, grown_by
+from deltaid.mechanism.kinematics import Samples
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
+from deltaid.mechanism.vectors import fixed
+from deltaid.robot.description import RobotDescription
+
+# Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by: large against
+# rounding, and so small that no other joint turns round within it.
+_STEP = 1e-6
+
+# Torques of all drives at some samples.
+Torques = Float[np.ndarray, "dof samples"]
+
+
+@dataclass(frozen=True, eq=False)
+class Error:
+    """What one standard deviation of one geometric quantity does to torques.
+
+    Attributes:
+        name: what is off, such as 'upper_arm' (of all limbs alike), 'strut of limb 2',
+            'zero of drive1', 'tilt about x'.
+        torques: the torques that the machine has more than the description says [N m or N].
+    """
+
+    name: str
+    torques: Torques
+
+
+def geometric_errors(
+    dynamics: Dynamics, z: Samples, qd: Samples, qdd: Samples, p: Parameters
+) -> tuple[Error, ...]:
+    """What each tolerance of a description does to the torques of a motion.
+
+    Friction's steps have no slope and are left out, as is friction that depends on load.
+    """
+    grown, robot = _grown(dynamics.robot.model_dump_json()), dynamics.robot
+    smooth, layout = p.copy(), dynamics.layout
+    smooth[layout.friction] = 0.0
+    smooth[layout.viscous] = p[layout.viscous]
+    slopes = _Slopes(grown, z, np.hstack([qd, qdd]), smooth, np.array(robot.gravity))
+    found = [*_of_lengths(robot, slopes), *_of_zeros(robot, slopes), *_of_gravity(robot, slopes)]
+    return tuple(one for one in found if one.torques.any())
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """Slopes of torques along a motion, by differences of `_Grown` graphs."""
+
+    grown: "_Grown"
+    z: Samples
+    rates: Float[np.ndarray, "samples rates"]
+    p: Parameters
+    gravity: Float[np.ndarray, " 3"]
+
+    @cached_property
+    def _described(self) -> Torques:
+        return self._torque(self.z)
+
+    @cached_property
+    def _position(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
+        """q and T = J⁻¹ of the described robot."""
+        q, J = self.grown.position(self.z.T, np.zeros(self.grown.symbols))
+        dof = self.z.shape[1]
+        blocks = np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
+        return np.array(q).T, np.linalg.inv(blocks)
+
+    def of_length(self, number: int) -> Torques:
+        """dτ/dg of a symbol of the growth [N m/m]."""
+        grown = _STEP * np.eye(self.grown.symbols)[number]
+        q, T = self._position
+        later = np.array(self.grown.position(self.z.T, grown)[0]).T
+        z = self.z - np.einsum("sij,sj->si", T, later - q)
+        return (self._torque(z, grown) - self._described) / _STEP
+
+    def of_zero(self, drive: int) -> Torques:
+        """dτ/dq_i at the same speeds and accelerations [N m/rad]."""
+        _, T = self._position
+        return (self._torque(self.z + _STEP * T[:, :, drive]) - self._described) / _STEP
+
+    def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Torques:
+        """Change of torques as gravity turns about an axis [N m/rad]."""
+        more = self.gravity + np.cross(axis, self.gravity)
+        return self._torque(self.z, gravity=more) - self._described
+
+    def _torque(
+        self,
+        z: Samples,
+        grown: Float[np.ndarray, " growth"] | None = None,
+        gravity: Float[np.ndarray, " 3"] | None = None,
+    ) -> Torques:
+        growth = np.zeros(self.grown.symbols) if grown is None else grown
+        g = self.gravity if gravity is None else gravity
+        return np.array(self.grown.torque(z.T, self.rates.T, self.p, growth, g))
+
+
+def _of_lengths(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
+    """A number that all limbs share may be wrong, and each limb may differ from it."""
+    found: dict[int, Torques] = {}  # base and platform share theirs
+    for name, numbers in slopes.grown.numbers.items():
+        size = robot.tolerances.of_length(name)
+        if not size:
+            continue
+        found |= {k: slopes.of_length(k) for k in numbers if k not in found}
+        # A drive further out does what a joint of the platform further in does.
+        each = [(-size if name == "base_radius" else size) * found[k] for k in numbers]
+        if len(each) == 1 or not isinstance(getattr(robot.limbs, name), tuple):
+            yield Error(name, np.sum(each, axis=0))
+        if len(each) > 1:
+            for i, torques in enumerate(each):
+                yield Error(f"{name} of limb {i + 1}", torques)
+
+
+def _of_zeros(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
+    for i, drive in enumerate(robot.drives):
+        size = robot.tolerances.of_drive(drive)
+        if size:
+            yield Error(f"zero of {drive}", size * slopes.of_zero(i))
+
+
+def _of_gravity(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
+    size = robot.tolerances.mounting
+    for axis in across(np.array(robot.gravity)) if size else ():
+        yield Error(f"tilt about {np.round(axis, 3).tolist()}", size * slopes.of_gravity(axis))
+
+
+@dataclass(frozen=True, eq=False)
+class _Grown:
+    """A robot's torques and drive coordinates as functions of its lengths and of gravity.
+
+    Attributes:
+        numbers: of the symbols of each kind of length.
+        symbols: how many there are.
+        torque: of (z, [q̇, q̈], p, growth, gravity).
+        position: q and J of (z, growth).
+    """
+
+    numbers: dict[str, tuple[int, ...]]
+    symbols: int
+    torque: ca.Function
+    position: ca.Function
+
+
+class _Turned(SpeedForces):
+    """Forces under any gravity."""
+
+    def __init__(self, robot: RobotDescription, mechanism: Mechanism, gravity: ca.SX) -> None:
+        super().__init__(robot, mechanism)
+        self._gravity = gravity
+
+    def gravity(self, body: MovingBody) -> ca.SX:
+        """In the inertial frame of a body."""
+        return fixed(body.R_WL.T) @ self._gravity
+
+
+@lru_cache(maxsize=4)
+def _grown(description: str) -> _Grown:
+    robot, gravity = RobotDescription.model_validate_json(description), ca.SX.sym("g", 3)
+    growth = Growth.named(len(robot.limb_geometry))
+    mechanism, symbols = build_mechanism(robot, growth), growth.symbols
+    forces, speeds = _Turned(robot, mechanism, gravity), mechanism.speeds
+    motion, still = speeds.by_drives(), ca.SX.zeros(mechanism.dof)
+    joints = (
+        forces.joint_columns(joint_columns(robot), still) @ forces.p[forces.layout.coefficients]
+    )
+    torque = speeds.drives_to_all.T @ motion(forces.of_bodies() + joints)
+    rates = ca.vertcat(speeds.q.u, speeds.q.ud)
+    return _Grown(
+        grown_by(robot),
+        symbols.numel(),
+        ca.Function("torque", [mechanism.z, rates, forces.p, symbols, gravity], [torque]),
+        ca.Function("position", [mechanism.z, symbols], [mechanism.q, ca.densify(speeds.jacobian)]),
+    )
+
+
+def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "axes 3"]:
+    """Two axes to turn gravity about."""
+    if not g.any():
+        return np.zeros((0, 3))
+    third = np.argmin(np.abs(g))
+    first = np.cross(g, np.eye(3)[third])
+    first /= np.linalg.norm(first)
+    second = np.cross(g, first)
+    return np.stack([first, second / np.linalg.norm(second)])

@@ -1,0 +1,157 @@
+"""Columns of the regression beside those of the robot: lags, loads, whatever else torques follow.
+
+A group of such columns is one `Addition`, a class in a file of its own. `Extended` puts them behind
+the columns of a robot, so p of the fit is [p of the robot, values of the additions], and reduction,
+solvers, base parameters and intervals treat all alike.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
+from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.identification.reduction import Free, free_coefficients
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.model.corrections import Correction
+from deltaid.model.record import Parameter as Judged
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
+from deltaid.robot.parameter import Parameter
+
+Values = Float[np.ndarray, "entries samples"]
+Own = Float[np.ndarray, "own samples"]
+
+
+class Addition(ABC):
+    """Further columns, which some recordings of a fit or all have.
+
+    Those of other recordings are zero. Values of `Extended` are linear in their parameters.
+    """
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One a column."""
+
+    @property
+    @abstractmethod
+    def pattern(self) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:
+        """Drive and column of each entry that is not always zero; its columns count from 0."""
+
+    @abstractmethod
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """The entries along some samples of a recording.
+
+        Args:
+            w: consecutive samples at the full rate.
+            own: entries of the robot's regressor there, in the order of its pattern.
+            recording: whose they are.
+        """
+
+    def on(self, dynamics: Dynamics) -> "Addition":
+        """The same beside the columns of a robot with other friction laws."""
+        del dynamics
+        return self
+
+    @property
+    def free(self) -> Free:
+        """What the fit may change of its parameters; all of them, where nothing else is said."""
+        return free_coefficients(self.parameters)
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether it is known in kg or N m by itself, so that it tells how large torques are."""
+        return False
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        """What the fit found of it, as corrections.
+
+        Args:
+            judged: its parameters with their intervals.
+        """
+        del judged
+        return ()
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """The columns of a regressor, then those of additions, in their order.
+
+    Attributes:
+        regressor: of the robot, perhaps with more columns than its own.
+        own: how many columns it has.
+        additions: what follows.
+    """
+
+    regressor: Regressor
+    own: int
+    additions: tuple[Addition, ...]
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """The robot's kinematics."""
+        return self.regressor.kinematics
+
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        return self.regressor.dof
+
+    @property
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and column of every entry that is not always zero."""
+        rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
+        first = self.own
+        for one in self.additions:
+            drives, at = one.pattern
+            rows.append(drives)
+            columns.append(first + at)
+            first += len(one.parameters)
+        return np.concatenate(rows), np.concatenate(columns)
+
+    def carried(
+        self,
+        z: Float[np.ndarray, "samples dof"],
+        qd: Float[np.ndarray, "samples dof"],
+        qdd: Float[np.ndarray, "samples dof"],
+        p: Parameters,
+    ) -> Float[np.ndarray, "samples dof"]:
+        """What the robot's gears carry, for its parameters or those of all columns."""
+        return self.regressor.carried(z, qd, qdd, p[: self.own])
+
+    def entries(
+        self, w: Samples, load: Float[np.ndarray, "samples dof"], recording: Recording
+    ) -> Values:
+        """All entries along some samples; `load` is for friction that depends on it."""
+        own = self.regressor.sparse_regressor(w.z, w.qd, w.qdd, load).values
+        return np.vstack([own, *(one.entries(w, own, recording) for one in self.additions)])
+
+
+def extended(dynamics: Dynamics, additions: Sequence[Addition]) -> Dynamics | Extended:
+    """The regressor of a robot with additions; the robot's own if there are none."""
+    if not additions:
+        return dynamics
+    additions = tuple(one.on(dynamics) for one in additions)
+    return Extended(dynamics, len(dynamics.layout.names), additions)
+
+
+def extended_layout(layout: ParameterLayout, additions: Sequence[Addition]) -> ParameterLayout:
+    """The robot's layout with the parameters of additions behind its own."""
+    more = tuple(parameter for one in additions for parameter in one.parameters)
+    return ParameterLayout((*layout.parameters, *more), layout.bodies) if more else layout
+
+
+def entries(
+    regressor: Regressor | Extended,
+    w: Samples,
+    load: Float[np.ndarray, "samples dof"],
+    recording: Recording,
+) -> Values:
+    """Entries of Y along some samples of a recording, in the order of the regressor's pattern."""
+    if isinstance(regressor, Extended):
+        return regressor.entries(w, load, recording)
+    return regressor.sparse_regressor(w.z, w.qd, w.qdd, load).values

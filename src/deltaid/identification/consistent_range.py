@@ -1,0 +1,165 @@
+"""How far a parameter may lie when only the recording and physical consistency speak, no prior.
+
+The range of c·p is its least and largest value over all consistent x, p = A x + p_0, with
+
+    ‖R x − b‖² ≤ m² + t² ,
+
+R and b the rows of data in units of the noise behind this very combination, judged by the scatter
+of the recording as for all intervals (`scatter`), m² the least left side over consistent x, and t
+Student's quantile. Where the recording determines c·p, this is the 95 % interval of least squares;
+where it shows only a sum of c·p with something else, the other's prior has no part in it.
+
+With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, the data is a ball ‖v‖ ≤ r and what it does not
+show is a, free but for the cones: a linear function over a ball and cones (Clarabel).
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import clarabel
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import sparse
+
+from deltaid.identification.base_parameters import BaseParameters
+from deltaid.identification.conic import svec
+from deltaid.identification.information import Information
+from deltaid.identification.objective import NOISE_FLOOR, Objective
+from deltaid.identification.reduction import Block
+from deltaid.identification.scatter import Noise, half_width, quantile
+
+# A singular value below this share of the largest is what the recording does not show.
+_DEPENDENT = 1e-9
+_TOLERANCE = 1e-8
+# Where cones touch the ball, the solver's ends are as good as the root of its tolerance: a range is
+# made longer by this share at both ends.
+_ACCURACY = 1e-3
+_SOLVED = ("Solved", "AlmostSolved")
+_UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
+
+Vector = Float[np.ndarray, " n"]
+Coefficients = Float[np.ndarray, " parameters"]
+
+
+class Range(NamedTuple):
+    """Least and largest value; infinite where neither recording nor consistency ends it."""
+
+    low: float
+    high: float
+
+
+class ConsistentRanges:
+    """Ranges of combinations c·p in a fit.
+
+    Args:
+        objective: of the fit; of its regulariser nothing is used.
+        base: which combinations of parameters the recording determines.
+        noise: behind their least-squares values.
+        shifts: of these values by one standard deviation of each length, zero and mounting.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        information: Information,
+        base: BaseParameters,
+        noise: Noise,
+        shifts: Float[np.ndarray, "base quantities"] | None = None,
+    ) -> None:
+        self._reduction, self._noise = objective.reduction, noise
+        self._white = max(noise.sigma, NOISE_FLOOR)
+        rows = np.sqrt(information.mean_samples) / self._white
+        R, b = rows * objective.data.R, rows * objective.data.b
+        size = np.linalg.norm(R, axis=0)
+        self._scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), self._reduction.scale)
+        U, S, Vt = np.linalg.svd(R * self._scale)
+        rank = int(np.sum(S / S[0] > _DEPENDENT))
+        # x = centre + map (v, a)
+        shown = Vt[:rank].T / S[:rank]
+        self._rank, self._map = rank, self._scale[:, None] * np.hstack([shown, Vt[rank:].T])
+        self._centre = self._scale * (shown @ (U[:, :rank].T @ b))
+        combination = base.combination() @ self._reduction.A
+        self._scores = noise.root @ combination @ self._map[:, :rank]
+        self._shifts = noise.root @ (np.zeros((base.rank, 0)) if shifts is None else shifts)
+        cones = (self._cone(block, size > 0) for block in self._reduction.blocks)
+        self._cones = [cone for cone in cones if cone is not None]
+
+    def of(self, c: Coefficients) -> Range:
+        """The range of c·p."""
+        c_x = self._reduction.A.T @ c
+        cost = self._map.T @ c_x
+        middle = float(c_x @ self._centre + c @ self._reduction.p_0)
+        radius = float(np.hypot(self._least, self._reach(cost[: self._rank])))
+        low, high = (self._extreme(sign * cost, radius) for sign in (1.0, -1.0))
+        more = _ACCURACY * max(-high - low, 0.0) if np.isfinite(low + high) else 0.0
+        return Range(middle + low - more, middle - high + more)
+
+    def _reach(self, shown: Vector) -> float:
+        """t, in units of white noise: scatter and geometry make a combination more uncertain."""
+        U = (self._scores @ shown)[:, None]
+        size = float(np.linalg.norm(U))
+        if size == 0:
+            return float(quantile(np.array([self._noise.freedom]))[0])
+        by_noise, nu = self._noise.deviations(U)
+        std = np.hypot(by_noise, np.linalg.norm(U.T @ self._shifts))
+        return float(half_width(std, by_noise, nu)[0] / (self._white * size))
+
+    @cached_property
+    def _least(self) -> float:
+        """m, the distance of the consistent x from the least-squares values of the recording."""
+        n = self._map.shape[1]
+        norm = np.zeros((self._rank + 1, n + 1))
+        norm[0, n], norm[1:, : self._rank] = -1.0, -np.eye(self._rank)
+        wide = [np.hstack([rows, np.zeros((len(rows), 1))]) for rows, _, _ in self._cones]
+        solution = self._solve(np.append(np.zeros(n), 1.0), norm, np.zeros(self._rank + 1), wide)
+        return float(solution.obj_val)
+
+    def _extreme(self, cost: Vector, radius: float) -> float:
+        """The least cost·(v, a) with ‖v‖ ≤ radius; −∞ if there is none."""
+        norm = np.zeros((self._rank + 1, len(cost)))
+        norm[1:, : self._rank] = -np.eye(self._rank)
+        size = float(np.linalg.norm(cost))
+        if size == 0:
+            return 0.0
+        right = np.append(radius, np.zeros(self._rank))
+        solution = self._solve(cost / size, norm, right, [rows for rows, _, _ in self._cones])
+        return size * float(solution.obj_val) if str(solution.status) in _SOLVED else -np.inf
+
+    def _cone(
+        self, block: Block, shown: Bool[np.ndarray, " n"]
+    ) -> tuple[np.ndarray, np.ndarray, object] | None:
+        """Rows, right side and cone of M_b(x) ⪰ 0, seen from its prior.
+
+        A moment that the recording does not show can always be made large enough, so its row is
+        left out.
+        """
+        own = np.diag(block.index)
+        rest = np.flatnonzero((own < 0) | shown[own])
+        index = block.index[np.ix_(rest, rest)]
+        if np.all(index < 0):
+            return None
+        L = np.linalg.inv(np.linalg.cholesky(block.prior[np.ix_(rest, rest)]))
+        at = np.unique(index[index >= 0])
+        slopes = np.column_stack([svec(L @ (index == k) @ L.T) for k in at])
+        right = svec(L @ block.matrix(self._centre)[np.ix_(rest, rest)] @ L.T)
+        one = len(rest) == 1
+        cone = clarabel.NonnegativeConeT(1) if one else clarabel.PSDTriangleConeT(len(L))
+        rows = -slopes @ self._map[at]
+        size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
+        return rows / size, right / size, cone
+
+    def _solve(
+        self, cost: Vector, norm: np.ndarray, reach: np.ndarray, rows: list[np.ndarray]
+    ) -> clarabel.DefaultSolution:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+        solver = clarabel.DefaultSolver(
+            sparse.csc_matrix((len(cost), len(cost))),
+            cost,
+            sparse.csc_matrix(np.vstack([norm, *rows])),
+            np.concatenate([reach, *(right for _, right, _ in self._cones)]),
+            [clarabel.SecondOrderConeT(len(norm)), *(cone for _, _, cone in self._cones)],
+            settings,
+        )
+        return solver.solve()

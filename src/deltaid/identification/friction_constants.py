@@ -1,0 +1,192 @@
+"""Constants of friction laws, such as Stribeck's speed, fitted together with all coefficients.
+
+Gauss–Newton: with a term's change by the logarithms of its constants as further columns, everything
+is linear; coefficients stay positive by bounded least squares, logarithms of constants have a
+prior, and each step is limited. Rigid bodies and lags are free, and so projected out.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import lsq_linear
+from threadpoolctl import threadpool_limits
+
+from deltaid.identification.friction_options import (
+    of_load,
+    of_slope,
+    of_term,
+    one_way,
+    one_way_speed,
+)
+from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
+from deltaid.identification.friction_shapes import CONSTANTS, moved
+from deltaid.identification.information import triangle
+from deltaid.identification.lag import Rows
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction, FrictionTerm
+
+# Steps at most, the largest of a logarithm, and the one below which constants have settled.
+_STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3
+# Standard deviation of a logarithm about where the grid found it.
+_SPREAD = 1.0
+# Stribeck's speed stays within these shares of the joint's fastest.
+_SPEEDS = (0.003, 3.0)
+# A term's prior is at least this share of Coulomb's.
+_SMALL = 0.02
+
+Laws = Mapping[str, Friction]
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Laws with refined constants.
+
+    Attributes:
+        laws: of the joints that were touched; priors of what was added are what was found of it.
+        left: of the rows.
+    """
+
+    laws: dict[str, Friction]
+    left: Rows
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def refined(rows: FrictionRows, laws: Laws) -> Refined:
+    """Laws with the constants that fit best.
+
+    Args:
+        rows: of a robot as it is described.
+        laws: of the joints whose constants are to be fitted.
+    """
+    described, gone = rows.dynamics.robot.friction, dict[_Constant, float]()
+    fitted = _fit(rows, laws, gone)
+    for _ in range(_STEPS):
+        if max((abs(step) for step in fitted.steps.values()), default=0.0) < _SETTLED:
+            break
+        now = dict(laws)
+        for one, step in fitted.steps.items():
+            joint, kind, name = one
+            limited = _limited(rows, now[joint], one, step)
+            gone[one] = gone.get(one, 0.0) + limited
+            now[joint] = moved(now[joint], kind, name, limited)
+        laws = now
+        fitted = _fit(rows, laws, gone)
+    found = dict(laws)
+    for term in fitted.terms:
+        law = found.get(term.joint)
+        if law is not None and getattr(described[term.joint], term.kind) is None:
+            size = max(abs(fitted.values[term.name]), _SMALL * _unit(term, law))
+            prior = {"offset": size} if term.signed else term.in_law(size)
+            found[term.joint] = law.changed(**prior)
+    return Refined(found, fitted.left)
+
+
+# Joint, kind of term, name of the constant.
+_Constant = tuple[str, str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    terms: tuple[FrictionTerm, ...]
+    values: dict[str, float]
+    steps: dict[_Constant, float]
+    left: Rows
+
+
+def _fit(rows: FrictionRows, laws: Laws, gone: Mapping[_Constant, float]) -> _Fit:
+    """Coefficients of all terms, and steps of the logarithms of constants.
+
+    Args:
+        gone: how far these have come.
+    """
+    described = rows.dynamics.robot
+    robot = described.changed(friction=dict(described.friction) | dict(laws))
+    terms = robot.friction_terms
+    curved = [t for t in terms if t.joint in laws and t.kind in CONSTANTS]
+    constants = [(t.joint, t.kind, name) for t in curved for name in CONSTANTS[t.kind]]
+    columns = rows.rigid.without(_columns(rows, robot))
+    tau = rows.rigid.without(rows.tau)
+    low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
+    first = _bounded(columns, tau, low, high)
+    values = dict(zip([term.name for term in terms], first.tolist(), strict=True))
+    left = tau - columns @ first
+    if not constants:
+        return _Fit(terms, values, {}, left)
+    joints = {joint.name: joint for joint in rows.joints}
+    wanted = [(joints[t.joint], of_slope(t, name)) for t in curved for name in CONSTANTS[t.kind]]
+    sizes = np.array([values[t.name] for t in curved for _ in CONSTANTS[t.kind]])
+    slopes = rows.rigid.without(rows.columns(wanted) * sizes)
+    prior = np.hstack([np.zeros((len(constants), len(terms))), np.eye(len(constants)) / _SPREAD])
+    A = np.vstack([np.hstack([columns, slopes]), prior])
+    b = np.concatenate([tau, [-gone.get(one, 0.0) / _SPREAD for one in constants]])
+    limit = np.full(len(constants), _LARGEST)
+    x = _bounded(A, b, np.append(low, -limit), np.append(high, limit))
+    steps = dict(zip(constants, x[len(terms) :].tolist(), strict=True))
+    return _Fit(terms, values, steps, left)
+
+
+def _columns(rows: FrictionRows, robot: RobotDescription) -> np.ndarray:
+    """One column for each friction term of a robot, whose laws are those described but for some."""
+    described = rows.dynamics.robot
+    own = set(described.friction_terms)
+    joints = {joint.name: joint for joint in rows.joints}
+    made: list[tuple[FrictionJoint, Shape]] = []
+    places: dict[str, int] = {}
+    for term in robot.friction_terms:
+        if term not in own and term.kind not in ("viscous", "coulomb"):
+            places[term.name] = len(made)
+            made.append((joints[term.joint], _shape(term)))
+    further = rows.columns(made) if made else np.zeros((len(rows.tau), 0))
+    columns = []
+    for term in robot.friction_terms:
+        if term in own:
+            columns.append(rows.own(term.name))
+        elif term.name in places and not term.kind.endswith("_back"):
+            columns.append(further[:, places[term.name]])
+        else:  # one direction of what is described of both
+            both = term.kind.removesuffix("_back")
+            way = further[:, places[f"{both}_back.{term.joint}"]]
+            sign = -1 if term.kind.endswith("_back") else 1
+            columns.append(0.5 * (rows.own(f"{both}.{term.joint}") + sign * way))
+    return np.column_stack(columns)
+
+
+def _shape(term: FrictionTerm) -> Shape:
+    """The column of a term; for one direction's, what both directions have in common."""
+    simple = {
+        "offset": one_way,
+        "coulomb_back": one_way,
+        "viscous_back": one_way_speed,
+        "load": of_load,
+    }
+    return simple.get(term.kind) or of_term(term)
+
+
+def _bounded(
+    A: Float[np.ndarray, "rows n"],
+    b: Rows,
+    low: Float[np.ndarray, " n"],
+    high: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """min ‖A x − b‖ over low ≤ x ≤ high, columns at unit length."""
+    norms = np.linalg.norm(A, axis=0)
+    norms[norms == 0] = 1.0
+    R = triangle(np.column_stack([A / norms, b]))
+    return lsq_linear(R[:, :-1], R[:, -1], (low * norms, high * norms)).x / norms
+
+
+def _limited(rows: FrictionRows, law: Friction, one: _Constant, step: float) -> float:
+    """A step that leaves a speed within its limits."""
+    joint, kind, name = one
+    if name != "speed":
+        return step
+    fastest = next(j.fastest for j in rows.joints if j.name == joint)
+    low, high = (float(np.log(x * fastest / getattr(law, kind).speed)) for x in _SPEEDS)
+    return float(np.clip(step, low, high))
+
+
+def _unit(term: FrictionTerm, law: Friction) -> float:
+    """A coefficient that makes the term about as large as Coulomb's friction."""
+    return 1.0 if term.kind == "load" else term.size if term.kind == "power" else law.coulomb

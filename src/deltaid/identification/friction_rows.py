@@ -1,0 +1,293 @@
+"""Recordings in memory as rows in which further friction terms are looked for.
+
+Rows are masked as the fit's are, reversals of joints included. What a friction law lacks and a lag
+of the torques look alike, so next to the robot's own columns there is one free lag for each drive
+of each recording: −τ̇ of the model. Whatever else is looked for, columns are without what all these
+explain.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.additions import Addition
+from deltaid.identification.explained import surprise
+from deltaid.identification.information import active_columns
+from deltaid.identification.lag import Basis, Rows, basis_of, block_sums
+from deltaid.identification.lag_columns import LagColumns, alone
+from deltaid.identification.traces import Trace, trace
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import WINDOW, Samples
+
+# Windows of all recordings together at least, and seconds of each, that are looked at.
+_WINDOWS, _SECONDS = 6, 20.0
+# Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
+# in quick motions that is above what masses need.
+_CUTOFF = 50.0
+# What is left of a drive's torque at least, as a share of its largest, to be compared with.
+_FLOOR = 1e-5
+_DEPENDENT = 1e-9  # singular values below this share of the largest are zero
+
+Columns = Float[np.ndarray, "rows _"]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionJoint:
+    """A joint with friction that moves.
+
+    Attributes:
+        name: which.
+        drive: its number; None if it is no drive.
+        viscous, coulomb: its entries in the regressor.
+        drives: whose rows these are.
+        fastest: its largest speed [rad/s or m/s].
+    """
+
+    name: str
+    drive: int | None
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    drives: np.ndarray
+    fastest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What columns explain.
+
+    Attributes:
+        gain: by what share the squared error falls.
+        times: what they explain as a multiple of what chance explains, in amplitude.
+        surprise: how unlikely that is by chance, in decades.
+        after: the rows that are left.
+    """
+
+    gain: float
+    times: float
+    surprise: float
+    after: Rows
+
+
+# A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.
+Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionRows:
+    """Rows of some recordings, one drive under the other, in units of each drive's noise.
+
+    Attributes:
+        dynamics: of the robot as described.
+        traces: the recordings.
+        largest: torque of each drive.
+        Y: active columns of the regressor, all recordings after each other.
+        beside: columns of additions, and of a lag for each drive of each recording.
+        basis: what parameters and lags explain.
+        tau: torques.
+        p: parameters by least squares; where torques leave these open, near the prior.
+    """
+
+    dynamics: Dynamics
+    traces: tuple[Trace, ...]
+    largest: Float[np.ndarray, " dof"]
+    Y: Float[np.ndarray, "dof samples columns"]
+    beside: Columns
+    basis: Basis
+    tau: Rows
+    p: Parameters
+
+    @cached_property
+    def left(self) -> Rows:
+        """What parameters and lags leave of the torques."""
+        return self.basis.without(self.tau)
+
+    @cached_property
+    def rigid(self) -> Basis:
+        """What lags, additions and all parameters but those of friction explain."""
+        layout, Y = self.dynamics.layout, self.Y.copy()
+        friction = np.arange(len(layout.names))[layout.friction]
+        Y[:, :, np.isin(active_columns(self.dynamics), friction)] = 0.0
+        return _extended(basis_of(self.dynamics, Y, self.basis.scale), self.beside)
+
+    def own(self, name: str) -> Rows:
+        """The column of one of the robot's parameters."""
+        at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
+        return self.basis.stack(self.Y[:, :, at])
+
+    def share(self, left: Rows) -> float:
+        """Root mean square of rows as a share of the drives' largest torques."""
+        of_drives = left.reshape(len(self.largest), -1) * (self.basis.scale / self.largest)[:, None]
+        return float(np.sqrt(np.mean(of_drives**2)))
+
+    @cached_property
+    def friction(self) -> Float[np.ndarray, "dof samples"]:
+        """Torques of the robot's friction [N m or N]."""
+        layout, active = self.dynamics.layout, active_columns(self.dynamics)
+        own = np.isin(active, np.arange(len(layout.names))[layout.friction])
+        return self.Y[:, :, own] @ self.p[active[own]]
+
+    def bare(self, columns: Columns) -> Columns:
+        """Without what parameters, additions and lags explain."""
+        return self.basis.without(columns)
+
+    def judged(self, U: Columns, left: Rows, constants: int) -> "Judged":
+        """What orthonormal columns explain of rows, against chance.
+
+        Chance is the scatter of their scores between stretches of time, or white noise where that
+        is larger.
+
+        Args:
+            constants: that were chosen with them.
+        """
+        after = left - U @ (U.T @ left)
+        gain = float(np.sum((U.T @ left) ** 2))
+        freedom = max(len(left) - self.basis.Q.shape[1] - U.shape[1], 1)
+        scatter = float(np.sum(block_sums(U * after[:, None], self.basis) ** 2)) / U.shape[1]
+        level = max(float(after @ after) / freedom, scatter, 1e-300)
+        return Judged(
+            gain=gain / max(float(left @ left), 1e-300),
+            times=float(np.sqrt(gain / level)),
+            surprise=surprise(gain / level, U.shape[1] + constants),
+            after=after,
+        )
+
+    @cached_property
+    def joints(self) -> tuple[FrictionJoint, ...]:
+        """Joints whose friction may have further terms."""
+        rows, columns = self.dynamics.regressor_pattern
+        names, robot = np.array(self.dynamics.layout.names)[columns], self.dynamics.robot
+        found = []
+        for joint in robot.friction_joints:
+            viscous = np.flatnonzero(names == f"viscous.{joint}")
+            coulomb = np.flatnonzero(names == f"coulomb.{joint}")
+            drive = robot.drives.index(joint) if joint in robot.drives else None
+            one = FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], 0.0)
+            fastest = max(float(_speed(one, entries).max()) for entries in self._motion)
+            if fastest > 0:
+                found.append(FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], fastest))
+        return tuple(found)
+
+    @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+    def columns(self, wanted: Sequence[tuple[FrictionJoint, Shape]]) -> Columns:
+        """One column for each shape of a joint, whatever else explains of it."""
+        counts = np.cumsum([0, *(len(joint.drives) for joint, _ in wanted)])
+        drives = np.concatenate([joint.drives for joint, _ in wanted])
+
+        def values(w: Samples) -> np.ndarray:
+            entries, load = self._entries(w)
+            speeds = {joint.name: _speed(joint, entries) for joint, _ in wanted}
+            return np.concatenate(
+                [
+                    make(speeds[joint.name], entries[joint.coulomb], _of_drive(joint, load))
+                    for joint, make in wanted
+                ]
+            )
+
+        filtered = np.concatenate([one.filtered(values, drives) for one in self.traces], axis=1)
+        dof = self.dynamics.dof
+        stacked = np.zeros((dof, filtered.shape[1], len(wanted)))
+        for k, (start, stop) in enumerate(pairwise(counts)):
+            stacked[drives[start:stop], :, k] = filtered[start:stop]
+        return self.basis.stack(stacked)
+
+    def _entries(self, w: Samples) -> tuple[np.ndarray, np.ndarray]:
+        load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p)
+        return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values, load
+
+    @cached_property
+    def _motion(self) -> list[np.ndarray]:
+        """Entries of the regressor at the thinned samples of all recordings."""
+        return [self._entries(one.motion())[0] for one in self.traces]
+
+
+def entry_speeds(viscous: np.ndarray, coulomb: np.ndarray) -> np.ndarray:
+    """|v| of a joint by its viscous and Coulomb entries, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
+    return np.abs(viscous).max(axis=0) / np.maximum(np.abs(coulomb).max(axis=0), 1e-300)
+
+
+def _speed(joint: FrictionJoint, entries: np.ndarray) -> np.ndarray:
+    return entry_speeds(entries[joint.viscous], entries[joint.coulomb])
+
+
+def _of_drive(joint: FrictionJoint, load: np.ndarray) -> np.ndarray:
+    return np.zeros(len(load)) if joint.drive is None else load[:, joint.drive]
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def friction_rows(
+    dynamics: Dynamics, recordings: Sequence[Recording], additions: Sequence[Addition] = ()
+) -> FrictionRows:
+    """The rows of some recordings.
+
+    Args:
+        additions: columns that the fit has beside those of the robot, without lags.
+
+    Raises:
+        RecordingError: a log is too short or too slow to be differentiated.
+    """
+    prior, share = prior_parameters(dynamics.robot), 1.0 / len(recordings)
+    traces = []
+    for one in recordings:
+        windows = max(2, round(_WINDOWS * share), round(_SECONDS * one.log.rate / WINDOW * share))
+        traces.append(
+            trace(
+                dynamics,
+                one,
+                prior,
+                cutoff=_cutoff(one),
+                reach=0.0,
+                reversals=False,
+                windows=windows,
+            )
+        )
+    Y = np.concatenate([one.regressor() for one in traces], axis=1)
+    still = np.zeros(dynamics.dof)
+    tau = np.concatenate([one.torques(still) for one in traces], axis=1)
+    largest = np.max([one.log.torque_max for one in recordings], axis=0)
+    basis = basis_of(dynamics, Y, largest)
+    left = basis.without(basis.stack(tau)).reshape(dynamics.dof, -1)
+    noise = np.maximum(np.sqrt(np.mean(left**2, axis=1)), _FLOOR) * largest
+    basis = basis_of(dynamics, Y, noise)
+    rows = basis.stack(tau)
+    p = prior + basis.parameters(rows - basis.stack(Y @ prior[active_columns(dynamics)]))
+    beside = _beside(basis, traces, p, additions)
+    basis = _extended(basis, beside)
+    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, basis, rows, p)
+
+
+def _beside(
+    basis: Basis, traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
+) -> Columns:
+    """Columns of additions, and a lag for each drive in each recording."""
+    dynamics, found = traces[0].dynamics, []
+    own = len(active_columns(dynamics))
+    for k, one in enumerate(traces):
+        lags = LagColumns(dynamics, (), p, one.recording, alone(dynamics.dof))
+        columns = one.regressor((*additions, lags))[:, :, own:]
+        width = columns.shape[2] - dynamics.dof
+        padded = np.zeros((*columns.shape[:2], width + len(traces) * dynamics.dof))
+        padded[:, :, :width] = columns[:, :, :width]
+        first = width + k * dynamics.dof
+        padded[:, :, first : first + dynamics.dof] = columns[:, :, width:]
+        found.append(padded)
+    return basis.stack(np.concatenate(found, axis=1))
+
+
+def _extended(basis: Basis, columns: Columns) -> Basis:
+    """With further columns, as far as these are not explained yet."""
+    bare = basis.without(columns)
+    U, s, _ = np.linalg.svd(bare, full_matrices=False)
+    return basis.extended(U[:, s > _DEPENDENT * np.linalg.norm(columns)])
+
+
+def _cutoff(recording: Recording) -> float | None:
+    """Of the rows; None for the recording's own."""
+    held = recording.motion_cutoff
+    return None if held is None else max(recording.cutoff or 0.0, min(held, _CUTOFF))

@@ -1,0 +1,145 @@
+"""What decided each parameter of a fit: data, data with others' priors, prior, or consistency."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.identification.consistent_range import ConsistentRanges
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.regularizer import prior_scale
+from deltaid.identification.uncertainty import Uncertainty, uncertainty
+from deltaid.model.record import Origin, Share
+from deltaid.robot.parameter import ADDED
+
+# The data decides a parameter that it knows to less than this share of what the prior says of it.
+_SHRUNK = 0.5
+# A positive parameter below this share of its prior has fallen to its bound, and one whose body
+# leaves less room than this share of the prior below it is at the edge of consistency.
+_FELL = 1e-3
+# Half the width of a 95 % interval in standard deviations.
+_REACH = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Label:
+    """What decided a parameter, its standard deviation, and the ends of its 95 % interval.
+
+    Attributes:
+        rests_on: other parameters whose priors it rests on, if it does.
+        share: what its variance comes from, where data has a part in it.
+    """
+
+    by: Origin
+    std: float
+    low: float
+    high: float
+    rests_on: tuple[str, ...] = ()
+    share: Share | None = None
+
+
+class Labels:
+    """Tells for each parameter of a fit what decided it."""
+
+    def __init__(self, problem: FittedProblem) -> None:
+        reduction = problem.reduction
+        self._problem, self._reduction, self._p = problem, reduction, problem.values
+        self._parameters = reduction.layout.parameters
+        self._free = np.any(reduction.A != 0, axis=1)
+        self._visible = np.isin(np.arange(len(self._p)), problem.information.columns)
+        spread, scale = problem.settings.prior_spread, prior_scale(reduction)
+        self._held_std = spread * scale
+        # What a prior that is wide enough would say of a value of this size.
+        self._own_std = spread * np.maximum(scale / reduction.wider, np.abs(self._p))
+
+    def of(self, i: int) -> Label:
+        """The label of parameter i."""
+        value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
+        if self._free[i]:
+            if self._parameters[i].kind in ADDED:
+                return self._by_posterior(i)
+            return self._of_free(i)
+        if value == 0:
+            return Label("structure", 0.0, value, value)
+        if self._visible[i]:
+            return Label("fixed", 0.0, value, value)
+        by = "prior" if np.isclose(value, prior, rtol=1e-9) else "consistency"
+        return self._around_prior(i, by, float(self._held_std[i]))
+
+    def _of_free(self, i: int) -> Label:
+        """One that the fit may change.
+
+        Data alone decides where its range without any prior is narrow. Where it is not, but data
+        and priors together know the parameter well, torques show only a sum of it and others.
+        """
+        std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
+        around = self._around_prior(i, "prior", prior_std)
+        if not self._visible[i]:
+            return around
+        low, high = self._ranges.of(np.eye(len(self._p))[i])
+        ended = np.isfinite(low) and np.isfinite(high)
+        if self._at_edge(i) and self._p[i] < _FELL * self._reduction.p_reg[i]:
+            return self._limit(i, self._parameters[i].low, high if ended else around.high)
+        enough = _SHRUNK * min(prior_std, float(self._own_std[i]))
+        on = self._known.rests_on(i, self._visible & self._free)
+        half = 0.5 * (high - low)
+        if half < _REACH * enough or (ended and std < enough and not on):
+            return Label("data", min(std, half / _REACH), low, high, share=self._share(i))
+        if ended and std < enough:
+            names = tuple(self._parameters[k].name for k in on)
+            return Label("sum", std, low, high, names, self._share(i))
+        return self._limit(i, low, high) if ended and self._at_edge(i) else around
+
+    def _share(self, i: int) -> Share:
+        return Share.of(self._known.shares[i])
+
+    def _around_prior(self, i: int, by: Origin, std: float) -> Label:
+        prior = float(self._reduction.p_reg[i])
+        return Label(by, std, prior - _REACH * std, prior + _REACH * std)
+
+    def _by_posterior(self, i: int) -> Label:
+        reach, value = float(self._known.interval[i]), float(self._p[i])
+        std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
+        if std < _SHRUNK * prior_std:
+            return Label("data", std, value - reach, value + reach, share=self._share(i))
+        return self._around_prior(i, "prior", prior_std)
+
+    def _limit(self, i: int, low: float, high: float) -> Label:
+        """At its bound; the distance of the far end stands for a standard deviation."""
+        value = float(self._p[i])
+        return Label("limit", max(high - value, value - low) / _REACH, low, high)
+
+    def _at_edge(self, i: int) -> bool:
+        """Whether consistency alone keeps a moment or a coefficient from being smaller."""
+        of = self._reduction.A[i]
+        parts = np.flatnonzero(of)
+        if np.any(of[parts] < 0) or np.any(np.isnan(self._room[parts])):
+            return False
+        prior = self._reduction.prior[parts]
+        return bool(of[parts] @ self._room[parts] < _FELL * (of[parts] @ prior))
+
+    @cached_property
+    def _room(self) -> Float[np.ndarray, " n"]:
+        """How much smaller each variable on the diagonal of a block could be, all else as it is."""
+        room = np.full(self._reduction.size, np.nan)
+        for block in self._reduction.blocks:
+            inverse = np.diag(np.linalg.inv(block.matrix(self._problem.solution.x)))
+            at = np.diag(block.index)
+            room[at[at >= 0]] = 1.0 / inverse[at >= 0]
+        return room
+
+    @cached_property
+    def _known(self) -> Uncertainty:
+        return uncertainty(self._problem)
+
+    @cached_property
+    def _ranges(self) -> ConsistentRanges:
+        problem, geometry = self._problem, self._problem.geometry
+        return ConsistentRanges(
+            problem.objective,
+            problem.information,
+            problem.base,
+            problem.estimate.noise,
+            geometry.shifts if geometry else None,
+        )

@@ -1,0 +1,73 @@
+"""What a fit is posed from: a robot, its recordings as far as they are put right, and why."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.identification.additions import Addition
+from deltaid.identification.study import Study
+from deltaid.model.corrections import Correction, Kind
+from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.record import Settings
+from deltaid.recording.recording import Recording
+from deltaid.recording.repairs import Repairs
+from deltaid.robot.description import RobotDescription
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A fit that is about to be posed.
+
+    Attributes:
+        robot: the description, with the friction laws that have been chosen so far.
+        recordings: each with its filter and what has been put right in it.
+        settings: what was asked for.
+        additions: columns beside the robot's.
+        corrections: what was put right, in the order in which it was.
+        friction_choice: how friction laws were chosen, if they were.
+        studies: what each recording looks like before anything in it is put right that was not
+            declared; none before they have been studied.
+    """
+
+    robot: RobotDescription
+    recordings: tuple[Recording, ...]
+    settings: Settings
+    additions: tuple[Addition, ...] = ()
+    corrections: tuple[Correction, ...] = ()
+    friction_choice: FrictionChoice | None = None
+    studies: tuple[Study | None, ...] = ()
+
+    def is_disturbed(self, k: int) -> bool:
+        """Whether a load that nobody declared comes and goes in the k-th recording."""
+        study = self.studies[k] if self.studies else None
+        return study is not None and study.is_disturbed
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """Of the robot as it is described by now."""
+        return compiled(self.robot)
+
+    def changed(self, **values: Any) -> "Setup":
+        """The same with other values."""
+        return replace(self, **values)
+
+    def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
+        """The same with one more thing put right in a recording, by fields of `Repairs`."""
+        now: Repairs = replace(recording.repairs, **repairs)
+        return self.changed(
+            recordings=tuple(
+                replace(one, repairs=now) if one is recording else one for one in self.recordings
+            )
+        )
+
+    def told(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
+        """The same with corrections told, in the place of all earlier ones of some kinds."""
+        kept = (one for one in self.corrections if one.kind not in instead_of)
+        return self.changed(corrections=(*kept, *corrections))
+
+
+# One step towards a fit: what it sees, it puts right, and tells.
+Stage = Callable[[Setup, Progress], Setup]

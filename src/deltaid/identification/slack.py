@@ -1,0 +1,102 @@
+"""What drives do beside what a description says: friction of other forms, lags, gains, offsets.
+
+What is left of torques when a model has been fitted is large where somebody pushes, but also where
+friction is not what the description says, at low speed or in one direction, and wherever torques
+change fast if they come late. Columns of all of these take part in the fit that looks for events,
+so that none of them looks like one. They are drawn to zero and forgotten afterwards.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.recording.windows import Samples
+
+# Speeds of Stribeck's law, as shares of a joint's own speed.
+_STRIBECK = (0.05, 0.15, 0.4)
+# Forms of friction of a joint, and columns a drive has of its torque: slope, size, itself.
+FORMS, OF_TORQUE = len(_STRIBECK) + 2, 3
+# Standard deviations that the columns' coefficients are drawn to zero with: friction and offsets as
+# shares of the usual torque, lags [ms], load friction and gains.
+_FRICTION, _LAG, _SHARE = 0.1, 4.0, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Slack:
+    """Columns for the joints of a robot, at its drives.
+
+    Attributes:
+        kinematics: of the robot.
+        speed: of each joint, drives first, that its forms are scaled with [rad/s or m/s].
+        torque: of each drive that coefficients are scaled with [N m or N].
+    """
+
+    kinematics: Kinematics
+    speed: Float[np.ndarray, " joints"]
+    torque: Float[np.ndarray, " dof"]
+
+    @property
+    def dof(self) -> int:
+        """Number of drives."""
+        return len(self.torque)
+
+    @cached_property
+    def deviations(self) -> Float[np.ndarray, " columns"]:
+        """Standard deviations that coefficients are drawn to zero with."""
+        friction = np.full(self.dof + FORMS * len(self.speed), _FRICTION)
+        return np.append(friction, np.tile([_LAG, _SHARE, _SHARE], self.dof))
+
+    def friction(self, w: Samples) -> Float[np.ndarray, "dof columns samples"]:
+        """Offsets of the drives, and further forms of friction of all joints."""
+        dof, joints = self.dof, len(self.speed)
+        speed, slope = joint_rates(self.kinematics, w)
+        v = speed / self.speed
+        forms = np.stack(
+            [np.abs(v), np.sign(v) * np.sqrt(np.abs(v))]
+            + [np.sign(v) * np.exp(-((v / knee) ** 2)) for knee in _STRIBECK]
+        )
+        out = np.zeros((dof, dof + FORMS * joints, len(w.time)))
+        drives = np.arange(dof)
+        out[drives, drives] = self.torque[:, None]
+        for j in range(joints):
+            own = slice(dof + FORMS * j, dof + FORMS * (j + 1))
+            if j < dof:
+                out[j, own] = forms[:, :, j] * self.torque[j]
+            else:
+                arm = slope[:, j - dof]
+                size = (self.torque / np.maximum(np.abs(arm).max(axis=0), 1e-12)).min()
+                out[:, own] = forms[None, :, :, j] * (arm.T * size)[:, None]
+        return out
+
+    def of_torque(
+        self,
+        tau: Float[np.ndarray, "dof samples"],
+        rise: Float[np.ndarray, "dof samples"],
+        speed: Float[np.ndarray, "dof samples"],
+    ) -> Float[np.ndarray, "dof columns samples"]:
+        """Lags [ms], shares of load friction and errors of gains of the drives.
+
+        Args:
+            tau, rise: torques by the model, and their rise [1/s].
+            speed: of the drives.
+        """
+        dof = self.dof
+        out = np.zeros((dof, OF_TORQUE * dof, tau.shape[1]))
+        for i in range(dof):
+            own = slice(OF_TORQUE * i, OF_TORQUE * (i + 1))
+            out[i, own] = np.stack([-1e-3 * rise[i], np.abs(tau[i]) * np.sign(speed[i]), tau[i]])
+        return out
+
+
+def joint_rates(
+    kinematics: Kinematics, w: Samples
+) -> tuple[Float[np.ndarray, "samples joints"], Float[np.ndarray, "samples passive dof"]]:
+    """Speeds of drives and passive joints with friction, and ∂ϑ/∂q of the latter."""
+    passive = kinematics.passive_friction
+    if not passive.names:
+        return w.qd, np.zeros((len(w.time), 0, kinematics.dof))
+    rates = passive.rates(w.z, w.qd, w.qdd)
+    return np.hstack([w.qd, rates.speed]), rates.slope

@@ -1,0 +1,41 @@
+"""All steps that put recordings and description right before they are fitted, in their order."""
+
+from deltaid.identification.compliance import gears_turned_back
+from deltaid.identification.events import without_events
+from deltaid.identification.friction_choice import chosen_friction
+from deltaid.identification.gains import gains
+from deltaid.identification.lag_stage import lags_put_right
+from deltaid.identification.loads import declared_loads
+from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.study import studied
+from deltaid.identification.velocity_stage import late_rates_left_out
+from deltaid.identification.warmth import changing_friction
+
+
+def recordings_studied(setup: Setup, progress: Progress) -> Setup:
+    """Which causes the residual of each recording has, before lags and friction are blamed."""
+    progress("looking at what the description leaves")
+    return setup.changed(studies=tuple(studied(setup.dynamics, one) for one in setup.recordings))
+
+
+STAGES: tuple[Stage, ...] = (
+    late_rates_left_out,
+    declared_loads,
+    without_events,
+    recordings_studied,
+    gains,
+    lags_put_right,
+    changing_friction,
+    chosen_friction,
+    changing_friction,
+    gears_turned_back,
+    lags_put_right,
+    gains,
+)
+
+
+def prepared(setup: Setup, progress: Progress) -> Setup:
+    """A setup after all stages."""
+    for stage in STAGES:
+        setup = stage(setup, progress)
+    return setup

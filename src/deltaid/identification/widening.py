@@ -1,0 +1,231 @@
+"""Priors that a recording contradicts: which of them, and by how much they must be widened.
+
+Before the recording, the base parameters b that it will give alone are normal about K p_prior with
+the covariance
+
+    C = N + K A P⁻¹ Aᵀ Kᵀ,    P = Σ_j r_j r_jᵀ / s_j²
+
+where N is their own uncertainty (noise and geometry), r_j x is how many of its stated standard
+deviations entry j of p = A x + p_0 is away from its prior, and s_j ≥ 1 how many times wider than
+stated that prior is. The s of largest evidence log N(b; K p_prior, C) explain the recording best
+(empirical Bayes, type-II maximum likelihood). Making one of them larger adds κ u uᵀ to C, with
+
+    u = K A P⁻¹ r/s,   a = uᵀC⁻¹u,   q = uᵀC⁻¹(b − K p_prior)
+    twice the gain of log evidence = κ q² / (1 + κ a) − log(1 + κ a)
+
+which is largest at 1 + κ a = q²/a, so entries are taken one by one while one gains enough (as in
+Tipping and Faul 2003), or all of a body together, which may be of another density or size than
+described. A sum that is off may be so by any of its terms; of those that gain nearly the same, the
+one that needs the least widening is taken.
+
+Friction is not asked: it shows by itself, and no prior bends it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_solve, solve_triangular
+
+from deltaid.identification.base_parameters import BaseParameters
+from deltaid.identification.information import triangle
+from deltaid.identification.least_squares import BaseEstimate
+from deltaid.identification.reduction import Reduction
+from deltaid.identification.regularizer import parameter_scale
+from deltaid.identification.scatter import inverse
+from deltaid.model.corrections import Correction
+
+# A factor counts when twice the logarithm of the evidence grows by so much. Entries that gain less
+# than the best by so little explain a recording as well; and that a body is off as a whole is so
+# much more likely than that one of its entries is (odds of e⁵).
+_SIGNIFICANT, _CLOSE, _LIKELIER = 15.0, 2.0, 10.0
+# No prior is widened more, in all and in so many steps.
+_WIDEST, _STEPS = 1e5, 100
+# Factors that are tried for a body as a whole.
+_TRIED = tuple(float(factor) for factor in np.geomspace(1.5, 500.0, 13))
+# No base parameter counts as better known than to this share of its prior's standard deviation.
+_FLOOR = 1e-4
+# Share of a variance that is rounding.
+_ROUNDING = 1e-12
+_KINDS = ("inertia", "rotor", "spring")
+
+Factors = Float[np.ndarray, " rows"]
+
+
+class _Wider(NamedTuple):
+    """Some entries whose prior may be widened: by which factor, and what it gains."""
+
+    at: list[int]
+    factor: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a recording says against a prior.
+
+    Attributes:
+        names: of the entries of p whose priors may be widened.
+        bodies: which of them belong to one body.
+        rows: r of all entries of p that x can change; those of `names` come first.
+        columns: K A.
+        d: b − K p_prior.
+        N: covariance of b given the truth.
+    """
+
+    names: tuple[str, ...]
+    bodies: tuple[list[int], ...]
+    rows: Float[np.ndarray, "rows n"]
+    columns: Float[np.ndarray, "base n"]
+    d: Float[np.ndarray, " base"]
+    N: Float[np.ndarray, "base base"]
+
+    def contradicted(self) -> dict[str, float]:
+        """Entries whose prior the recording contradicts, with the factor of its spread."""
+        s = np.ones(len(self.rows))
+        for _ in range(_STEPS):
+            entries = self._entries(s)
+            best = max((one.gain for one in entries), default=0.0)
+            chosen = min(
+                (one for one in entries if one.gain >= best - _CLOSE),
+                key=lambda one: one.factor,
+                default=None,
+            )
+            body = max(self._bodies(s), key=lambda one: one.gain, default=None)
+            if body is not None and body.gain >= max(_SIGNIFICANT, best - _LIKELIER):
+                chosen = body
+            if chosen is None or max(best, chosen.gain) < _SIGNIFICANT:
+                break
+            s[chosen.at] = np.maximum(s[chosen.at], chosen.factor)
+        return {name: float(s[j]) for j, name in enumerate(self.names) if s[j] > 1}
+
+    def farthest(self, name: str) -> tuple[int, float]:
+        """The base parameter in which an entry's prior is contradicted most, and by how many
+        standard deviations of noise and all priors together."""
+        s = np.ones(len(self.rows))
+        deviations = np.sqrt(np.diag(self._covariance(s)[0]))
+        own = np.abs(self._covariance(s)[1][:, self.names.index(name)])
+        k = int(np.argmax(np.abs(self.d) * own / deviations**2))
+        return k, float(np.abs(self.d[k]) / deviations[k])
+
+    def _covariance(self, s: Factors) -> tuple[np.ndarray, np.ndarray, Factors]:
+        """C, all u, and 1 − rᵀP⁻¹r/s² of every entry: what other priors say of it."""
+        P_root = triangle(self.rows / s[:, None])
+        half = inverse(P_root)
+        of_rows = self.rows / s[:, None] @ half  # r P^-½ / s
+        of_base = self.columns @ half
+        rest = np.maximum(1.0 - np.sum(of_rows**2, axis=1), 0.0)
+        return self.N + of_base @ of_base.T, of_base @ of_rows.T, rest
+
+    def _entries(self, s: Factors) -> list[_Wider]:
+        """Every entry alone, with its best factor."""
+        C, u, rest = self._covariance(s)
+        (L, size), count = _cholesky(C), len(self.names)
+        u, rest = u[:, :count] / size[:, None], rest[:count]
+        solved = cho_solve((L, True), np.column_stack([u, self.d / size]))
+        a, q = np.sum(u * solved[:, :count], axis=0), u.T @ solved[:, count]
+        shown = a > np.finfo(float).eps
+        a = np.where(shown, a, 1.0)
+        kappa = np.where(shown, np.maximum(q**2 / a - 1.0, 0.0) / a, 0.0)
+        # P loses δ r rᵀ / s², with δ = 1 − s²/s_new²: κ = δ / (1 − δ rᵀP⁻¹r/s²)
+        most = 1.0 - (s[:count] / _WIDEST) ** 2
+        delta = np.minimum(kappa / (1.0 + kappa * (1.0 - rest)), most)
+        kappa = delta / (1.0 - delta * (1.0 - rest))
+        gain = kappa * q**2 / (1.0 + kappa * a) - np.log1p(kappa * a)
+        wider = s[:count] / np.sqrt(1.0 - delta)
+        return [_Wider([j], float(wider[j]), float(gain[j])) for j in range(count)]
+
+    def _bodies(self, s: Factors) -> list[_Wider]:
+        """All entries of a body alike, with the best factor of some."""
+        now, tried = self._value(s), list[_Wider]()
+        for at in self.bodies:
+            for factor in _TRIED:
+                wider = s.copy()
+                wider[at] = np.maximum(s[at], factor)
+                tried.append(_Wider(at, factor, self._value(wider) - now))
+        return tried
+
+    def _value(self, s: Factors) -> float:
+        """Twice the logarithm of the evidence, but for a constant."""
+        L, size = _cholesky(self._covariance(s)[0])
+        left = solve_triangular(L, self.d / size, lower=True)
+        return float(-left @ left - 2 * np.log(size * np.diag(L)).sum())
+
+
+def _cholesky(
+    C: Float[np.ndarray, "n n"],
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+    """L and d with C = diag(d) L Lᵀ diag(d)."""
+    size = np.sqrt(np.diag(C))
+    return np.linalg.cholesky(C / np.outer(size, size) + _ROUNDING * np.eye(len(C))), size
+
+
+def evidence(
+    reduction: Reduction, spread: float, base: BaseParameters, estimate: BaseEstimate
+) -> Evidence:
+    """What the base parameters of a recording say against the prior, as it is stated.
+
+    Args:
+        spread: relative standard deviation of the prior.
+    """
+    parameters = reduction.layout.parameters
+    changed = np.flatnonzero(np.any(reduction.A != 0, axis=1))
+    asked = np.array([parameters[i].kind in _KINDS for i in changed], dtype=bool)
+    order = np.concatenate([changed[asked], changed[~asked]])
+    scale = spread * parameter_scale(reduction.layout, reduction.p_reg)
+    K, A = base.combination(), reduction.A * reduction.scale  # x in its own sizes
+    deviations = np.maximum(estimate.std, _FLOOR * np.linalg.norm(K * scale, axis=1))
+    half = inverse(estimate.noise.root)
+    size = np.linalg.norm(half, axis=1)
+    half *= (deviations / size)[:, None]
+    owners: dict[str, list[int]] = {}
+    for j, i in enumerate(changed[asked]):
+        if parameters[i].kind == "inertia":
+            owners.setdefault(parameters[i].owner, []).append(j)
+    return Evidence(
+        tuple(parameters[i].name for i in changed[asked]),
+        tuple(owners.values()),
+        A[order] / scale[order][:, None],
+        K @ A,
+        estimate.values - K @ reduction.p_reg,
+        half @ half.T,
+    )
+
+
+def told_priors(
+    widened: Mapping[str, float], found: Evidence, base: BaseParameters, estimate: BaseEstimate
+) -> tuple[Correction, ...]:
+    """The priors that were widened, as corrections: one a body or joint."""
+    owners: dict[str, list[str]] = {}
+    for parameter in base.layout.parameters:
+        if parameter.name in widened:
+            owners.setdefault(parameter.owner, []).append(parameter.name)
+    return tuple(
+        _told(owner, names, widened, found, base, estimate) for owner, names in owners.items()
+    )
+
+
+def _told(
+    owner: str,
+    names: Sequence[str],
+    widened: Mapping[str, float],
+    found: Evidence,
+    base: BaseParameters,
+    estimate: BaseEstimate,
+) -> Correction:
+    k, apart = max((found.farthest(name) for name in names), key=lambda one: one[1])
+    unit = base.layout.units[base.groups[k].representative]
+    factors = {widened[name] for name in names}
+    priors = ", ".join(f"{name} {widened[name]:.2g} times" for name in names)
+    if len(names) > 2 and len(factors) == 1:
+        priors = f"those of {owner} {factors.pop():.2g} times"
+    text = (
+        f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
+        f"{estimate.interval[k]:.2g} {unit}, the description {estimate.values[k] - found.d[k]:.3g} "
+        f"{unit}, {apart:.2g} standard deviations away; so priors were taken to be less certain "
+        f"than stated, {priors}. Where only a sum shows, another term of it may be the wrong one"
+    )
+    factor = max(widened[name] for name in names)
+    return Correction(kind="prior", subject=owner, value=factor, text=text)

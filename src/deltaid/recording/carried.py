@@ -1,0 +1,161 @@
+"""What a robot carries in a recording, and when, as the user declares it.
+
+A load is held while a column says so, in spans of time, or always. What of it is known is given;
+the rest is identified. Loads of one name, in whatever recordings, are the same thing.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import Field, model_validator
+
+from deltaid.errors import RecordingError
+from deltaid.robot.body import InertiaTensor
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import why_inconsistent, with_thickness
+from deltaid.robot.part import Part
+from deltaid.robot.quantities import Coordinate, Mass, Point, Positive
+
+Time = Annotated[float, Field(ge=-1e12, le=1e12)]
+
+
+class Load(Part):
+    """One load: when it is held, and what is known of it.
+
+    Centre and inertia are in the frame of the body that carries it: the end effector EE where the
+    robot has one, else the platform P; of other mechanisms the body is named.
+    """
+
+    column: str | None = Field(
+        default=None,
+        min_length=1,
+        description="column that is 1 while the load is held and 0 while it is not, such as the "
+        "signal of a gripper",
+    )
+    when: Coordinate | tuple[Coordinate, ...] | None = Field(
+        default=None,
+        description="the column's number, or numbers, while the load is held, if it has others "
+        "than 0 and 1",
+    )
+    spans: tuple[tuple[Time, Time], ...] | None = Field(
+        default=None, description="in place of a column: from when to when it is held [s]"
+    )
+    always: Literal[True] | None = Field(
+        default=None, description="in place of both: held in the whole recording"
+    )
+    name: str = Field(
+        default="load",
+        pattern=r"^[A-Za-z_][A-Za-z0-9_-]{0,39}$",
+        description="loads of one name are the same, in one recording or in several",
+    )
+    body: str | None = Field(
+        default=None, description="what carries it; EE, or P where there is no EE, if left out"
+    )
+    mass: Mass | None = Field(default=None, description="kg; identified if left out")
+    mass_tolerance: Positive | None = Field(
+        default=None, description="standard deviation of the mass, kg; known exactly if left out"
+    )
+    centre: Point | None = Field(
+        default=None, description="centre of mass, m; identified as far as it shows if left out"
+    )
+    inertia: InertiaTensor | None = Field(
+        default=None, description="inertia tensor about the load's own centre of mass, kg m²"
+    )
+
+    @property
+    def known(self) -> dict[str, object]:
+        """What is said of the load itself, not of when it is held."""
+        named = ("body", "mass", "mass_tolerance", "centre", "inertia")
+        return {key: value for key in named if (value := getattr(self, key)) is not None}
+
+    @property
+    def holding(self) -> tuple[float, ...] | None:
+        """The column's numbers while the load is held; None where it is 0 or 1."""
+        return (self.when,) if isinstance(self.when, float | int) else self.when
+
+    def held(
+        self, time: Float[np.ndarray, " samples"], column: Float[np.ndarray, " samples"] | None
+    ) -> Bool[np.ndarray, " samples"]:
+        """Whether the load is held, sample by sample.
+
+        Args:
+            time: as the recording has it [s].
+            column: its numbers, if there is one.
+        """
+        if column is not None:
+            return np.isin(column, self.holding or (1.0,))
+        if self.spans is None:
+            return np.ones(len(time), dtype=bool)
+        ends = np.array(self.spans).ravel()
+        return np.searchsorted(ends, time, side="right") % 2 == 1
+
+    @model_validator(mode="after")
+    def _check(self) -> "Load":
+        ways = [key for key in ("column", "spans", "always") if getattr(self, key) is not None]
+        if len(ways) != 1:
+            given = f"gives {' and '.join(ways)}" if ways else "does not say when it is held"
+            raise ValueError(f"{given}: give one of column, spans, always")
+        if self.when is not None and (self.column is None or not self.holding):
+            raise ValueError("when lists numbers of a column; give both, or neither")
+        self._check_spans()
+        for key in ("mass_tolerance", "centre", "inertia"):
+            if getattr(self, key) is not None and self.mass is None:
+                raise ValueError(f"gives {key} but no mass; give the mass too")
+        if self.inertia is not None and self.centre is None:
+            raise ValueError("gives inertia but no centre; give the centre too")
+        if self.mass_tolerance is not None and self.mass_tolerance > 0.5 * (self.mass or np.inf):
+            raise ValueError(
+                "mass_tolerance is more than half the mass; leave the mass out to have it found"
+            )
+        if self.inertia is not None and (reason := why_inconsistent(with_thickness(self._own()))):
+            raise ValueError(f"the load is not a physical body: {reason}")
+        return self
+
+    def _check_spans(self) -> None:
+        if self.spans is None:
+            return
+        if not self.spans:
+            raise ValueError("spans needs at least one span, [from, to]")
+        last = -np.inf
+        for start, end in self.spans:
+            if not last <= start < end:
+                raise ValueError(
+                    f"span [{start:g}, {end:g}] does not follow the one before it, or ends before "
+                    "it starts; list spans in order, each as [from, to] in s"
+                )
+            last = end
+
+    def _own(self) -> Float[np.ndarray, " 10"]:
+        """The ten parameters about its own centre of mass."""
+        m, I = self.mass, self.inertia
+        assert I is not None
+        return np.array([m, 0, 0, 0, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float)
+
+
+def carrier(load: Load, robot: RobotDescription) -> str:
+    """The body that carries a load.
+
+    Raises:
+        RecordingError: the robot has no such body, or it is not clear which.
+    """
+    if load.body is None:
+        found = next((name for name in ("EE", "P") if name in robot.body_names), None)
+        if found is not None:
+            return found
+    elif load.body in robot.body_names:
+        return load.body
+    what = f"{load.body} is no body of the robot" if load.body else "it does not say what carries"
+    raise RecordingError(
+        f"load {load.name}: {what}",
+        where="load.body",
+        cure=f"name one of {', '.join(robot.body_names)} by the line `body: NAME`",
+    )
+
+
+def as_loads(given: "Load | Sequence[Load] | None") -> tuple[Load, ...]:
+    """One load or several, as a mapping may have them."""
+    if given is None:
+        return ()
+    return (given,) if isinstance(given, Load) else tuple(given)

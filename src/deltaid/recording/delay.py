@@ -1,0 +1,164 @@
+"""Torques that are recorded late put beside the motion that they belong to.
+
+A torque recorded δ_i late is read δ_i further on. What this is in samples,
+
+    δ_i · rate = k_i + f + r_i,
+
+is whole samples k_i, a part f of a sample that drives have in common, |f| ≤ ½, and what is left
+of each, r_i. The common part moves the motion instead, to the instant t − f / rate: positions are
+smooth and can be interpolated, while a torque jumps where a joint turns round, and interpolating
+spreads the jump over neighbouring samples. So where all drives have the same lag, every torque
+stays as it was recorded. Only of drives that differ, by no whole number of samples, torques are
+interpolated, r_i ≠ 0.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.columns import Columns
+from deltaid.recording.table import recut
+
+# Samples on either side that a torque, and a motion, is interpolated from.
+_TORQUE, _MOTION = 2, 4
+# Rows put right at once, and parts of a sample that are none.
+_AT_ONCE, _NONE = 8000, 1e-9
+
+Rows = Float[np.ndarray, "_ _"]
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Delays in samples.
+
+    Attributes:
+        common: f, by which the motion is taken earlier, in samples.
+        whole: k of each drive.
+        rest: r of each drive, between -½ and ½.
+    """
+
+    common: float
+    whole: tuple[int, ...]
+    rest: tuple[float, ...]
+
+    @classmethod
+    def of(cls, delay: Sequence[float], rate: float) -> "Shift":
+        """The shift of delays [s] at a sampling rate [Hz], with as few parts of samples as can be.
+
+        The common part is that of most drives.
+        """
+        samples = np.asarray(delay, dtype=float) * rate
+        parts = samples - np.round(samples)
+        alike = np.abs(_to_nearest(samples[:, None] - samples[None, :])) < _NONE
+        common = float(parts[np.argmax(alike.sum(axis=1))]) if parts.size else 0.0
+        whole = np.round(samples - common)
+        rest = samples - common - whole
+        rest[np.abs(rest) < _NONE] = 0.0
+        return cls(common, tuple(whole.astype(int).tolist()), tuple(rest.tolist()))
+
+    @property
+    def smear(self) -> tuple[int, ...]:
+        """Over how many samples to either side each drive's torque is spread."""
+        return tuple(_TORQUE if rest else 0 for rest in self.rest)
+
+    @property
+    def reach(self) -> tuple[int, int]:
+        """How many rows before and after one are needed to put it right."""
+        first, last = min(self.whole, default=0), max(self.whole, default=0)
+        around = _TORQUE if any(self.rest) else 0
+        moved = _MOTION if self.common else 0
+        return max(moved, around - first, 0), max(moved, around + last, 0)
+
+    def rows(self, wide: Rows, motion: int, rate: float) -> Rows:
+        """Rows put right, all but the first and last of `wide`, as `reach` says.
+
+        Args:
+            wide: time, so many columns of motion, a torque a drive; at the end a weight a drive.
+            motion: number of columns.
+            rate: rows per second.
+        """
+        before, after = self.reach
+        count, drives = len(wide) - before - after, len(self.whole)
+        out = wide[before : before + count].copy()
+
+        def later(channels: slice | int, by: int) -> np.ndarray:
+            return wide[before + by : before + by + count, channels]
+
+        if self.common:
+            moved, at = slice(1, 1 + motion), _around(-self.common, _MOTION)
+            out[:, moved] = sum(share * later(moved, by) for by, share in at)
+            out[:, 0] -= self.common / rate
+            beyond = np.any([np.isnan(later(0, by)) for by, _ in at], axis=0)
+            out[beyond, wide.shape[1] - drives :] = 0.0
+        for i, (whole, rest) in enumerate(zip(self.whole, self.rest, strict=True)):
+            tau, weight = 1 + motion + i, wide.shape[1] - drives + i
+            at = [(whole + by, share) for by, share in _around(rest, _TORQUE)]
+            out[:, tau] = sum(share * later(tau, by) for by, share in at)
+            least = np.min([later(weight, by) for by, _ in at], axis=0)
+            out[:, weight] = np.minimum(out[:, weight], least)
+        return out
+
+
+def delayed(
+    segment: Iterable[Rows], columns: Columns, delay: Sequence[float], rate: float
+) -> Iterator[Rows]:
+    """Rows of a segment with τ(t + δ) beside the motion at t, in constant memory.
+
+    A torque's weight becomes the least of its row and of those that it is made of; what would come
+    from beyond the ends has none. Nothing depends on how the rows are cut into blocks.
+
+    Args:
+        segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
+        columns: what stands where.
+        delay: δ of each drive [s]; negative where torques come early.
+        rate: samples per second.
+    """
+    shift = Shift.of(delay, rate)
+    before, after = shift.reach
+    motion = columns.motion_places.stop - 1
+    padded = _padded(segment, before, after, len(columns.torque))
+    for wide in recut(padded, _AT_ONCE, before + after):
+        yield shift.rows(wide, motion, rate)
+
+
+def _padded(segment: Iterable[Rows], before: int, after: int, drives: int) -> Iterator[Rows]:
+    """A segment with its end rows again beyond its ends, where they have no time and no weight."""
+    blocks = (block for block in segment if len(block))
+    last = next(blocks, None)
+    if last is None:
+        return
+
+    def beyond(row: Rows, times: int) -> Rows:
+        rows = np.repeat(row, times, axis=0)
+        rows[:, 0], rows[:, rows.shape[1] - drives :] = np.nan, 0.0
+        return rows
+
+    yield beyond(last[:1], before)
+    for block in chain([last], blocks):
+        last = block
+        yield block
+    yield beyond(last[-1:], after)
+
+
+def _to_nearest(x: np.ndarray) -> np.ndarray:
+    """How far numbers are from whole ones."""
+    return x - np.round(x)
+
+
+def _around(place: float, half: int) -> list[tuple[int, float]]:
+    """Samples about a place and their shares of the value there, by Lagrange's polynomial.
+
+    Args:
+        place: in samples.
+        half: how many on either side.
+    """
+    whole = int(np.floor(place))
+    s = place - whole
+    if s == 0.0:
+        return [(whole, 1.0)]
+    points = np.arange(1 - half, half + 1)
+    shares = [np.prod([(s - m) / (k - m) for m in points if m != k]) for k in points]
+    return [(whole + int(k), float(share)) for k, share in zip(points, shares, strict=True)]

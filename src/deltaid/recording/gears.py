@@ -1,0 +1,103 @@
+"""Positions of motors behind gears that wind up, turned back to those of the links.
+
+A gear of compliance s lets its motor go ahead by s τ_g, τ_g the torque that it carries:
+
+    q = q_motor − s τ_g,   τ_g = τ − viscous q̇ − coulomb sign(q̇) − rotor q̈
+
+the *measured* torque without the motor's own friction and rotor, low-passed. (With the torque of a
+model, which follows from q̈, the iteration diverges.) Friction and rotor see the motor's motion; a
+model of rigid gears has but the link's. So torques become those of a motor that moves as the link
+does: friction of the motor's speed is taken out of them, that of the link's put in.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.columns import Columns
+from deltaid.recording.filter import LowPass, design_low_pass
+from deltaid.recording.table import recut
+
+Rows = Float[np.ndarray, "_ _"]
+Values = Float[np.ndarray, "samples drives"]
+
+# Rows put right at once at least, and as a multiple of the filter's length.
+_AT_ONCE, _LONG = 8000, 4
+
+
+@dataclass(frozen=True)
+class Gears:
+    """Gears of all drives.
+
+    Attributes:
+        compliance: s [rad/(N m) or m/N]; 0 for a stiff one.
+        viscous, coulomb, rotor: of the motors, on their own side of the gears.
+        cutoff: of the low-pass over what gears carry [Hz].
+    """
+
+    compliance: tuple[float, ...]
+    viscous: tuple[float, ...]
+    coulomb: tuple[float, ...]
+    rotor: tuple[float, ...]
+    cutoff: float
+
+    def low_pass(self, rate: float) -> LowPass:
+        """The filter of what gears carry, in one stage."""
+        return design_low_pass(self.cutoff, rate, single=True)
+
+    def of_motor(self, qd: Values, qdd: Values) -> Values:
+        """Torques of the motors' own friction and rotors."""
+        friction = np.array(self.viscous) * qd + np.array(self.coulomb) * np.sign(qd)
+        return friction + np.array(self.rotor) * qdd
+
+    def less(self, qd: Values, qdd: Values, ahead: Values, faster: Values) -> Values:
+        """How much more a motor takes than one that moves as the link does.
+
+        Args:
+            qd, qdd: of the motor.
+            ahead, faster: its speed and acceleration less those of the link.
+        """
+        return self.of_motor(qd, qdd) - self.of_motor(qd - ahead, qdd - faster)
+
+    def turned_back(self, segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
+        """Rows of a segment with the links' motion, in constant memory; fewer at both ends.
+
+        Args:
+            segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
+            columns: what stands where.
+            rate: samples per second.
+        """
+        low_pass = self.low_pass(rate)
+        lost = 2 * low_pass.margin
+        size = max(_AT_ONCE, _LONG * len(low_pass.first))
+        for wide in recut(segment, size, 2 * lost):
+            if len(wide) > 2 * lost:
+                yield self._rows(wide, columns, low_pass)
+
+    def _rows(self, wide: Rows, columns: Columns, low_pass: LowPass) -> Rows:
+        """All rows but those that the filters take at both ends."""
+        dof, lost = len(self.compliance), low_pass.margin
+        q, inner = wide[:, 1 : 1 + dof], slice(lost, len(wide) - lost)
+        qd, qdd = convolved(low_pass.first, q), convolved(low_pass.second, q)
+        tau = wide[inner, columns.torque_places] - self.of_motor(qd, qdd)
+        out = wide[2 * lost : len(wide) - 2 * lost].copy()
+        wound = [self.compliance * convolved(taps, tau)
+                 for taps in (low_pass.level, low_pass.first, low_pass.second)]  # fmt: skip
+        recorded = (columns.position, columns.velocity, columns.acceleration)
+        kept = [by for by, one in zip(wound, recorded, strict=True) if one]
+        out[:, columns.motion_places] -= np.hstack(kept)
+        motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
+        out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
+        return out
+
+
+def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, "fewer drives"]:
+    """Convolution of each column where the taps fit entirely, by Fourier transform."""
+    count = len(x) - len(taps) + 1
+    if count <= 0:
+        return x[:0]
+    size = 1 << (len(x) - 1).bit_length()
+    product = np.fft.rfft(x, size, axis=0) * np.fft.rfft(taps, size)[:, None]
+    return np.fft.irfft(product, size, axis=0)[len(taps) - 1 : len(x)]

@@ -1,0 +1,147 @@
+"""What is put right in the rows of one recording before anything is computed from them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.columns import Columns
+from deltaid.recording.delay import Shift, delayed
+from deltaid.recording.gears import Gears
+from deltaid.recording.masks.runs import joined_times
+
+Rows = Float[np.ndarray, "_ _"]
+
+# Reasons to leave stretches out, and why these say nothing about the robot.
+CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
+BACKLASH = "backlash"
+WHY_REPAIRED = {
+    CONTACT: "something pushed the robot, which no torque of a model explains",
+    SPIKE: "one torque channel jumps for a sample or three",
+    STOP: "the robot was stopped by more than its drives",
+    JOLT: "torque and motion change faster than the low-pass follows",
+    BACKLASH: "play in a gear lets its motor go ahead where the torque changes its sign",
+}
+
+
+@dataclass(frozen=True)
+class Push:
+    """What acted on the platform for a while, where it was largest.
+
+    Attributes:
+        time: when [s].
+        place: of the platform point in the world (3) [m].
+        force: on it, in the world (3) [N].
+        moment: about the axis that the tool turns about [N m]; None for a robot without one.
+    """
+
+    time: float
+    place: tuple[float, float, float]
+    force: tuple[float, float, float]
+    moment: float | None = None
+
+
+@dataclass(frozen=True)
+class LeftSpan:
+    """A stretch of time that tells nothing about the robot.
+
+    Attributes:
+        first, last: its first and last time stamp, as the torques were recorded [s].
+        reason: why it is left out, such as 'contact'.
+        drives: whose torques do not count; all if empty.
+        push: what acted on the platform, if anything did.
+    """
+
+    first: float
+    last: float
+    reason: str
+    drives: tuple[int, ...] = ()
+    push: Push | None = None
+
+
+@dataclass(frozen=True)
+class Repairs:
+    """What is known to be wrong with a recording, and is put right in every pass over it.
+
+    Attributes:
+        gain: what torques of each drive are to be multiplied by; empty for 1.
+        delay: torques of each drive are recorded so much late [s]; empty for none.
+        left_out: stretches that do not count, beside what the survey masks.
+        gears: that wind up under what they carry; None for stiff ones.
+        loads: the ten parameters of what is held, in the order of `Columns.loads`; what it takes
+            of the torques is taken out of them, which leaves those of the robot alone. Empty for
+            none.
+    """
+
+    gain: tuple[float, ...] = ()
+    delay: tuple[float, ...] = ()
+    left_out: tuple[LeftSpan, ...] = ()
+    gears: Gears | None = None
+    loads: tuple[tuple[float, ...], ...] = ()
+
+    def of(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
+        """The rows of one segment, put right.
+
+        Args:
+            segment: evenly spaced rows in blocks, columns as in `Log.batches`.
+            columns: what stands where.
+            rate: rows per second.
+        """
+        if not columns.torque:  # a planned motion: all of this is about torques
+            return segment
+        if self.left_out:  # as recorded, so that a delay takes weights along with torques
+            segment = (self._weighed(rows, len(columns.torque)) for rows in segment)
+        if any(self.delay):
+            segment = delayed(segment, columns, self.delay, rate)
+        if self.gain:
+            segment = (self._multiplied(rows, columns) for rows in segment)
+        if self.gears is not None:
+            segment = self.gears.turned_back(segment, columns, rate)
+        return segment
+
+    def _multiplied(self, rows: Rows, columns: Columns) -> Rows:
+        """Torques times the gains of their drives."""
+        rows = rows.copy()
+        rows[:, columns.torque_places] *= self.gain
+        return rows
+
+    def smear(self, rate: float) -> tuple[int, ...]:
+        """Over how many samples to either side each drive's torque is spread; empty for none."""
+        return Shift.of(self.delay, rate).smear
+
+    def _weighed(self, rows: Rows, drives: int) -> Rows:
+        """Weights of zero in all stretches that are left out; few of many are near a block."""
+        if not len(rows):
+            return rows
+        copied, time = rows, rows[:, 0]
+        for which, ends in self._stretches(drives):
+            near = slice(
+                np.searchsorted(ends[:, 1], time[0], side="left"),
+                np.searchsorted(ends[:, 0], time[-1], side="right"),
+            )
+            if near.start >= near.stop:
+                continue
+            copied = rows.copy() if copied is rows else copied
+            starts = np.searchsorted(time, ends[near, 0], side="left")
+            stops = np.searchsorted(time, ends[near, 1], side="right")
+            columns = rows.shape[1] - drives + which
+            for first, last in zip(starts, stops, strict=True):
+                copied[first:last, columns] = 0.0
+        return copied
+
+    def _stretches(self, drives: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Drives, and stretches that are left out for them: apart from each other, ascending."""
+        for which, spans in self._by_drives.items():
+            yield np.array(which or range(drives)), spans
+
+    @cached_property
+    def _by_drives(self) -> dict[tuple[int, ...], np.ndarray]:
+        found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+        for span in self.left_out:
+            found.setdefault(span.drives, []).append((span.first, span.last))
+        return {which: joined_times(np.array(spans)) for which, spans in found.items()}
+
+
+NO_REPAIRS = Repairs()

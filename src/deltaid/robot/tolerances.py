@@ -1,0 +1,72 @@
+"""How well a robot's geometry is known, as a user states it.
+
+Every number is one standard deviation: about a third of all machines are further off.
+"""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from deltaid.robot.part import Part
+
+# Larger ones are in another unit: millimetres for metres, degrees for radians.
+_LONG, _WIDE = 0.05, 0.2
+# What a well-made robot has: parts to a tenth of a millimetre, encoders set with a gauge, a base
+# levelled with a machinist's level [m; rad or m; rad].
+_LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
+
+
+def _length(value: float) -> float:
+    if not 0 <= value <= _LONG:
+        raise ValueError(f"{value:g} m is no tolerance of a length; it is in metres")
+    return value
+
+
+def _angle(value: float) -> float:
+    if not 0 <= value <= _WIDE:
+        raise ValueError(f"{value:g} is no tolerance of an angle in rad, or of a rail in m")
+    return value
+
+
+LengthTolerance = Annotated[float, AfterValidator(_length)]
+AngleTolerance = Annotated[float, AfterValidator(_angle)]
+
+# Kinds of lengths that may have a tolerance of their own.
+LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "platform", "telescope")
+
+
+class Tolerances(Part):
+    """How far lengths, zeros of drives and the direction of gravity may be off, one standard
+    deviation each; intervals of identified parameters take them in."""
+
+    lengths: LengthTolerance | dict[str, LengthTolerance] = Field(
+        default=_LENGTH,
+        description="of distances between joints, m; or by name: base_radius, platform_radius "
+        "(or points), upper_arm, strut, platform (half_length, length), telescope. A number that "
+        "stands for all limbs may be off for all alike, and each limb from it by as much again",
+    )
+    homing: AngleTolerance | dict[str, AngleTolerance] = Field(
+        default=_ZERO,
+        description="of each drive's zero, rad, or m for a rail; or by drive: drive1, drive2, …",
+    )
+    mounting: AngleTolerance = Field(
+        default=_TILT,
+        description="of the base's tilt against gravity, rad, about each of two axes",
+    )
+
+    def of_length(self, name: str) -> float:
+        """Standard deviation of one kind of length [m]."""
+        return self.lengths.get(name, _LENGTH) if isinstance(self.lengths, dict) else self.lengths
+
+    def of_drive(self, name: str) -> float:
+        """Standard deviation of a drive's zero [rad or m]."""
+        return self.homing.get(name, _ZERO) if isinstance(self.homing, dict) else self.homing
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing is off."""
+        by_name = (
+            one.values() if isinstance(one, dict) else [one] for one in (self.lengths, self.homing)
+        )
+        given = [size for sizes in by_name for size in sizes]
+        return not (any(given) or self.mounting)

@@ -1,0 +1,71 @@
+"""Recordings of a robot under control, with noise that the control feeds back.
+
+The encoder's noise is in the recorded angles and, by way of the controller, in the torques; the
+robot moves accordingly. The package's own simulation moves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import polars as pl
+
+from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import ComputedTorque, Controller, Measured
+from deltaid.control.tracking import Drives, track
+from deltaid.control.trajectory import Desired, SampledTrajectory
+from deltaid.dynamics.dynamics import compiled
+from deltaid.mechanism.kinematics import Samples
+from deltaid.model.model import Model
+from drives.happening import Happening
+from oracle.tree import Array
+
+# Noise of the encoders' readings (rad, or times the lever m), of torque columns as a share of the
+# largest, and where the drive's difference of angles is cut off, as a share of the rate.
+_NOISE, _TORQUE_NOISE, _CUTOFF = 1e-5, 0.005, 0.1
+
+
+@dataclass(eq=False)
+class Noisy:
+    """A controller whose encoders' readings are noisy; keeps the noise, sample by sample."""
+
+    law: Controller
+    noise: Array
+    rate: float
+    sample: int = 0
+    last: Array = field(default_factory=lambda: np.zeros(0))
+    slope: Array = field(default_factory=lambda: np.zeros(0))
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law's, of angles with noise and of their low-passed difference."""
+        now = self.noise[self.sample]
+        last = self.last if self.sample else now
+        slope = (now - last) * self.rate
+        share = 1 - np.exp(-2 * np.pi * _CUTOFF)
+        self.slope = self.slope + share * (slope - self.slope) if self.sample else slope
+        self.last, self.sample = now, self.sample + 1
+        return self.law.torque(model, Measured(measured.q + now, measured.qd + self.slope), desired)
+
+
+def followed(happening: Happening, rng: np.random.Generator) -> tuple[Happening, pl.DataFrame]:
+    """A recording under computed torque of 10 to 30 Hz."""
+    m, truth = happening.machine, happening.truth
+    happening = replace(happening, duration=min(happening.duration, 12.0))
+    dynamics = compiled(m.robot)
+    wanted = happening.at(happening.time)
+    plant = Model(m.robot, m.plant.p)
+    law = ComputedTorque(2 * np.pi * float(rng.uniform(10, 30)))
+    noise = _NOISE * rng.standard_normal((len(wanted.q) + 2, m.dof))
+    drives = Drives(rate=m.rate, velocity_cutoff=_CUTOFF)
+    trajectory = SampledTrajectory(dynamics.kinematics, wanted.time, wanted.q)
+    run = track(
+        plant, Noisy(law, noise, m.rate), ControlModel(m.robot, m.plant.p), trajectory, drives
+    )
+    scale = np.abs(truth.tau).max(axis=0)
+    count = len(run.time)
+    tau = run.tau + _TORQUE_NOISE * scale * rng.standard_normal(run.tau.shape)
+    columns = {"t": run.time}
+    for name, values in (("q", run.q + noise[:count]), ("tau", tau)):
+        columns |= {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
+    return happening, pl.DataFrame(columns)

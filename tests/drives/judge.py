@@ -1,0 +1,296 @@
+"""How far an identification is from the truth of its case, and what it says.
+
+Errors are shares of one: of the mass matrix the largest |ΔM_ij| / √(M_ii M_jj) over 40 poses, of
+friction the largest error of a drive's whole curve between 5 and 100 % of its speed as a share of
+the curve's largest value; under warm-up the true curve is the mean over the recording.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from deltaid.check.identified import Judged as Identified
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.kernel.batch import BatchKernel
+from deltaid.model.corrections import Correction
+from deltaid.model.record import IdentifiedModel
+from deltaid.robot.description import RobotDescription
+from drives.happening import Contact, Happening, Span, within
+from drives.rows import Case
+from oracle.tree import Array
+
+SPEEDS = np.linspace(0.05, 1.0, 40)
+# Time about a contact that counts as its own (s); force from which every one must be found (N).
+_NEAR = 0.05
+_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """How contacts were found.
+
+    Attributes:
+        strong, weak: which of those above 100 N, and of the others, overlap a span left out.
+        elsewhere: time of spans further than 50 ms from any contact, as a share of the recording.
+    """
+
+    strong: tuple[bool, ...]
+    weak: tuple[bool, ...]
+    elsewhere: float
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What is told of a load that comes and goes.
+
+    Attributes:
+        late: by how much the first change told is off (s); None where no times are told.
+        right: share of the time for which the state told is right; None where no states are told.
+    """
+
+    late: float | None
+    right: float | None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An identification beside the truth.
+
+    Attributes:
+        M, friction: errors.
+        friction_as_measured: of the curve with torque constants and offsets as recorded.
+        curves: share of the points of each drive's friction curve that its intervals hold.
+        lag: largest error of a drive's lag (s); None where no lag is told.
+        load: relative error of the mass; None where none is told.
+        changes: what is told of a load that no mapping declares; None where it tells of none.
+        gains: relative errors, one a drive.
+        gains_held: whether each gain's interval holds the truth.
+        contacts: how they were found.
+        bodies, base: of intervals of bodies that are decided by data, and of base parameters:
+            which hold the truth.
+        said: kinds of corrections, each once, with their number.
+        verdicts: keys of those that are not good.
+        texts: of corrections and warnings.
+    """
+
+    M: float
+    friction: float
+    friction_as_measured: float
+    curves: tuple[float, ...] = ()
+    lag: float | None = None
+    load: float | None = None
+    changes: Changes | None = None
+    gains: tuple[float, ...] = ()
+    gains_held: tuple[bool, ...] = ()
+    contacts: Contacts | None = None
+    bodies: tuple[bool, ...] = ()
+    base: tuple[bool, ...] = ()
+    said: tuple[tuple[str, int], ...] = ()
+    verdicts: tuple[str, ...] = ()
+    texts: tuple[str, ...] = field(default=(), repr=False)
+
+
+def judge(case: Case, result: Identified) -> Judged:
+    """Compare what was identified with what is true."""
+    model, happening, sensors = result.model, case.happenings[0], case.sensors[0]
+    told = model.corrections
+    kinds = [one.kind for one in told]
+    offset = np.asarray(sensors.offset) * np.abs(happening.truth.tau).max(axis=0)
+    link = happening.carried
+    return Judged(
+        M=mass_matrix_error(case, result),
+        friction=friction_error(happening, model, link, 1.0, 0.0),
+        friction_as_measured=friction_error(happening, model, link, sensors.gain, offset),
+        curves=tuple(_curves_held(happening, model)),
+        lag=_lag_error(case, told),
+        load=_load_error(happening, told),
+        changes=_changes(happening, result.verdicts),
+        gains=tuple(_gain_errors(case, told)),
+        gains_held=tuple(_gains_held(case, told)),
+        contacts=_contacts(happening, result) if happening.contacts else None,
+        bodies=tuple(_bodies(case, model)),
+        base=tuple(_base(case, result)),
+        said=tuple((kind, kinds.count(kind)) for kind in dict.fromkeys(kinds)),
+        verdicts=tuple(
+            dict.fromkeys(
+                one.key for one in result.verdicts if one.grade in (Grade.DOUBTFUL, Grade.WRONG)
+            )
+        ),
+        texts=(*(one.text for one in told), *model.warnings),
+    )
+
+
+def mass_matrix_error(case: Case, result: Identified) -> float:
+    """Over the poses of the machine; drive coordinates as the description has them."""
+    dynamics, machine = result.problem.dynamics, case.machine
+    q = dynamics.kinematics.inverse(machine.poses)
+    found, true = dynamics.mass_matrix(q, result.model.p), machine.M
+    scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
+    return float(np.max(np.abs(found - true) / scale))
+
+
+def friction_curve(robot: RobotDescription, p: Array, drive: str, v: Array, link: float) -> Array:
+    """A drive's friction over speed, with a torque behind its gear."""
+    speed, total = ca.SX.sym("v"), ca.SX(0)
+    coefficients = p[parameter_layout(robot).friction].tolist()
+    for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
+        if term.joint == drive:
+            total += coefficient * term.h(speed, ca.sign(speed), ca.SX(link))
+    return BatchKernel(speed, total)(v[None])[0]
+
+
+def friction_error(
+    happening: Happening,
+    model: IdentifiedModel,
+    link: Array,
+    gain: Array | float,
+    offset: Array | float,
+) -> float:
+    """Of the worst drive, where recorded torque is gain × true + offset."""
+    law = happening.friction
+    warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
+    v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed
+    true = gain * warm * law.curve(v, link) + offset
+    errors = []
+    for i, drive in enumerate(happening.machine.robot.drives):
+        found = friction_curve(model.robot, model.p, drive, v[:, i], float(link[i]))
+        errors.append(np.max(np.abs(found - true[:, i])) / np.max(np.abs(true[:, i])))
+    return float(max(errors))
+
+
+def _curves_held(happening: Happening, model: IdentifiedModel) -> list[float]:
+    """Of curves without what depends on load."""
+    law = happening.friction
+    warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
+    v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed
+    true = warm * law.curve(v)
+    shares = []
+    for curve in model.friction_curves:
+        if curve.joint in happening.machine.robot.drives:
+            i = happening.machine.robot.drives.index(curve.joint)
+            seen = (v[:, i] >= curve.speed[0]) & (v[:, i] <= curve.speed[-1])
+            low, high = curve.band(v[seen, i])
+            shares.append(float(np.mean((low <= true[seen, i]) & (true[seen, i] <= high))))
+    return shares
+
+
+def _of(told: Sequence[Correction], kind: str, drive: str) -> Correction | None:
+    """The last correction of a kind about a drive, or about all."""
+    found = [one for one in told if one.kind == kind and one.subject in (drive, "")]
+    return found[-1] if found else None
+
+
+def _lag_error(case: Case, told: Sequence[Correction]) -> float | None:
+    """Of the worst drive; a drive of which nothing is told has none."""
+    robot = case.robot
+    true = np.broadcast_to(np.asarray(case.sensors[0].lag), len(robot.drives))
+    found = [_of(told, "lag", drive) for drive in robot.drives]
+    if all(one is None for one in found):
+        return None
+    values = [0.0 if one is None or one.value is None else one.value * _SECONDS.get(one.unit, 1.0)
+              for one in found]  # fmt: skip
+    return float(np.max(np.abs(np.array(values) - true)))
+
+
+def _load_error(happening: Happening, told: Sequence[Correction]) -> float | None:
+    masses = [one.value for one in told if one.kind == "load" and one.unit == "kg"
+              and one.value is not None]  # fmt: skip
+    if happening.load is None or not masses:
+        return None
+    return abs(masses[0] / happening.load.mass - 1)
+
+
+def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
+    """A gain told is what recorded torques are to be multiplied by."""
+    gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
+    found = [_of(told, "gain", drive) for drive in case.robot.drives]
+    if any(one is None or one.value is None for one in found):
+        return []
+    return [float(one.value * true - 1) for one, true in zip(found, gain, strict=True)
+            if one is not None and one.value is not None]  # fmt: skip
+
+
+def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
+    gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
+    found = [_of(told, "gain", drive) for drive in case.robot.drives]
+    return [one.low <= 1 / true <= one.high for one, true in zip(found, gain, strict=True)
+            if one is not None and one.low is not None and one.high is not None]  # fmt: skip
+
+
+def _changes(happening: Happening, verdicts: Sequence[Verdict]) -> Changes | None:
+    """By the times in the verdict's words and the spans in the lines that it proposes."""
+    found = [one for one in verdicts if one.key == "load-change" and one.grade is not Grade.GOOD]
+    if not found or not happening.held:
+        return Changes(None, None) if found else None
+    times = re.findall(r"(?:at|,) ([0-9.]+)(?=,| s| and)", found[0].seen)
+    late = float(times[0]) - happening.held[0][0] if times else None
+    lines = dict(line for one in found[0].proposals for line in one.changes)
+    spans = lines.get("load.spans")
+    right = None
+    if spans is not None:
+        told, true = (within(happening.time, x) for x in (spans, happening.held))
+        right = float(np.mean(told == true))
+    return Changes(None if late is None else abs(late), right)
+
+
+def spans_left_out(result: Identified) -> list[Span]:
+    """Of the first recording: stretches that repairs leave out."""
+    return [(span.first, span.last) for span in result.recordings[0].repairs.left_out]
+
+
+def _contacts(happening: Happening, result: Identified) -> Contacts:
+    spans = spans_left_out(result)
+
+    def found(one: Contact) -> bool:
+        end = one.start + one.length
+        return any(first < end and last > one.start for first, last in spans)
+
+    strong, weak = [], []
+    for one in happening.contacts:
+        (strong if one.size >= 100 else weak).append(found(one))
+    near = [(one.start - _NEAR, one.start + one.length + _NEAR) for one in happening.contacts]
+    elsewhere = sum(outside(span, near) for span in spans)
+    return Contacts(tuple(strong), tuple(weak), elsewhere / happening.duration)
+
+
+def outside(span: Span, others: Sequence[Span]) -> float:
+    """Length of a span that lies in none of the others, which are in order."""
+    at, length = span[0], 0.0
+    for first, last in others:
+        length += max(0.0, min(first, span[1]) - at)
+        at = max(at, last)
+    return length + max(0.0, span[1] - at)
+
+
+def _bodies(case: Case, model: IdentifiedModel) -> list[bool]:
+    """Of entries of bodies that the data decides: whether their intervals hold the truth."""
+    truth = dict(zip(case.machine.layout.names, case.machine.plant.p, strict=True))
+    bodies = model.layout.parameters[: 10 * len(model.layout.bodies)]
+    names = {parameter.name for parameter in bodies}
+    return [
+        bool(one.low <= truth[one.name] <= one.high)
+        for one in model.parameters
+        if one.name in names and one.determined_by.startswith("data")
+        and one.low is not None and one.high is not None
+    ]  # fmt: skip
+
+
+def _base(case: Case, result: Identified) -> list[bool]:
+    """Of base parameters, whether their intervals hold the truth.
+
+    Coefficients of laws that the truth does not have are zero there.
+    """
+    truth = dict(zip(case.machine.layout.names, case.machine.plant.p, strict=True))
+    p = np.array([truth.get(name, 0.0) for name in result.model.layout.names])
+    combination = result.base.combination()
+    values = combination[:, : len(p)] @ p
+    return [
+        bool(one.low <= value <= one.high)
+        for one, value in zip(result.model.base_parameters, values, strict=False)
+    ]

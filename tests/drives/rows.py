@@ -1,0 +1,317 @@
+"""The rows of the table: robots recorded with one fault each, or with several, of known size.
+
+A row is a function of a kind of robot and a seed. Forces, masses and stiffnesses are those of a
+robot of the IRB 360 class; others have theirs in proportion to what their drives can do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import polars as pl
+
+from deltaid.robot.description import RobotDescription
+from drives.closed_loop import followed
+from drives.happening import Contact, Happening, Law, Load
+from drives.production import held_spans, production_machine, rhythm
+from drives.robots import Machine, machine
+from drives.sensors import Sensors
+from oracle.tree import Array
+
+# Largest torque of the drives of the class that sizes are written for, and its arm (N m, m).
+_TORQUE, _ARM = 75.0, 0.525
+# Standard deviation of drives' zeros (rad; times `lever`) and of lengths (m) where these are off.
+HOMING, LENGTHS = float(np.deg2rad(0.5)), 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A robot as described, its recordings, and how they came about.
+
+    Attributes:
+        row, kind, seed: which one.
+        machine: the true robot.
+        robot: as it is described.
+        happenings, sensors: one a recording.
+        logs: tables, one a recording.
+        tells: what of it an identification is told: 'gripper' for a column that tells the load's
+            state, 'known' for a load that is known, 'tolerances' for those of lengths and homing.
+    """
+
+    row: str
+    kind: str
+    seed: int
+    machine: Machine
+    robot: RobotDescription
+    happenings: tuple[Happening, ...]
+    sensors: tuple[Sensors, ...]
+    logs: tuple[pl.DataFrame, ...]
+    tells: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> float:
+        """Force and mass of this robot for one of the class that sizes are written for."""
+        return unit(self.machine)
+
+
+def unit(m: Machine) -> float:
+    """Forces at the platform in proportion to those of the IRB 360 class."""
+    arm = m.robot.limbs.geometry()[0].upper_arm if m.rotary[0] else 1.0
+    return float(m.largest_torque[:3].mean() / arm / (_TORQUE / _ARM))
+
+
+def lever(m: Machine) -> Array:
+    """1 for a drive that turns; for one that slides, metres that a radian of the class is.
+
+    A quarter where the drives turn the tool by way of the platform: it turns it several times as
+    far, and such robots have gears of another quality, or none.
+    """
+    strut = m.robot.limbs.geometry()[0].strut
+    turned = 0.25 if m.robot.platform_turns else 1.0
+    return turned * np.where(m.rotary, 1.0, 0.44 * strut)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a row of the table is made by.
+
+    Attributes:
+        make: the changes of a clean recording.
+        words: what it is.
+    """
+
+    make: Callable[[Happening, np.random.Generator], tuple[Happening, Sensors]]
+    words: str
+    tells: tuple[str, ...] = ()
+
+
+def _clean(happening: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return happening, Sensors()
+
+
+def _lag(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(delay=rng.uniform(-4e-3, 4e-3, h.machine.dof))
+
+
+def _one_lag(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(delay=np.full(h.machine.dof, rng.uniform(-4e-3, 4e-3)))
+
+
+def _current_loop(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(current_loop=min(500.0, 0.5 * h.machine.rate))
+
+
+def _velocity(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(velocity=True, velocity_lag=2e-3)
+
+
+def _standing(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    start = rng.uniform(2, h.duration - 6)
+    return replace(h, standing=((start, start + 3.0),)), Sensors()
+
+
+def _brakes(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    start = rng.uniform(2, h.duration - 6)
+    return replace(h, standing=((start - 0.3, start + 2.8),), braked=((start, start + 2.7),)), (
+        Sensors()
+    )  # fmt: skip
+
+
+def _stops(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    starts = _apart(rng, 3, 1.5, h.duration - 2.5, 2.2)
+    return replace(h, braked=tuple((s, s + rng.uniform(0.6, 1.0)) for s in starts)), Sensors()
+
+
+def _clipped(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(clip=0.6)
+
+
+def _contacts(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    count = round(h.duration)
+    found = []
+    for start in _apart(rng, count, 0.6, h.duration - 0.7, 0.25):
+        way = rng.standard_normal(3)
+        size, length = rng.uniform(50, 300), rng.uniform(0.02, 0.1)
+        force = size * unit(h.machine) * way / np.linalg.norm(way)
+        found.append(Contact(start, length, tuple(force.tolist()), size))
+    return replace(h, contacts=tuple(found)), Sensors()
+
+
+def load_of(m: Machine, rng: np.random.Generator, mass: float = 1.0) -> Load:
+    """A load, in proportion to the robot, whose centre is not on the axis."""
+    size = m.robot.limbs.geometry()[0].strut / 1.18
+    centre = size * np.array([*rng.uniform(-0.03, 0.03, 2), -0.05])
+    return Load(mass * unit(m), centre, 0.04 * size)
+
+
+def _cycles(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    edges = np.cumsum(np.append(rng.uniform(0.5, 0.9), rng.uniform(0.35, 0.8, 60)))
+    edges = edges[edges < h.duration - 0.6]
+    edges = edges[: len(edges) // 2 * 2]
+    held = tuple((float(a), float(b)) for a, b in edges.reshape(-1, 2))
+    return replace(h, load=load_of(h.machine, rng), held=held), Sensors(gripper=True)
+
+
+def _half(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    held = ((float(rng.uniform(0.35, 0.65) * h.duration), h.duration + 1),)
+    return replace(h, load=load_of(h.machine, rng), held=held), Sensors(gripper=True)
+
+
+def _ways(m: Machine, rng: np.random.Generator) -> Array:
+    """Which way friction of each drive is more.
+
+    What all carriages on upright rails have in common is a constant force that weight might be, as
+    nothing tells their mass from their rotors': there two drives differ, so that this is zero.
+    """
+    if np.all(m.rotary):
+        return rng.choice([-1.0, 1.0], m.dof)
+    ways, (a, b) = np.zeros(m.dof), rng.permutation(m.dof)[:2]
+    least = min(m.coulomb[a], m.coulomb[b])
+    ways[a], ways[b] = least / m.coulomb[a], -least / m.coulomb[b]
+    return ways
+
+
+def _law(h: Happening, rng: np.random.Generator, names: str) -> Law:
+    """Friction with what is named of: stribeck (40 %), direction (±10 %), load (5 %)."""
+    m, more = h.machine, dict[str, Any]()
+    if "stribeck" in names:
+        more |= {"stribeck": 0.4, "knee": rng.uniform(0.03, 0.1) * m.largest_speed}
+    if "direction" in names:
+        more["direction"] = 0.1 * _ways(m, rng)
+    if "load" in names:
+        more["load"] = 0.05
+    return Law(m.viscous, m.coulomb, **more)
+
+
+def _friction(names: str) -> Callable[..., tuple[Happening, Sensors]]:
+    def make(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+        return replace(h, law=_law(h, rng, names)), Sensors()
+
+    return make
+
+
+def _backlash(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return replace(h, backlash=np.deg2rad(0.05) * lever(h.machine)), Sensors()
+
+
+def _gear(stiffness: float) -> Callable[..., tuple[Happening, Sensors]]:
+    def make(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+        share = h.machine.largest_torque / _TORQUE / lever(h.machine)
+        return replace(h, stiffness=stiffness * share), Sensors()
+
+    return make
+
+
+def _homing(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    """Zeros and lengths off by normal errors of these standard deviations."""
+    m = h.machine
+    limbs = tuple(
+        replace(
+            limb,
+            arm=None if limb.arm is None else limb.arm + LENGTHS * rng.standard_normal(),
+            strut=limb.strut + LENGTHS * rng.standard_normal(),
+        )
+        for limb in m.plant.oracle.limbs
+    )
+    plant = replace(m.plant, oracle=replace(m.plant.oracle, limbs=limbs))
+    machine = replace(m, plant=plant, M=np.array([plant.oracle.mass_matrix(z) for z in m.poses]))
+    homing = HOMING * lever(m) * rng.standard_normal(m.dof)
+    homing[len(limbs) :] = 0.0
+    return replace(h, machine=machine), Sensors(homing=homing)
+
+
+def _realistic(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    """A little of everything."""
+    m = h.machine
+    h, homed = _homing(h, rng)
+    law = replace(
+        _law(h, rng, "stribeck"), stribeck=0.3, direction=0.07 * _ways(m, rng),
+        warm=0.2, constant=0.4 * h.duration,
+    )  # fmt: skip
+    stop = rng.uniform(3, h.duration - 5)
+    h = replace(_gear(2e4)(h, rng)[0], law=law, braked=((stop, stop + 0.8),),
+                backlash=np.deg2rad(0.01) * lever(m))  # fmt: skip
+    gain = 1 + 0.03 * rng.choice([-1, 1], m.dof) * rng.uniform(0.5, 1, m.dof)
+    return h, Sensors(
+        delay=np.full(m.dof, 1.2e-3), current_loop=min(500.0, 0.5 * m.rate), gain=gain,
+        offset=0.01 * rng.choice([-1, 1], m.dof), ripple=0.02, stale=0.002,
+        homing=0.4 * np.asarray(homed.homing),
+    )  # fmt: skip
+
+
+def _production(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    law = replace(_law(h, rng, "stribeck"), stribeck=0.3)
+    h = replace(h, law=law, load=load_of(h.machine, rng, 0.6), held=held_spans(h.duration),
+                rhythm=rhythm)  # fmt: skip
+    return h, Sensors(delay=np.full(h.machine.dof, 1.2e-3), gripper=True)
+
+
+ROWS = {
+    "clean": Row(_clean, "no fault"),
+    "lag": Row(_lag, "torques −4 to 4 ms late, each drive its own"),
+    "one-lag": Row(_one_lag, "all torques −4 to 4 ms late"),
+    "current-loop": Row(_current_loop, "current loop of 500 Hz"),
+    "velocity": Row(_velocity, "recorded velocities behind a filter of 2 ms"),
+    "standing": Row(_standing, "3 s of standing under control"),
+    "brakes": Row(_brakes, "3 s of standing with brakes"),
+    "stops": Row(_stops, "3 emergency stops"),
+    "clipped": Row(_clipped, "torque channels end at 60 %"),
+    "contacts": Row(_contacts, "pushes of 50 to 300 N for 20 to 100 ms, one a second"),
+    "load-cycles": Row(_cycles, "1 kg taken and put down, declared", ("gripper",)),
+    "load-half": Row(_half, "1 kg from the middle on, declared", ("gripper",)),
+    "load-cycles-undeclared": Row(_cycles, "1 kg taken and put down, not declared"),
+    "load-half-undeclared": Row(_half, "1 kg from the middle on, not declared"),
+    "stribeck": Row(_friction("stribeck"), "Stribeck friction of 40 %"),
+    "direction": Row(_friction("direction"), "friction ±10 % by direction"),
+    "load-friction": Row(_friction("load"), "5 % of what the gear carries"),
+    "three-laws": Row(_friction("stribeck direction load"), "these three"),
+    "backlash": Row(_backlash, "0.05° of backlash"),
+    "gear-20000": Row(_gear(2e4), "gears of 20 000 N m/rad"),
+    "gear-5000": Row(_gear(5e3), "gears of 5 000 N m/rad"),
+    "homing": Row(_homing, "homing 0.5° and lengths 1 mm off", ("tolerances",)),
+    "realistic": Row(_realistic, "a little of everything"),
+    "production": Row(_production, "pick and place in 0.9 s, load declared", ("gripper",)),
+    "production-undeclared": Row(_production, "pick and place in 0.9 s, load not declared"),
+    "poor-priors": Row(_clean, "priors 2 to 20 times off"),
+    "gains": Row(_clean, "torque constants ±10 %, recorded empty and with 1 kg", ("known",)),
+    "closed-loop": Row(_clean, "noise that control feeds back"),
+}  # fmt: skip
+
+
+def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
+    """The recordings of a row, of a kind of robot."""
+    made = ROWS[row]
+    rng = np.random.default_rng([seed, crc32(kind.encode()), crc32(row.encode())])
+    m = (production_machine(kind, seed) if row.startswith("production")
+         else machine(kind, seed, row == "poor-priors"))  # fmt: skip
+    h = Happening(m, float(rng.uniform(14, 20)), int(rng.integers(1 << 31)))
+    if row == "closed-loop":
+        h, log = followed(h, rng)
+        # A torque is held from its row to the next one: it comes half a row early.
+        sensors = Sensors(delay=-0.5 / m.rate)
+        return Case(row, kind, seed, m, m.robot, (h,), (sensors,), (log,))
+    if row == "gains":
+        gain = 1 + rng.uniform(-0.1, 0.1, m.dof)
+        loaded = replace(h, seed=h.seed + 1, duration=h.duration, load=load_of(m, rng),
+                         held=((-1.0, h.duration + 1),))  # fmt: skip
+        sensors = (Sensors(gain=gain),) * 2
+        both = (h, loaded)
+    else:
+        h, one = made.make(h, rng)
+        both, sensors = (h,), (one,)
+    logs = tuple(s.recorded(x) for s, x in zip(sensors, both, strict=True))
+    return Case(row, kind, seed, both[0].machine, m.robot, both, sensors, logs, made.tells)
+
+
+def _apart(
+    rng: np.random.Generator, count: int, low: float, high: float, least: float
+) -> list[float]:
+    """So many ascending times between two, at least so far from each other (s)."""
+    free = high - low - (count - 1) * least
+    return [
+        float(low + free * x + k * least) for k, x in enumerate(np.sort(rng.uniform(size=count)))
+    ]

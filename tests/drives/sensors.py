@@ -1,0 +1,103 @@
+"""What drives write of what happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+from scipy.signal import lfilter
+
+from drives.happening import Happening, within
+from oracle.tree import Array
+
+# Encoder of the motor behind its gear, or on a spindle of so many metres a turn; noise of its
+# reading in steps.
+_STEP, _LEAD, _DITHER = 2 * np.pi / 2**17 / 20, 0.02, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Sensors:
+    """How drives measure and log; numbers with (drives,) may be one for all.
+
+    Attributes:
+        noise: of torques, as a share of each drive's largest, contacts not counted.
+        delay: by how much torque columns are late (s).
+        current_loop: cut-off of a first-order filter on torques (Hz).
+        velocity, velocity_lag: whether q̇ is recorded, and its filter's time constant (s).
+        clip: torque columns end at this share of the largest.
+        gain: of the torque constants: recorded is gain × true.
+        offset: of the torque columns, as a share of the largest.
+        ripple: over the angle, as a share of the largest, 12 waves a radian.
+        homing: error of q's zero (rad, m).
+        stale: share of rows that repeat the one before.
+        gripper: whether a column tells when a load is held.
+    """
+
+    noise: float = 0.02
+    delay: Array | float = 0.0
+    current_loop: float | None = None
+    velocity: bool = False
+    velocity_lag: float = 0.0
+    clip: float | None = None
+    gain: Array | float = 1.0
+    offset: Array | float = 0.0
+    ripple: float = 0.0
+    homing: Array | float = 0.0
+    stale: float = 0.0
+    gripper: bool = False
+
+    @property
+    def lag(self) -> Array | float:
+        """What counts as lag of torques: dead time and time constant (s)."""
+        loop = 0.0 if self.current_loop is None else 1 / (2 * np.pi * self.current_loop)
+        return self.delay + loop
+
+    def recorded(self, happening: Happening) -> pl.DataFrame:
+        """The log: t, q, qd if recorded, tau, gripper if recorded."""
+        machine, truth = happening.machine, happening.truth
+        rng, time = np.random.default_rng([happening.seed, 2]), happening.time
+        step = np.where(machine.rotary, _STEP, _LEAD / 2**17)
+        counts = np.round(truth.q / step + _DITHER * rng.standard_normal(truth.q.shape))
+        q = step * counts + self.homing
+        columns = {"t": time} | _named("q", q)
+        if self.velocity:
+            columns |= _named("qd", _first_order(truth.qd, self.velocity_lag * machine.rate))
+        tau = self._late(happening)
+        scale = np.abs(replace(happening, contacts=()).truth.tau).max(axis=0)
+        tau = tau + scale * self.ripple * np.sin(12 * truth.q)
+        if self.current_loop is not None:
+            tau = _first_order(tau, machine.rate / (2 * np.pi * self.current_loop))
+        tau = self.gain * tau + scale * self.offset
+        tau = tau + self.noise * scale * rng.standard_normal(tau.shape)
+        if self.clip is not None:
+            tau = np.clip(tau, -self.clip * scale, self.clip * scale)
+        columns |= _named("tau", tau)
+        if self.gripper:
+            columns["gripper"] = within(time, happening.held).astype(float)
+        table = pl.DataFrame(columns)
+        stale = rng.uniform(size=len(time)) < self.stale
+        if not np.any(stale):
+            return table
+        row = np.maximum.accumulate(np.where(stale, 0, np.arange(len(time))))
+        return table[row].with_columns(pl.Series("t", time))
+
+    def _late(self, happening: Happening) -> Array:
+        delay = np.broadcast_to(self.delay, happening.machine.dof)
+        tau = happening.truth.tau.copy()
+        for late in np.unique(delay[delay != 0]):
+            tau[:, delay == late] = happening.moved(happening.time - late).tau[:, delay == late]
+        return tau
+
+
+def _named(name: str, values: Array) -> dict[str, Array]:
+    return {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
+
+
+def _first_order(x: Array, samples: float) -> Array:
+    """Through 1 / (1 + T s) with T so many samples, by Tustin's rule; from a steady state."""
+    if samples == 0:
+        return x
+    a = 1 / (1 + 2 * samples)
+    pole = (2 * samples - 1) / (2 * samples + 1)
+    return lfilter([a, a], [1, -pole], x - x[0], axis=0) + x[0]

@@ -1,0 +1,36 @@
+"""The identification of a case, told what the case says is told; else without options."""
+
+from deltaid.check.identified import Judged, identify
+from deltaid.recording.carried import Load
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.robot.body import InertiaTensor
+from deltaid.robot.tolerances import Tolerances
+from drives.rows import HOMING, LENGTHS, Case, lever
+
+
+def identified(case: Case) -> Judged:
+    """What `deltaid identify` makes of a case."""
+    robot = case.robot
+    if "tolerances" in case.tells:
+        zeros = dict(zip(robot.drives, (HOMING * lever(case.machine)).tolist(), strict=True))
+        tolerances = Tolerances(lengths=LENGTHS, homing=zeros)
+        robot = robot.model_copy(update={"tolerances": tolerances})
+    return identify(robot, list(case.logs), columns=_columns(case))
+
+
+def _columns(case: Case) -> list[ColumnMapping] | None:
+    """Which load is held when, one mapping a recording."""
+    if "gripper" in case.tells:
+        return [ColumnMapping(load=Load(column="gripper"))]
+    if "known" not in case.tells:
+        return None
+    load = case.happenings[1].load
+    assert load is not None
+    moment = load.mass * load.gyration**2
+    known = Load(
+        always=True,
+        mass=load.mass,
+        centre=tuple(load.centre.tolist()),
+        inertia=InertiaTensor(xx=moment, yy=moment, zz=moment),
+    )
+    return [ColumnMapping(), ColumnMapping(load=known)]

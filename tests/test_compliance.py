@@ -1,0 +1,130 @@
+"""Gears that wind up: rows of the link in the place of the motor's, and compliances found."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.identification.fit import fit
+from deltaid.identification.validation import model_filtered
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.gears import Gears
+from deltaid.recording.log import open_log
+from deltaid.recording.repairs import Repairs
+from deltaid.robot.load import load_robot
+
+RATE = 1000.0
+STIFFNESS = np.array([4e3, 6e3, 5e3])
+
+
+@cache
+def wound(share: float = 1.0, noise: float = 0.01) -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
+    """A recording of motors behind gears with a share of the compliance 1 / STIFFNESS; p is true.
+
+    τ_g = Y p without the drives' friction; q_m = q + τ_g / k; τ = τ_g + friction(q̇_m).
+    """
+    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(6)
+    p = surrogate_parameters(dynamics.robot, rng)
+    motion = random_motion(dynamics.kinematics, rng, period=3.7, harmonics=7)
+    time = np.arange(-500, 8500) / RATE
+    z, zd, zdd = motion.evaluate(time)
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    carried = dynamics.carried(z, qd, qdd, p)
+    named = dict(zip((one.name for one in dynamics.layout.parameters), p, strict=True))
+    viscous, coulomb = (
+        np.array([named[f"{kind}.{drive}"] for drive in dynamics.robot.drives])
+        for kind in ("viscous", "coulomb")
+    )
+    own = dynamics.torque(z, qd, qdd, p) - carried - viscous * qd - coulomb * np.sign(qd)
+    ahead = share * carried / STIFFNESS
+    faster = np.gradient(ahead, 1 / RATE, axis=0)
+    tau = carried + own + viscous * (qd + faster) + coulomb * np.sign(qd + faster)
+    inner, size = slice(500, -500), np.abs(tau).max(axis=0)
+    steps = 1e-6 * np.round(1e6 * (q + ahead))
+    tau = tau + noise * size * rng.standard_normal(tau.shape)
+    columns = {"t": time[inner]}
+    for name, values in (("q", steps), ("tau", tau), ("link", q)):
+        columns |= {f"{name}{i + 1}": x[inner] for i, x in enumerate(values.T)}
+    return dynamics, p, pl.DataFrame(columns)
+
+
+@cache
+def fitted(share: float) -> deltaid.Identification:
+    dynamics, _, table = wound(share)
+    return deltaid.identify(dynamics.robot, table.drop("link1", "link2", "link3"))
+
+
+def mass_error(dynamics: Dynamics, p: np.ndarray, true: np.ndarray) -> float:
+    z = dynamics.kinematics.home + 0.1 * np.random.default_rng(1).uniform(-1, 1, (20, 3))
+    q = dynamics.kinematics.inverse(z)
+    M = dynamics.mass_matrix(q, true)
+    size = np.sqrt(np.einsum("nii,njj->nij", M, M))
+    return float(np.abs((dynamics.mass_matrix(q, p) - M) / size).max())
+
+
+def gears(p: np.ndarray, dynamics: Dynamics) -> Gears:
+    named = dict(zip((one.name for one in dynamics.layout.parameters), p.tolist(), strict=True))
+    viscous, coulomb, rotor = (
+        tuple(named.get(f"{kind}.{drive}", 0.0) for drive in dynamics.robot.drives)
+        for kind in ("viscous", "coulomb", "rotor")
+    )
+    return Gears(tuple((1 / STIFFNESS).tolist()), viscous, coulomb, rotor, 40.0)
+
+
+def test_rows_become_those_of_the_link() -> None:
+    dynamics, p, table = wound(1.0, 0.0)
+    log = open_log(table, dynamics.kinematics, keep_all=True)
+    rows = np.concatenate([x.values for x in log.batches()])
+    found = gears(p, dynamics)
+    back = np.concatenate(list(found.turned_back(iter([rows]), log.columns, RATE)))
+    at = np.searchsorted(rows[:, 0], back[:, 0])
+    link = table.select("link1", "link2", "link3").to_numpy()[at]
+    before, after = (np.abs(x[:, 1:4] - link).max(axis=0) for x in (rows[at], back))
+    assert np.all(after < 0.05 * before)
+    cut = np.array_split(rows, [3, 700, 701, 5000])
+    again = np.concatenate(list(found.turned_back(iter(cut), log.columns, RATE)))
+    np.testing.assert_array_equal(again, back)
+    repaired = Repairs(gears=found).of(iter([rows]), log.columns, RATE)
+    np.testing.assert_array_equal(np.concatenate(list(repaired)), back)
+    short = found.turned_back(iter([rows[:100]]), log.columns, RATE)
+    assert not list(short)
+
+
+def test_compliances_are_found_and_put_right() -> None:
+    dynamics, p, table = wound()
+    found = fitted(1.0)
+    told = [one for one in found.model.corrections if one.kind == "compliance"]
+    assert [one.subject for one in told] == list(dynamics.robot.drives)
+    values = np.array([one.value for one in told])
+    np.testing.assert_allclose(values, 1 / STIFFNESS, rtol=0.1)
+    low, high = (np.array([getattr(one, side) for one in told]) for side in ("low", "high"))
+    assert np.all((low > 0) & (low < values) & (values < high))
+    assert {one.unit for one in told} == {"rad/(N m)"}
+    assert mass_error(dynamics, found.model.p, p) < 0.005
+    stiff = replace(found.recordings[0], repairs=Repairs())
+    wrong = fit(dynamics, [stiff], found.model.settings)
+    assert mass_error(dynamics, wrong.p, p) > 2 * mass_error(dynamics, found.model.p, p)
+    again = model_filtered(found.model, open_log(table, dynamics.kinematics))
+    assert again.repairs.gears is not None
+    np.testing.assert_allclose(again.repairs.gears.compliance, values)
+
+
+def test_stiff_gears_stay_stiff() -> None:
+    found = fitted(0.0)
+    assert not [one for one in found.model.corrections if one.kind == "compliance"]
+    assert found.recordings[0].repairs.gears is None
+    assert model_filtered(found.model, found.recordings[0].log).repairs.gears is None
+
+
+@pytest.mark.parametrize("motor", ["viscous", "coulomb", "rotor"])
+def test_torques_become_those_of_a_motor_at_the_link(motor: str) -> None:
+    values = {name: (2.0 if name == motor else 0.0,) for name in ("viscous", "coulomb", "rotor")}
+    one = Gears((1e-4,), **values, cutoff=30.0)
+    qd, qdd, ahead, faster = (np.array([[x]]) for x in (0.3, 5.0, 0.5, 7.0))
+    expected = {"viscous": 2.0 * 0.5, "coulomb": 4.0, "rotor": 2.0 * 7.0}[motor]
+    np.testing.assert_allclose(one.less(qd, qdd, ahead, faster), [[expected]])

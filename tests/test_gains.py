@@ -1,0 +1,158 @@
+"""Torque constants that are off, found with a load that is known."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import run
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.identification.additions import Addition, Own, Values
+from deltaid.identification.fit import fit
+from deltaid.identification.gains import Gains, gains
+from deltaid.identification.identify import identify
+from deltaid.identification.judgement import judged_parameters
+from deltaid.identification.reduction import Free
+from deltaid.identification.setup import Setup
+from deltaid.identification.validation import validate
+from deltaid.model.corrections import Correction
+from deltaid.model.model import load
+from deltaid.model.record import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.windows import Samples
+from deltaid.robot.load import load_robot
+from deltaid.robot.parameter import Parameter
+
+RATE, DURATION, NOISE, MASS = 500.0, 16.0, 0.02, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Weight(Addition):
+    """A known point mass at the platform, in one recording."""
+
+    dynamics: Dynamics
+    log: str
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("load", "weight", "m", "kg", 0.0, np.inf, MASS, MASS),)
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        drives, columns = self.dynamics.regressor_pattern
+        mass = self.dynamics.layout.names.index("P.m")
+        return drives[columns == mass], np.zeros(np.sum(columns == mass), dtype=int)
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        _, columns = self.dynamics.regressor_pattern
+        mass = self.dynamics.layout.names.index("P.m")
+        return own[columns == mass] * (str(recording.path) == self.log)
+
+    @property
+    def free(self) -> Free:
+        return Free((), np.zeros((1, 0)), np.array([MASS]), ())
+
+    @property
+    def is_absolute(self) -> bool:
+        return True
+
+
+def moving() -> tuple[Dynamics, np.ndarray]:
+    dynamics = compiled(load_robot("clavel-delta3"))
+    return dynamics, surrogate_parameters(dynamics.robot, np.random.default_rng(4))
+
+
+def table(seed: int, gain: np.ndarray, load: float) -> pl.DataFrame:
+    """What drives record whose torque constants are off: τ / c."""
+    dynamics, p = moving()
+    p = p.copy()
+    p[dynamics.layout.names.index("P.m")] += load
+    rng, t = np.random.default_rng(seed), np.arange(round(DURATION * RATE)) / RATE
+    motion = random_motion(dynamics.kinematics, rng, period=3.917)
+    q, qd, qdd = dynamics.kinematics.drive_motion(*motion.evaluate(t))
+    tau = dynamics.inverse_dynamics(q, qd, qdd, p) / gain
+    tau += NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    columns = {"t": t} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
+    return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
+
+
+def setup(gain: np.ndarray, seed: int = 1) -> Setup:
+    dynamics, _ = moving()
+    tables = [table(seed, gain, 0.0), table(seed + 50, gain, MASS)]
+    return Setup(dynamics.robot, tuple(open_recordings(tables, dynamics.kinematics)), Settings())
+
+
+@pytest.mark.parametrize("gain", [(1.07, 0.95, 1.02), (0.91, 0.9, 1.1), (1.0, 1.0, 1.0)])
+def test_gains_are_found_with_a_known_load_in_one_of_two_recordings(
+    gain: tuple[float, ...],
+) -> None:
+    dynamics, p = moving()
+    bare = setup(np.array(gain))
+    weight = Weight(dynamics, str(bare.recordings[1].path))
+    found = gains(bare.changed(additions=(weight,)), lambda _: None)
+    last = found.additions[-1]
+    assert isinstance(last, Gains)
+    np.testing.assert_allclose(last.gain, gain, rtol=0.01)
+    assert found.recordings[0].repairs.gain == tuple(last.gain.tolist())
+    problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
+    for c, one in zip(gain, last.told(judged_parameters(problem)[-3:]), strict=True):
+        assert one.low is not None
+        assert one.high is not None
+        assert one.low < c < one.high
+        assert one.high - one.low < 0.03
+        assert "known load weighs" in one.text
+    home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
+    M, true = (dynamics.mass_matrix(home, x)[0] for x in (problem.p, p))
+    np.testing.assert_allclose(M, true, rtol=0, atol=0.015 * true.max())
+
+
+def test_without_a_known_load_torques_stay_as_they_are() -> None:
+    bare = setup(np.array([1.07, 0.95, 1.02]))
+    assert gains(bare, lambda _: None) == bare or gains(bare, lambda _: None).additions == ()
+
+
+def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:
+    dynamics, _ = moving()
+    bare = setup(np.array([1.04, 1.04, 1.04]))
+    loaded = bare.changed(recordings=bare.recordings[1:])
+    weight = Weight(dynamics, str(loaded.recordings[0].path))
+    found = gains(loaded.changed(additions=(weight,)), lambda _: None)
+    problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
+    for one in found.additions[-1].told(judged_parameters(problem)[-3:]):
+        assert one.low is not None
+        assert one.high is not None
+        assert one.low < 1.04 < one.high
+        assert one.high - one.low > 0.15
+        assert "hardly shows" in one.text
+
+
+def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(
+    tmp_path: Path,
+) -> None:
+    dynamics, _ = moving()
+    gain = np.array([1.07, 0.95, 1.02])
+    bare = identify(dynamics.robot, table(1, np.ones(3), 0.0)).model
+    known = bare.changed(
+        corrections=tuple(
+            Correction(kind="gain", subject=f"drive{i + 1}", value=c, text="as weighed")
+            for i, c in enumerate(gain.tolist())
+        )
+    )
+    np.testing.assert_array_equal(load(known).gains, gain)
+    unseen = table(9, gain, 0.0)
+    with_gains, without = (validate(one, unseen)[0].nrmse for one in (known, bare))
+    assert np.all(without > 1.5 * with_gains)
+    log, model, planned = (tmp_path / name for name in ("log.csv", "model.yaml", "tau.csv"))
+    unseen.write_csv(log)
+    known.save(model)
+    assert run("torque", model, log, "-o", planned).code == 0
+    commanded = pl.read_csv(planned)
+    recorded = unseen.join(commanded, on="t", suffix="_commanded")
+    for i in range(3):
+        measured, told = (recorded[f"tau{i + 1}{end}"].to_numpy() for end in ("", "_commanded"))
+        slope = measured @ told / (told @ told)
+        assert slope == pytest.approx(1.0, abs=0.02)

@@ -1,0 +1,241 @@
+"""Lags of torques and velocities as an identification corrects them; truth by evaluation."""
+
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.cli.output import lag_of
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError
+from deltaid.identification.identify import identify
+from deltaid.identification.lag_columns import slope
+from deltaid.identification.lag_groups import chosen_groups
+from deltaid.identification.lags import Lags, estimate_lags
+from deltaid.identification.setup import Setup
+from deltaid.identification.traces import trace
+from deltaid.identification.validation import model_filtered, validate
+from deltaid.identification.velocity_stage import late_rate, late_rates_left_out
+from deltaid.model.corrections import Correction
+from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.log import open_log
+from deltaid.recording.recording import open_recordings
+from deltaid.robot.load import load_robot
+
+RATE, DURATION, NOISE = 500.0, 9.0, 0.01
+PLAIN = Settings(events=False, friction="described")
+
+
+@cache
+def robot(name: str = "clavel-delta3") -> tuple[Dynamics, np.ndarray]:
+    dynamics = compiled(load_robot(name))
+    return dynamics, surrogate_parameters(dynamics.robot, np.random.default_rng(2))
+
+
+def recorded(
+    late: float | list[float],
+    *,
+    name: str = "clavel-delta3",
+    by_direction: float = 0.0,
+    loop: float = 0.0,
+    velocity: float | None = None,
+    seed: int = 5,
+    rate: float = RATE,
+) -> pl.DataFrame:
+    """A recording.
+
+    Args:
+        late: by how much torques come late, for all drives or each [s].
+        by_direction: share of Coulomb friction that torques have more in one direction.
+        loop: time constant of a filter on torques [s].
+        velocity: by how much recorded velocities come late [s]; None for none recorded.
+    """
+    dynamics, p = robot(name)
+    coulomb = p[dynamics.layout.coulomb][: dynamics.dof]
+    rng, dof = np.random.default_rng(seed), dynamics.dof
+    motion = random_motion(dynamics.kinematics, rng, period=3.917)
+    t = np.arange(round(DURATION * rate)) / rate
+
+    def at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        z, zd, zdd = motion.evaluate(time)
+        q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+        tau = dynamics.torque(z, qd, qdd, p) + by_direction * coulomb * (qd > 0)
+        return q, qd, tau
+
+    q, _, _ = at(t)
+    delays = np.broadcast_to(late, dof)
+    if loop:  # ∫ τ(t − s) e^(−s/T) ds / T, as a sum of shares of its area
+        edges = -loop * np.log1p(-np.linspace(0, 1, 33)[:-1] - 1 / 64)
+        parts = [at(t - edge)[2] for edge in edges]
+        tau = np.mean(parts, axis=0)
+    else:
+        tau = np.column_stack([at(t - one)[2][:, i] for i, one in enumerate(delays)])
+    tau = tau + NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    columns = {"t": t} | {f"q{i + 1}": 1e-6 * np.round(1e6 * x) for i, x in enumerate(q.T)}
+    if velocity is not None:
+        columns |= {f"qd{i + 1}": x for i, x in enumerate(at(t - velocity)[1].T)}
+    return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
+
+
+def estimated(*tables: pl.DataFrame, name: str = "clavel-delta3") -> Lags:
+    dynamics, _ = robot(name)
+    prior = prior_parameters(dynamics.robot)
+    held = [
+        trace(dynamics, one, prior, cutoff=one.cutoff, reach=0.0, reversals=False)
+        for one in open_recordings(tables, dynamics.kinematics)
+    ]
+    return estimate_lags(held, spread=0.5)
+
+
+@pytest.mark.parametrize("late", [[2.3e-3] * 3, [-9.6e-3] * 3, [1.3e-3, -3.1e-3, 14.7e-3]])
+def test_lags_come_out_to_a_small_part_of_a_sample(late: list[float]) -> None:
+    lags = estimated(recorded(late))
+    deviation = np.sqrt(np.diag(lags.covariance[0]))
+    assert np.all(np.abs(lags.values[0] - late) < np.maximum(4 * deviation, 2e-5))
+    assert np.all(np.abs(lags.values[0] - late) < 1.2e-4)
+    assert np.all(np.isfinite(lags.told))
+
+
+def test_friction_by_direction_looks_like_a_lag_but_not_where_drives_turn_round() -> None:
+    lags = estimated(recorded(1.1e-3, by_direction=1.2))
+    np.testing.assert_allclose(lags.values[0], 1.1e-3, atol=1.2e-4)
+    assert np.all(np.isfinite(lags.told))
+
+
+def test_a_filter_of_the_drive_counts_as_lag() -> None:
+    lags = estimated(recorded(0.0, loop=3e-3))
+    np.testing.assert_allclose(lags.values[0], 3e-3, atol=4e-4)
+
+
+def test_groups_are_as_few_as_scatter_allows() -> None:
+    covariance = np.diag(np.array([2e-5, 3e-5, 2e-5, 6e-4]) ** 2)
+
+    def groups(*lags: float) -> tuple[tuple[int, ...], ...]:
+        return chosen_groups(np.array(lags), covariance).groups
+
+    assert groups(1e-5, -3e-5, 2e-5, 9e-4) == ()
+    assert groups(2.01e-3, 1.98e-3, 2e-3, 2.7e-3) == ((0, 1, 2, 3),)
+    assert groups(2.01e-3, 1.98e-3, 2e-3, -1.9e-3) == ((0, 1, 2), (3,))
+    assert groups(0.0, 0.0, 1e-3, -3e-3) == ((2,), (3,))
+    assert groups(1e-3, 2e-3, 3e-3, 4e-2) == ((0,), (1,), (2,), (3,))
+    alike = chosen_groups(np.array([2e-3, 2.03e-3, 2e-3, 2.9e-3]), covariance).delay
+    assert alike[0] == alike[3] == pytest.approx(2.006e-3, abs=1e-5)
+
+
+def test_a_small_lag_of_all_drives_is_seen_together() -> None:
+    """No drive's alone, nor all of them as numbers of their own."""
+    covariance = np.diag(np.full(4, 1e-4**2))
+    assert chosen_groups(np.full(4, 2.1e-4), covariance).groups == ((0, 1, 2, 3),)
+    assert chosen_groups(np.array([2.1e-4, -2.1e-4, 2.1e-4, -2.1e-4]), covariance).groups == ()
+
+
+def test_the_slope_of_torques_has_no_steps() -> None:
+    t = np.linspace(0, 1, 101)
+    tau = np.vstack([3 * t + np.where(t > 0.405, 5.0, 0.0), t**2])
+    turned = np.zeros((2, 100), dtype=bool)
+    turned[0, 40] = True
+    found = 100 * slope(tau, turned)
+    np.testing.assert_allclose(found[0], 3.0, atol=1e-9)
+    np.testing.assert_allclose(found[1, 1:-1], 2 * t[1:-1], atol=1e-9)
+
+
+@cache
+def late_model() -> IdentifiedModel:
+    return identify(robot()[0].robot, recorded(2.3e-3), settings=PLAIN).model
+
+
+def test_a_lag_is_corrected_told_and_kept() -> None:
+    model, (dynamics, p) = late_model(), robot()
+    (told,) = [one for one in model.corrections if one.kind == "lag"]
+    assert told.subject == ""
+    assert told.unit == "s"
+    assert told.value == pytest.approx(2.3e-3, abs=5e-5)
+    assert told.low is not None
+    assert told.high is not None
+    assert told.low < 2.3e-3 < told.high
+    assert told.high - told.low < 2e-4
+    assert model.sources[0].delay == pytest.approx((2.3e-3,) * 3, abs=5e-5)
+    assert len(model.parameters) == len(p)
+    q = np.zeros((1, 3))
+    np.testing.assert_allclose(
+        dynamics.mass_matrix(q, model.p), dynamics.mass_matrix(q, p), rtol=3e-3, atol=2e-5
+    )
+    for kind in (dynamics.layout.viscous, dynamics.layout.coulomb):
+        np.testing.assert_allclose(model.p[kind][:3], p[kind][:3], rtol=0.02)
+
+
+def test_an_identification_without_correction_is_worse_and_says_nothing_of_one() -> None:
+    dynamics, p = robot()
+    model = identify(dynamics.robot, recorded(2.3e-3), settings=PLAIN.changed(lag="none")).model
+    assert not model.corrections
+    q = np.zeros((1, 3))
+    error = dynamics.mass_matrix(q, model.p) / dynamics.mass_matrix(q, p) - 1
+    assert np.abs(np.diag(error[0])).max() > 5e-3
+
+
+def test_another_recording_is_compared_with_the_lag_of_the_model() -> None:
+    other = recorded(2.3e-3, seed=6)
+    log = open_log(other, robot()[0].kinematics)
+    assert model_filtered(late_model(), log).repairs.delay == late_model().sources[0].delay
+    error, _ = validate(late_model(), other)
+    straight, _ = validate(late_model(), recorded(0.0, seed=6))
+    assert np.all(error.rms < 0.6 * straight.rms)
+
+
+def test_a_lag_that_is_given_is_applied_as_it_is() -> None:
+    dynamics, _ = robot()
+    table = recorded([1e-3, 1e-3, 4e-3])
+    result = identify(dynamics.robot, table, settings=PLAIN.changed(lag=(1e-3, 1e-3, 4e-3)))
+    assert result.recordings[0].repairs.delay == (1e-3, 1e-3, 4e-3)
+    assert [one.value for one in result.model.corrections] == [1e-3, 1e-3, 4e-3]
+    assert not result.problem.additions
+    with pytest.raises(DeltaidError, match="has 2 values, and the robot has 3 drives"):
+        identify(dynamics.robot, table, settings=PLAIN.changed(lag=(1e-3, 2e-3)))
+
+
+def test_each_recording_has_its_own_lag() -> None:
+    lags = estimated(recorded(2.3e-3), recorded(-0.9e-3, seed=6))
+    np.testing.assert_allclose(lags.values, np.outer([2.3e-3, -0.9e-3], np.ones(3)), atol=1.2e-4)
+
+
+def test_what_the_option_takes() -> None:
+    assert lag_of("estimate") == "estimate"
+    assert lag_of("none") == "none"
+    assert lag_of("2") == (2e-3,)
+    assert lag_of("2,-1.5,0") == pytest.approx((2e-3, -1.5e-3, 0.0))
+    for wrong in ("two", "2;3", "", "500", "nan"):
+        with pytest.raises(DeltaidError, match="--lag"):
+            lag_of(wrong)
+
+
+@pytest.mark.parametrize("late", [0.0, 2e-3, -1e-3])
+def test_velocities_that_lag_are_left_out(late: float) -> None:
+    dynamics, _ = robot()
+    (one,) = open_recordings(recorded(0.0, velocity=late), dynamics.kinematics)
+    found = late_rate(one, dynamics.kinematics)
+    setup = late_rates_left_out(Setup(dynamics.robot, (one,), Settings()), lambda _: None)
+    left = setup.recordings[0]
+    if late == 0.0:
+        assert found is None
+        assert left is one
+        assert not setup.corrections
+        return
+    assert found is not None
+    np.testing.assert_allclose(found.values, late, rtol=0.01)
+    assert not left.log.columns.velocity
+    assert left.cutoff == one.cutoff
+    (told,) = setup.corrections
+    assert told.kind == "velocity"
+    assert told.value == pytest.approx(late, rel=0.01)
+
+
+def test_a_model_of_late_velocities_leaves_them_out_of_comparisons() -> None:
+    told = Correction(kind="velocity", value=2e-3, unit="s", text="they come late")
+    model = late_model().changed(corrections=(told,))
+    other = open_log(recorded(0.0, velocity=2e-3, seed=6), robot()[0].kinematics)
+    assert not model_filtered(model, other).log.columns.velocity
+    assert model_filtered(late_model(), other).log.columns.velocity
