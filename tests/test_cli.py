@@ -263,7 +263,6 @@ def test_help(arguments: list[str]) -> None:
         assert parameter.name == "help" or parameter.help, parameter.name
 
 
-@pytest.mark.xfail(reason="open: labels with several priors are wider")
 def test_tables_fit_80_columns(folder: Path) -> None:
     log = folder / "four.csv"
     texts = [
