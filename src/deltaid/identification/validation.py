@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from deltaid.errors import Doubt
-from deltaid.identification.compliance import motors_of
 from deltaid.identification.loads import as_known
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.identification.windings import motors_of
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.gears import Gears
 from deltaid.recording.log import Log, open_log
