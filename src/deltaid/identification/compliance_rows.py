@@ -36,6 +36,8 @@ _SHAPES: tuple[Callable[[Speeds], Speeds], ...] = (
     np.abs,
     _falling(0.1),
 )
+# Columns of a drive's friction: these, and one that grows with the load.
+_FREE = len(_SHAPES) + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ class Rows:
         rows = one.regressor(self.additions)
         tau = torques_of(one) - rows @ self.reduction.p_0[active]
         lags = [] if p is None else [_slopes(one, p)]
-        A = np.concatenate([columns, *lags, _friction(one)], axis=2)
+        A = np.concatenate([columns, *lags, _friction(one, one.load if p is None else p)], axis=2)
         return Sheet(rows @ self.reduction.A[active], A, tau)
 
     def solved(
@@ -91,7 +93,7 @@ class Rows:
     ) -> Parameters:
         """p of the robot, whose friction is viscous and Coulomb's as well as that goes: beside a
         free curve, hardly anything tells them."""
-        free = len(_SHAPES) * len(sheets[0].tau)
+        free = _FREE * len(sheets[0].tau)
         plain = [replace(one, A=one.A[:, :, :-free]) for one in sheets]
         x = self.solved(plain, clean).x
         p = self.reduction.A @ x + self.reduction.p_0
@@ -112,17 +114,19 @@ def _slopes(now: Trace, p: Parameters) -> Columns:
     return _apart(now.low_pass.rate * now.filtered(slope, np.arange(dof), 1)[:, :, None])
 
 
-def _friction(now: Trace) -> Columns:
-    """Friction of each drive beside Coulomb's and viscous, in columns of its own."""
+def _friction(now: Trace, p: Parameters) -> Columns:
+    """Friction of each drive beside Coulomb's and viscous, in columns of its own; the last is that
+    which grows with what its gear carries, by p."""
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in now.stretches], axis=0)
 
     def shapes(w: Samples) -> np.ndarray:
-        v = w.qd / fastest
-        return np.hstack([shape(v) for shape in _SHAPES]).T
+        v, carried = w.qd / fastest, now.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
+        of_load = np.sign(v) * np.abs(carried)
+        return np.hstack([*(shape(v) for shape in _SHAPES), of_load]).T
 
     dof = now.dynamics.dof
-    out = now.filtered(shapes, np.tile(np.arange(dof), len(_SHAPES)))
-    return _apart(out.reshape(len(_SHAPES), dof, -1).transpose(1, 2, 0))
+    out = now.filtered(shapes, np.tile(np.arange(dof), _FREE))
+    return _apart(out.reshape(_FREE, dof, -1).transpose(1, 2, 0))
 
 
 def _apart(own: Float[np.ndarray, "dof samples own"]) -> Columns:
