@@ -69,7 +69,7 @@ def result() -> Irb360:
     return reproduce_irb360(replace(QUICK, starts=1))
 
 
-@pytest.mark.xfail(reason="open: gears that wind up take a part of the law")
+@pytest.mark.xfail(reason="open: the law that is chosen leaves drive 4 twice the noise")
 def test_plain_friction_fails_on_drive_4_and_the_chosen_law_repairs_it(result):
     def drive_4(name: str, motion: str) -> float:
         return float(result.result(name, motion).rms[3])

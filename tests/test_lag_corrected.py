@@ -12,7 +12,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify
 from deltaid.identification.lag_columns import slope
-from deltaid.identification.lag_groups import chosen_groups
+from deltaid.identification.lag_groups import agree, chosen_groups
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Setup
 from deltaid.identification.traces import trace
@@ -109,6 +109,13 @@ def test_friction_by_direction_looks_like_a_lag_but_not_where_drives_turn_round(
 def test_a_filter_of_the_drive_counts_as_lag() -> None:
     lags = estimated(recorded(0.0, loop=3e-3))
     np.testing.assert_allclose(lags.values[0], 3e-3, atol=4e-4)
+
+
+def test_estimates_agree_that_do_not_contradict_each_other() -> None:
+    covariance = 1e-4 * np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 4.0]])
+    assert agree(np.array([1.0, 1.0, 1.04]), covariance)
+    assert not agree(np.array([1.0, 1.03, 1.0]), covariance)
+    assert agree(np.array([1.0, 1.03, 1.0]), np.diag(np.diag(covariance)))
 
 
 def test_groups_are_as_few_as_scatter_allows() -> None:
