@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 from scipy import sparse
 
 from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.conic import svec
+from deltaid.identification.conic import normalised, svec
 from deltaid.identification.information import Information
 from deltaid.identification.objective import NOISE_FLOOR, Objective
 from deltaid.identification.reduction import Block
@@ -138,12 +138,11 @@ class ConsistentRanges:
         index = block.index[np.ix_(rest, rest)]
         if np.all(index < 0):
             return None
-        L = np.linalg.inv(np.linalg.cholesky(block.prior[np.ix_(rest, rest)]))
+        prior, M = (x[np.ix_(rest, rest)] for x in (block.prior, block.matrix(self._centre)))
         at = np.unique(index[index >= 0])
-        slopes = np.column_stack([svec(L @ (index == k) @ L.T) for k in at])
-        right = svec(L @ block.matrix(self._centre)[np.ix_(rest, rest)] @ L.T)
-        one = len(rest) == 1
-        cone = clarabel.NonnegativeConeT(1) if one else clarabel.PSDTriangleConeT(len(L))
+        slopes = np.column_stack([svec(normalised(prior, (index == k).astype(float))) for k in at])
+        right, k = svec(normalised(prior, M)), len(rest)
+        cone = clarabel.NonnegativeConeT(1) if k == 1 else clarabel.PSDTriangleConeT(k)
         rows = -slopes @ self._map[at]
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
         return rows / size, right / size, cone

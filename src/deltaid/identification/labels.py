@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
 
 from deltaid.identification.consistent_range import ConsistentRanges
 from deltaid.identification.fit import FittedProblem
@@ -124,7 +125,9 @@ class Labels:
         """How much smaller each variable on the diagonal of a block could be, all else as it is."""
         room = np.full(self._reduction.size, np.nan)
         for block in self._reduction.blocks:
-            inverse = np.diag(np.linalg.inv(block.matrix(self._problem.solution.x)))
+            # That of entry k is 1 / (M̄⁻¹)_kk, and M̄⁻¹ = L⁻ᵀL⁻¹ with M̄ = L Lᵀ.
+            L = np.linalg.cholesky(block.matrix(self._problem.solution.x))
+            inverse = np.sum(solve_triangular(L, np.eye(len(L)), lower=True) ** 2, axis=0)
             at = np.diag(block.index)
             room[at[at >= 0]] = 1.0 / inverse[at >= 0]
         return room
