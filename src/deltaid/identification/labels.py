@@ -29,7 +29,7 @@ class Label:
 
     Attributes:
         rests_on: other parameters whose priors it rests on, if it does.
-        share: what its variance comes from, where data has a part in it.
+        share: what its interval comes from, where data has a part in it.
     """
 
     by: Origin
@@ -93,7 +93,8 @@ class Labels:
         return self._limit(i, low, high) if ended and self._at_edge(i) else around
 
     def _share(self, i: int) -> Share:
-        return Share.of(self._known.shares[i])
+        """What its range comes from."""
+        return self._ranges.share(np.eye(len(self._p))[i])
 
     def _around_prior(self, i: int, by: Origin, std: float) -> Label:
         prior = float(self._reduction.p_reg[i])
@@ -103,7 +104,8 @@ class Labels:
         reach, value = float(self._known.interval[i]), float(self._p[i])
         std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
         if std < _SHRUNK * prior_std:
-            return Label("data", std, value - reach, value + reach, share=self._share(i))
+            share = Share.of(self._known.shares[i])
+            return Label("data", std, value - reach, value + reach, share=share)
         return self._around_prior(i, "prior", prior_std)
 
     def _limit(self, i: int, low: float, high: float) -> Label:
