@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from deltaid.identification.expectation import Expectation, Source, expect
 from deltaid.identification.outstanding import Outstanding, Stretch, outstanding
@@ -153,12 +153,12 @@ def _of_drives(
     friction, play = nothing.copy(), nothing.copy()
     for j, times in enumerate(seen.reversals):
         own = first == j if j < len(seen.turns) else ~nothing
-        if _recurs(peaks[own], times, near, seen.duration):
+        if _recurs(peaks[own], times, near, seen.looked):
             friction |= own & _beside(peaks, times, near)
     loose = nothing.copy()
     for i, times in enumerate(seen.turns):
         own = (first == i) & ~friction
-        if _recurs(peaks[own], times, near, seen.duration):
+        if _recurs(peaks[own], times, near, seen.looked):
             loose |= own & _beside(peaks, times, near)
             play |= ~friction & _beside(peaks, times, near)
     if play.any():
@@ -187,7 +187,7 @@ def _recurs(
     gaps = np.minimum(np.diff(times), 2 * near)
     share = min(1.0, (gaps.sum() + 2 * near) / duration)
     hits = int(_beside(peaks, times, near).sum())
-    unlikely = binom.sf(hits - 1, len(peaks), share) < _CHANCE
+    unlikely = bdtrc(hits - 1, len(peaks), share) < _CHANCE  # of so many or more
     return hits >= max(_FEWEST, _OFTEN * len(peaks)) and bool(unlikely)
 
 
