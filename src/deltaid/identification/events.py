@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import binom
 
-from deltaid.identification.expectation import Expectation, Source, expect
+from deltaid.identification.expectation import Expectation, expect
+from deltaid.identification.expectation_source import Source
 from deltaid.identification.outstanding import Outstanding, Stretch, outstanding
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
