@@ -171,7 +171,7 @@ def write_report(
     result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
 ) -> None:
     """The page of a result, with a recording that it has been verified on."""
-    from deltaid.identification.validation import model_filtered
+    from deltaid.identification.as_identified import model_filtered
     from deltaid.report.identification import Verification, identification_page
     from deltaid.report.page import write_page
 
