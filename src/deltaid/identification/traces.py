@@ -16,8 +16,9 @@ from deltaid.errors import RecordingError
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
 from deltaid.identification.interpolation import later
+from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
-from deltaid.recording.filter import LowPass, apply
+from deltaid.recording.filter import LowPass
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
 
