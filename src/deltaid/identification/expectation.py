@@ -6,7 +6,6 @@ In short blocks of time, whose means take the place of the filter, torques are f
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -141,10 +140,10 @@ def length(rate: float) -> int:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def expect(source: Source) -> Expectation | None:
-    """Fit a recording's beginning; of one of usual length all of it. None if it tells nothing."""
+    """Fit a recording; of a long one its excerpt. None if it tells nothing."""
     recording, kinematics = source.recording, source.dynamics.kinematics
     size = length(recording.log.rate)
-    parts = [w.own for w in islice(recording.windows(kinematics), _MOST)]
+    parts = [w.own for w in recording.brief.spread(kinematics, _MOST)]
     parts = [w for w in parts if len(w.time) >= size]
     blocks = blocks_of(source, parts, size) if parts else None
     if blocks is None or not blocks.tells:
