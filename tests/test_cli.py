@@ -14,8 +14,9 @@ import typer
 from command import refused, run
 from deltaid.cli.app import app
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.torque_error import TorqueError, predict
-from deltaid.identification.validation import misfit, model_filtered
+from deltaid.identification.validation import misfit
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
@@ -263,7 +264,6 @@ def test_help(arguments: list[str]) -> None:
         assert parameter.name == "help" or parameter.help, parameter.name
 
 
-@pytest.mark.xfail(reason="open: labels with several priors are wider")
 def test_tables_fit_80_columns(folder: Path) -> None:
     log = folder / "four.csv"
     texts = [

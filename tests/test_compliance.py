@@ -9,8 +9,8 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.fit import fit
-from deltaid.identification.validation import model_filtered
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.gears import Gears

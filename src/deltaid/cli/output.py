@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
 # Columns whose cells are words.
 _TEXT_COLUMNS = (
-    "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark"
+    "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark", "of",
+    "recording", "why",
 )  # fmt: skip
 # Columns that may take several lines where the terminal is narrow.
-_WRAPPED_COLUMNS = ("robot", "mechanism", "base parameter", "chosen law")
+_WRAPPED_COLUMNS = ("robot", "mechanism", "base parameter", "chosen law", "from", "why")
 
 # Of JSON, besides those that it escapes anyway.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
@@ -99,12 +100,14 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     for i, column in enumerate(columns):
         text = i == 0 or column in _TEXT_COLUMNS
         justify = "left" if text else "right"
-        width = widths[i] if i == 0 and rows else None
+        wrapped = column in _WRAPPED_COLUMNS
+        words = [word for row in rows for word in row[i].split()] if wrapped else []
+        width = widths[i] if i == 0 and rows else max(map(cell_len, words), default=None)
         result.add_column(
             column,
             justify=justify,
             header_style="dim",
-            no_wrap=column not in _WRAPPED_COLUMNS,
+            no_wrap=not wrapped,
             min_width=width,
         )
     for row in rows:

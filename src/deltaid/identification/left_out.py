@@ -7,6 +7,7 @@ import numpy as np
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.events import Event
 from deltaid.model.left_out import LeftOut, Span
+from deltaid.model.record import Source
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask, Reason
 from deltaid.recording.masks.runs import joined_times
@@ -95,6 +96,21 @@ def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
         )
         for span in repairs.left_out
         if span.reason in EVENTS
+    )
+
+
+def spans_left_out(source: Source, drives: Sequence[str]) -> tuple[LeftSpan, ...]:
+    """What a model file says of what happened in a recording, as stretches to leave out again."""
+    known = [(one.reason, one.drives, one.start, one.end) for one in source.events]
+    known += [
+        (one.reason, one.drives, span.start, span.end)
+        for one in source.left_out
+        if one.reason in WHY_REPAIRED and one.reason not in EVENTS
+        for span in one.spans
+    ]
+    return tuple(
+        LeftSpan(start, end, reason, tuple(drives.index(one) for one in which))
+        for reason, which, start, end in known
     )
 
 

@@ -28,6 +28,9 @@ _NOISE, _WIDEST = 1.5, 3.0
 # Of what does not fit, thresholds stay as they are where no more than this share of the stretches
 # beyond them reaches only this part of them.
 _FEW, _NEARLY = 0.5, 0.5
+# A window is looked at closely where anything comes this near to standing out; to see that, torques
+# are expected at so many places over the time of a mean.
+_NEAR, _PLACES = 0.8, 2
 # Time whose scatter is looked at together [s].
 _TOGETHER = 4.0
 # A step in time so many times the usual one ends a stretch.
@@ -80,12 +83,14 @@ class Outstanding:
     Attributes:
         stretches: in the order of time.
         duration: of all samples [s].
-        turns: when the torque that a gear carries changes its sign, drive by drive [s].
+        looked: of those in windows that were looked at closely [s].
+        turns: when in these the torque that a gear carries changes its sign, drive by drive [s].
         reversals: when a joint turns round, drives first, then passive joints with friction [s].
     """
 
     stretches: tuple[Stretch, ...]
     duration: float
+    looked: float
     turns: tuple[Float[np.ndarray, " _"], ...]
     reversals: tuple[Float[np.ndarray, " _"], ...]
 
@@ -120,26 +125,39 @@ class _Looked:
 def outstanding(expected: Expectation) -> Outstanding:
     """What stands out of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
-    windows = recording.evaluate(kinematics, lambda window: _look(expected, window))
-    step, samples = 1.0 / recording.log.rate, 0
+    step, samples, looked = 1.0 / recording.log.rate, 0, 0
     wider = np.clip(expected.misfit / _NOISE, 1.0, _WIDEST)
+    fits = bool(np.all(wider == 1.0))
+
+    def look(window: Window) -> tuple[int, _Looked | None]:
+        quiet = fits and _is_quiet(expected, window)
+        return len(window.own.time), None if quiet else _look(expected, window)
+
+    def close() -> Iterator[_Looked]:
+        nonlocal samples
+        for count, seen in recording.evaluate(kinematics, look):
+            samples += count
+            if seen is not None:
+                yield seen
+
     narrow, wide = list[Stretch](), list[Stretch]()
     changes: list[list[np.ndarray]] = []
-    for part in _together(windows):
-        samples += len(part.time)
+    for part in _together(close()):
+        looked += len(part.time)
         changes.append([part.time[flags] for flags in part.signs])
         local = np.maximum(1.0, deviation(part.size))
         cuts = np.flatnonzero(np.diff(part.time) > _GAP * step) + 1
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             one = part.part(slice(first, last))
             _join(narrow, _stretches(one, local), step)
-            _join(wide, _stretches(one, local * wider), step)
+            if not fits:
+                _join(wide, _stretches(one, local * wider), step)
     shortest = step * (length(expected.rate) // 2 - 0.5)
-    found = narrow if np.all(wider == 1.0) or _apart(narrow) else wide
+    found = narrow if fits or _apart(narrow) else wide
     kept = tuple(o for o in found if o.size >= 1.0 and (o.spike or o.end - o.start >= shortest))
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
-    return Outstanding(kept, samples * step, times[:dof], times[dof:])
+    return Outstanding(kept, samples * step, looked * step, times[:dof], times[dof:])
 
 
 def _apart(stretches: Iterable[Stretch]) -> bool:
@@ -147,6 +165,19 @@ def _apart(stretches: Iterable[Stretch]) -> bool:
     sizes = np.array([one.size for one in stretches if not one.spike])
     nearly = int(np.sum((sizes >= _NEARLY) & (sizes < 1.0)))
     return nearly <= _FEW * int(np.sum(sizes >= 1.0))
+
+
+def _is_quiet(expected: Expectation, window: Window) -> bool:
+    """Whether nothing in a window comes near to standing out.
+
+    Neither a mean nor a single sample; a spike and restless torque have some that are far off.
+    """
+    n, wide = length(expected.rate), window.wide
+    left = expected.roughly_left(wide, max(1, n // _PLACES))
+    mean, count = _mean(left, n)
+    far = np.abs(mean) * np.sqrt(count / n) > _NEAR * _STRONG * expected.scales(wide)
+    rough = np.abs(left - mean) > _NEAR * _ROUGH * expected.noise[:, None]
+    return not (window.trimmed(far.T).any() or window.trimmed(rough.T).any())
 
 
 def _look(expected: Expectation, window: Window) -> _Looked:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from deltaid.identification.outstanding import Outstanding, Stretch
 from deltaid.recording.filter import LowPass
@@ -71,11 +71,11 @@ def recurring(
     friction = nothing.copy()
     for j, times in enumerate(seen.reversals):
         own = first == j if j < len(seen.turns) else ~nothing
-        if _counted(peaks[own], times, near, seen.duration).recurs:
+        if _counted(peaks[own], times, near, seen.looked).recurs:
             friction |= own & _beside(peaks, times, near)
     of_drives = [(first == i) & ~friction for i in range(len(seen.turns))]
     told = [
-        _counted(peaks[own], times, near, seen.duration)
+        _counted(peaks[own], times, near, seen.looked)
         for own, times in zip(of_drives, seen.turns, strict=True)
     ]
     if not any(one.recurs for one in told):
@@ -128,4 +128,5 @@ def _counted(
     gaps = np.minimum(np.diff(times), 2 * near)
     share = min(1.0, (gaps.sum() + 2 * near) / duration)
     hits = int(_beside(peaks, times, near).sum())
-    return _Counted(len(peaks), hits, float(binom.sf(hits - 1, len(peaks), share)))
+    # The chance of so many or more.
+    return _Counted(len(peaks), hits, float(bdtrc(hits - 1, len(peaks), share)))

@@ -16,6 +16,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
+from deltaid.identification.interpolation import later
 from deltaid.recording.delay import Shift
 from deltaid.recording.filter import LowPass, apply
 from deltaid.recording.recording import Recording
@@ -70,7 +71,7 @@ class Trace:
         """Measured torques of `delay` [s] later, τ(t + delay), filtered."""
         by = delay * self.low_pass.rate
         return self.filtered(
-            lambda w: (_later(w.tau + w.carried, by) - w.carried).T,
+            lambda w: (later(w.tau + w.carried, by) - w.carried).T,
             np.arange(self.dynamics.dof),
             _margin(by),
         )
@@ -283,23 +284,3 @@ def _through(
 
 def _margin(by: Float[np.ndarray, " dof"]) -> int:
     return int(np.ceil(np.abs(by).max())) + 3
-
-
-def _later(
-    x: Float[np.ndarray, "samples channels"], by: Float[np.ndarray, " channels"]
-) -> Float[np.ndarray, "samples channels"]:
-    """Values of `by` samples later, by cubic interpolation between neighbours."""
-    out, rows = np.empty_like(x), np.arange(len(x))
-    for i, one in enumerate(by):
-        whole = int(np.floor(one))
-        s = one - whole
-        # Lagrange's weights of the samples −1, 0, 1, 2 about the place s between 0 and 1.
-        weights = (
-            -s * (s - 1) * (s - 2) / 6,
-            (s + 1) * (s - 1) * (s - 2) / 2,
-            -(s + 1) * s * (s - 2) / 2,
-            (s + 1) * s * (s - 1) / 6,
-        )
-        around = (np.clip(rows + whole + k, 0, len(x) - 1) for k in (-1, 0, 1, 2))
-        out[:, i] = sum(w * x[at, i] for w, at in zip(weights, around, strict=True))
-    return out

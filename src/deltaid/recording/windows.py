@@ -98,6 +98,12 @@ class Window:
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
 
+    def thinned_out(self, x: Float[np.ndarray, "channels wide"]) -> Values:
+        """The low-pass over something computed from `wide`, thinned as `filtered` does it."""
+        if self.low_pass is None:
+            return x
+        return apply(self.low_pass.smooth, self._led(x), self.low_pass.decimation)
+
     def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
         """The low-pass over something computed from `wide`, at every `stride`-th own sample."""
         return x if self.low_pass is None else apply(self.low_pass.smooth, self._led(x))

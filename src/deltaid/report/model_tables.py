@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordin
 # What has an interval that does not come from its own prior.
 MEASURED = ("data", "sum", "limit")
 # Intervals whose longer side is so many times the shorter one are written as their two ends.
-_LOPSIDED = 1.2
+_LOPSIDED = 2.0
 # What ± stands for in tables.
 _HALF_WIDTH = "± (95 %)"
 ADDITIONS: dict[AdditionKind, str] = {

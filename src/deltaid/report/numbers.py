@@ -36,4 +36,6 @@ def span(low: float, high: float) -> str:
     place = 1 - math.floor(math.log10(half))
     if max(abs(low), abs(high)) >= 1e5 or place > 7 or place < 0:
         return f"{low:.3g} … {high:.3g}"
+    if place > 4 and half > 0.1 * max(abs(low), abs(high)):  # two digits say as much, without zeros
+        return f"{low:.2g} … {high:.2g}"
     return f"{low:.{place}f} … {high:.{place}f}"
