@@ -16,7 +16,7 @@ from deltaid.recording.filter import LowPass
 from deltaid.recording.windows import WINDOW, reach
 
 # So many stretches, of so many windows and seconds together; no more than so many windows.
-_STRETCHES, _WINDOWS, _SECONDS, _MOST = 6, 6, 24.0, 32
+_STRETCHES, _WINDOWS, _SECONDS, _MOST = 4, 3, 24.0, 32
 # A stretch is so many times as long as the filter at least.
 _LONG = 8
 # A log that is no longer than so many times an excerpt is held as it is.
