@@ -66,8 +66,13 @@ class Study:
 
         Lags and friction laws then take what they can of it, and mean nothing.
         """
+        return self.largest is not None and self.largest.kind == "load-change"
+
+    @property
+    def largest(self) -> Pattern | None:
+        """The cause that explains most; None if there is none."""
         found = self.account.found
-        return bool(found) and max(found, key=lambda one: one.gain).pattern.kind == "load-change"
+        return max(found, key=lambda one: one.gain).pattern if found else None
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
