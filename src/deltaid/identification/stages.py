@@ -25,10 +25,10 @@ STAGES: tuple[Stage, ...] = (
     recordings_studied,
     gains,
     lags_put_right,
+    gears_turned_back,
     changing_friction,
     chosen_friction,
     changing_friction,
-    gears_turned_back,
     lags_put_right,
     gains,
 )

@@ -83,6 +83,10 @@ def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
+    if recording.repairs.gears is not None and recording.cutoff is not None:
+        # Links behind gears that wind up are known from torques, whose noise they have, the more
+        # of it the faster.
+        cutoff = min(cutoff, recording.cutoff)
     windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
     load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
     try:
