@@ -11,7 +11,8 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.loads import LoadColumns, declared_loads, joined
+from deltaid.identification.load_columns import LoadColumns
+from deltaid.identification.loads import declared_loads, joined
 from deltaid.identification.setup import Setup
 from deltaid.identification.validation import validate
 from deltaid.model.model import load

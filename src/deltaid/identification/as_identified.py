@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltaid.identification.compliance import motors_of
 from deltaid.identification.left_out import spans_left_out
+from deltaid.identification.windings import motors_of
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import Source
 from deltaid.recording.gears import Gears

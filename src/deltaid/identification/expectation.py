@@ -6,7 +6,6 @@ In short blocks of time, whose means take the place of the filter, torques are f
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,7 +19,8 @@ from deltaid.identification.expectation_blocks import (
     fitted,
 )
 from deltaid.identification.expectation_source import Source
-from deltaid.identification.slack import OF_TORQUE, Slack
+from deltaid.identification.interpolation import between
+from deltaid.identification.slack import OF_TORQUE, Slack, joint_rates
 from deltaid.recording.windows import Samples
 
 # Time over which torques are averaged [s].
@@ -92,13 +92,36 @@ class Expectation:
     def compared(self, w: Samples) -> "Compared":
         """Recorded torques and expected ones at consecutive samples."""
         values = self.source.entries(w)
-        tau = self.source.torques(values, self.p)
+        tau = self._slackened(w, self.source.torques(values, self.p), self.rate)
         gear = self.source.torques(values, np.where(self._of_motors, 0.0, self.p))
-        rise = np.gradient(tau, axis=1) * self.rate if len(w.time) > 1 else 0 * tau
+        left = np.where(self.source.counts(w), w.tau.T - tau, np.nan)
+        return Compared(tau, left, gear)
+
+    def roughly_left(self, w: Samples, every: int) -> Float[np.ndarray, "dof samples"]:
+        """Recorded torques less expected ones, as `compared` has it but for its errors.
+
+        Expected ones are computed at each so-manieth sample, and follow between them from the two
+        before and the two after; where one of these does not count, or a joint turns round among
+        them, it is NaN.
+        """
+        if len(w.time) <= 3 * every:
+            return self.compared(w).left
+        knots = w.part(slice(None, None, every))
+        tau = self.source.torques(self.source.entries(knots), self.p)
+        tau = self._slackened(knots, tau, self.rate / every)
+        forward, _ = joint_rates(self.slack.kinematics, knots)
+        turns = np.append(np.any(np.diff(forward > 0, axis=0), axis=1), False)
+        tau = np.where(self.source.counts(knots) & ~turns, tau, np.nan)
+        return np.where(w.weights.T > 0.5, w.tau.T - between(tau, every, len(w.time)), np.nan)
+
+    def _slackened(
+        self, w: Samples, tau: Float[np.ndarray, "dof samples"], rate: float
+    ) -> Float[np.ndarray, "dof samples"]:
+        """Torques with those of the slack, at samples of some rate [Hz]."""
+        rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
         more = np.einsum("dcs,c->ds", self.slack.friction(w), self.friction)
         more += np.einsum("dcs,c->ds", self.slack.of_torque(tau, rise, w.qd.T), self.of_torque)
-        left = np.where(self.source.counts(w), w.tau.T - tau - more, np.nan)
-        return Compared(tau + more, left, gear)
+        return tau + more
 
     def scales(self, w: Samples) -> Float[np.ndarray, "dof samples"]:
         """Standard deviation of the residual's mean at some samples."""
@@ -117,10 +140,10 @@ def length(rate: float) -> int:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def expect(source: Source) -> Expectation | None:
-    """Fit a recording's beginning; of one of usual length all of it. None if it tells nothing."""
+    """Fit a recording; of a long one its excerpt. None if it tells nothing."""
     recording, kinematics = source.recording, source.dynamics.kinematics
     size = length(recording.log.rate)
-    parts = [w.own for w in islice(recording.windows(kinematics), _MOST)]
+    parts = [w.own for w in recording.brief.spread(kinematics, _MOST)]
     parts = [w for w in parts if len(w.time) >= size]
     blocks = blocks_of(source, parts, size) if parts else None
     if blocks is None or not blocks.tells:

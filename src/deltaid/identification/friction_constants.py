@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import lsq_linear
 from threadpoolctl import threadpool_limits
 
 from deltaid.identification.explained import surprise
@@ -213,6 +212,8 @@ def _bounded(
     high: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
     """min ‖A x − b‖ over low ≤ x ≤ high, columns at unit length."""
+    from scipy.optimize import lsq_linear  # slow to load, and seldom needed
+
     norms = np.linalg.norm(A, axis=0)
     norms[norms == 0] = 1.0
     R = triangle(np.column_stack([A / norms, b]))

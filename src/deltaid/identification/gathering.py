@@ -205,10 +205,10 @@ def thinned(
 
     def values(w: Samples) -> _Values:
         if load is None or slope is None:
-            return w.weighted(entries(regressor, w, w.tau + w.carried, recording), drives)
+            return w.weigh(entries(regressor, w, w.tau + w.carried, recording), drives)
         x = regressor.carried(w.z, w.qd, w.qdd, load) + w.carried
         own = entries(regressor, w, x, recording)
-        return w.weighted(slope.scaled(own, slope.factor(w, x)), drives)
+        return w.weigh(slope.scaled(own, slope.factor(w, x)), drives)
 
     def torques(w: Samples) -> _Torques:
         if load is None or slope is None:

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.information import active_columns
+from deltaid.identification.rows_with_prior import BLOCKS, stretches
 from deltaid.identification.scatter import quantile
 from deltaid.identification.traces import Delay, Trace
 from deltaid.recording.windows import Samples
@@ -28,8 +29,6 @@ REACH = 0.02
 _GRID = np.linspace(-REACH, REACH, 21)
 # Sweeps at most, and the step [s] below which a lag has settled.
 _SWEEPS, _SETTLED = 12, 1e-6
-# Stretches of time whose scatter says how certain a lag is.
-BLOCKS = 40
 _DEPENDENT = 1e-9  # singular values below this share of the largest are zero
 
 Rows = Float[np.ndarray, " rows"]
@@ -201,5 +200,5 @@ def block_sums(A: Columns, basis: Basis) -> Float[np.ndarray, "blocks columns"]:
     """Sums over stretches of time, of all drives together."""
     dof = len(basis.scale)
     samples = len(A) // dof
-    starts = -(-np.arange(BLOCKS) * samples // BLOCKS)
-    return np.add.reduceat(A.reshape(dof, samples, -1), starts, axis=1).sum(axis=0)
+    sums = np.add.reduceat(A.reshape(dof, samples, -1), stretches(samples), axis=1)
+    return sums.sum(axis=0)

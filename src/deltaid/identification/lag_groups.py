@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtri
 
-from deltaid.identification.lags import BLOCKS
+from deltaid.identification.rows_with_prior import BLOCKS
 
 # How often it is rejected, if true, that there is no lag or that all drives have the same; and what
 # else is alike or zero by chance only.

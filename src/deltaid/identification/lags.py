@@ -21,25 +21,21 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
 from deltaid.identification.lag_columns import LagColumns, alone
-from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import Euclidean, QuadraticTerm
+from deltaid.identification.reduction import Reduction
 from deltaid.identification.reversal_lags import lags_of_reversals
+from deltaid.identification.rows_with_prior import Prior, Sheet, reduced, solved
 from deltaid.identification.traces import Trace
 
 # Lags that can be found [s].
 REACH = 0.02
 # Sweeps at most, and the step [s] below which what is left is linear enough.
 _SWEEPS, _SETTLED = 12, 1e-4
-# Stretches of time of a recording whose scatter says how certain a lag is.
-BLOCKS = 40
 # Standard deviation of what a lag may be, and of one that reversals tell and other rows contradict
 # [s], and how many standard deviations a contradiction is.
 _PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
 # What is added to the deviation of a lag by rows that do not follow the law of friction [s].
 _DOUBTFUL = 3e-3
 
-Rows = Float[np.ndarray, " rows"]
 Delays = Float[np.ndarray, "recordings dof"]
 
 
@@ -61,21 +57,6 @@ class Lags:
     told: Delays
     agrees: Bool[np.ndarray, "recordings dof"]
     p: Parameters
-
-
-@dataclass(frozen=True, eq=False)
-class _Sheet:
-    """The rows of one trace for some delay: filtered columns, those of its lags, and torques.
-
-    Attributes:
-        X: columns of the free variables, (drives, samples, variables).
-        slopes: −τ̇ (drives, samples).
-        tau: torques less what is known of them.
-    """
-
-    X: Float[np.ndarray, "dof samples variables"]
-    slopes: Float[np.ndarray, "dof samples"]
-    tau: Float[np.ndarray, "dof samples"]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -142,7 +123,7 @@ class _Fit:
     additions: Sequence[Addition]
     spread: float
 
-    def swept(self, start: Delays, centre: Delays, deviation: Delays) -> "_Solution":
+    def swept(self, start: Delays, centre: Delays, deviation: Delays) -> "_Found":
         """The lags from a start on, given that they are near a centre.
 
         Args:
@@ -150,7 +131,7 @@ class _Fit:
             centre, deviation: what is known of them [s].
         """
         reduction = reduced(self.traces[0], self.additions)
-        prior = Euclidean().regularizer(reduction).quadratic
+        prior = Prior.of(reduction, self.spread)
         delays, p = start, None
         for sweep in range(_SWEEPS):
             shifted = [
@@ -158,135 +139,52 @@ class _Fit:
                 for one, by in zip(self.traces, delays, strict=True)
             ]
             if p is None:
-                sheets = [_sheet(one, self.additions, reduction, None) for one in shifted]
-                x = _solved(sheets, prior, self.spread, None).x
-                p = reduction.A @ x + reduction.p_0
-            sheets = [_sheet(one, self.additions, reduction, p) for one in shifted]
-            found = _solved(sheets, prior, self.spread, (centre - delays, deviation))
-            p = reduction.A @ found.x + reduction.p_0
-            moved = np.clip(delays + found.lags, -REACH, REACH)
-            if np.abs(found.lags).max() < _SETTLED or sweep == _SWEEPS - 1:
-                return replace(found, lags=moved, p=p)
-            delays = moved
+                rough = solved([self._sheet(one, reduction) for one in shifted], prior)
+                p = reduction.A @ rough.x + reduction.p_0
+            sheets = [self._with_lags(one, k, reduction, p) for k, one in enumerate(shifted)]
+            known = prior.beside((centre - delays).ravel(), deviation.ravel())
+            found = solved(sheets, known)
+            p, step = reduction.A @ found.x + reduction.p_0, found.a.reshape(delays.shape)
+            delays = np.clip(delays + step, -REACH, REACH)
+            if np.abs(step).max() < _SETTLED or sweep == _SWEEPS - 1:
+                return _Found(delays, _each(found.covariance, len(delays)), p)
         raise AssertionError
+
+    def _sheet(self, one: Trace, reduction: Reduction, p: Parameters | None = None) -> Sheet:
+        """Filtered rows of a trace, with slopes −τ̇ of the torques of p, one column a drive."""
+        dynamics, additions = one.dynamics, tuple(self.additions)
+        more: tuple[Addition, ...] = ()
+        if p is not None:
+            if dynamics.robot.load_drives:
+                one = replace(one, load=p[: len(dynamics.layout.names)])
+            more = (LagColumns(dynamics, additions, p, one.recording, alone(dynamics.dof)),)
+        Y = one.regressor((*additions, *more))
+        active = active_columns(extended(dynamics, additions))
+        columns, slopes = Y[:, :, : len(active)], Y[:, :, len(active) :]
+        tau = one.torques(np.zeros(dynamics.dof)) - columns @ reduction.p_0[active]
+        return Sheet(columns @ reduction.A[active], slopes, tau)
+
+    def _with_lags(self, one: Trace, k: int, reduction: Reduction, p: Parameters) -> Sheet:
+        """Rows of the k-th trace, with columns for the lags of all."""
+        sheet, dof = self._sheet(one, reduction, p), one.dynamics.dof
+        A = np.zeros((*sheet.tau.shape, len(self.traces) * dof))
+        A[:, :, k * dof : (k + 1) * dof] = sheet.A
+        return replace(sheet, A=A)
 
 
 @dataclass(frozen=True, eq=False)
-class _Solution:
-    """Free variables, lags with their covariance, and p."""
+class _Found:
+    """Lags with the covariance of each recording's, and p."""
 
-    x: Float[np.ndarray, " variables"]
     lags: Delays
     covariance: Float[np.ndarray, "recordings dof dof"]
     p: Parameters
 
 
-def reduced(trace: Trace, additions: Sequence[Addition]) -> Reduction:
-    """The free variables of a robot with additions."""
-    regressor = extended(trace.dynamics, additions)
-    added = [(one.parameters, one.free) for one in additions]
-    return build_reduction(trace.dynamics.robot, active_columns(regressor), added)
-
-
-def _sheet(
-    trace: Trace, additions: Sequence[Addition], reduction: Reduction, p: Parameters | None
-) -> _Sheet:
-    """Filtered rows of a trace."""
-    dynamics = trace.dynamics
-    dof = dynamics.dof
-    if dynamics.robot.load_drives and p is not None:
-        trace = replace(trace, load=p[: len(dynamics.layout.names)])
-    slope_of = np.zeros(len(reduction.p_0)) if p is None else p
-    lags = LagColumns(dynamics, tuple(additions), slope_of, trace.recording, alone(dof))
-    Y = trace.regressor((*additions, lags))
-    active = active_columns(extended(dynamics, additions))
-    columns, slopes = Y[:, :, :-dof], np.stack([Y[i, :, i - dof] for i in range(dof)])
-    known = columns @ reduction.p_0[active]
-    return _Sheet(columns @ reduction.A[active], slopes, trace.torques(np.zeros(dof)) - known)
-
-
-def _solved(
-    sheets: Sequence[_Sheet],
-    prior: QuadraticTerm,
-    spread: float,
-    known: tuple[Delays, Delays] | None,
-) -> _Solution:
-    """Least squares over all recordings, each drive's rows by what is left of them.
-
-    Args:
-        sheets: rows of the recordings.
-        prior, spread: of the parameters.
-        known: what lags are beside those of the sheets, and its deviation; None for no lags.
-    """
-    lags = known is not None
-    n, dof = sheets[0].X.shape[2], len(sheets[0].tau)
-    width = n + (len(sheets) * dof if lags else 0)
-    parts, right = [], []
-    for k, sheet in enumerate(sheets):
-        scale = _noise(sheet, lags=lags)
-        rows = np.zeros((dof, sheet.X.shape[1], width))
-        rows[:, :, :n] = sheet.X / scale[:, None, None]
-        if lags:
-            at = n + k * dof + np.arange(dof)
-            rows[np.arange(dof), :, at] = sheet.slopes / scale[:, None]
-        parts.append(rows.reshape(-1, width))
-        right.append((sheet.tau / scale[:, None]).ravel())
-    before = np.zeros((len(prior.D), width))
-    before[:, :n] = prior.D / spread
-    parts.append(before)
-    right.append(prior.D @ prior.x_reg / spread)
-    if known is not None:
-        centre, deviation = known
-        parts.append(np.hstack([np.zeros((width - n, n)), np.diag(1.0 / deviation.ravel())]))
-        right.append((centre / deviation).ravel())
-    A, b = np.vstack(parts), np.concatenate(right)
-    norms = np.linalg.norm(A, axis=0)
-    norms[norms == 0] = 1.0
-    Q, R = np.linalg.qr(A / norms)
-    solution = np.linalg.lstsq(R, Q.T @ b, rcond=None)[0] / norms
-    x, delays = solution[:n], solution[n:].reshape(-1, dof)
-    if not lags:
-        return _Solution(x, delays, np.zeros((0, dof, dof)), np.zeros(0))
-    # Each lag errs by the sum over rows of what is left times its influence.
-    influence = Q @ np.linalg.pinv(R)[n:].T / norms[n:]
-    left = b - A @ solution
-    covariance, first = [], 0
-    for k, sheet in enumerate(sheets):
-        mine = slice(k * dof, (k + 1) * dof)
-        covariance.append(np.zeros((dof, dof)))
-        first = 0
-        for other in sheets:
-            rows = slice(first, first + other.tau.size)
-            covariance[k] += _scatter(influence[rows, mine], left[rows], dof)
-            first += other.tau.size
-        covariance[k] += influence[first:, mine].T @ influence[first:, mine]  # of the prior
-        assert sheet.tau.size
-    return _Solution(x, delays, np.array(covariance), np.zeros(0))
-
-
-def _noise(sheet: _Sheet, *, lags: bool) -> Float[np.ndarray, " dof"]:
-    """What each drive's columns leave of its torques, root mean square."""
-    noise = []
-    for X, slopes, tau in zip(sheet.X, sheet.slopes, sheet.tau, strict=True):
-        columns = np.column_stack([X, slopes]) if lags else X
-        norms = np.linalg.norm(columns, axis=0)
-        kept = norms > 0
-        fitted = columns[:, kept] / norms[kept]
-        left = tau - fitted @ np.linalg.lstsq(fitted, tau, rcond=1e-9)[0]
-        floor = NOISE_FLOOR * max(float(np.abs(tau).max()), np.finfo(float).tiny)
-        noise.append(max(float(np.sqrt(np.mean(left**2))), floor))
-    return np.array(noise)
-
-
-def _scatter(
-    influence: Float[np.ndarray, "rows lags"], left: Rows, dof: int
-) -> Float[np.ndarray, "lags lags"]:
-    """Covariance of lags by the scatter between stretches of time, or white if that is wider."""
-    samples = len(left) // dof
-    starts = np.unique(-(-np.arange(BLOCKS) * samples // BLOCKS))
-    shares = (influence * left[:, None]).reshape(dof, samples, -1)
-    sums = np.add.reduceat(shares, starts, axis=1).sum(axis=0)
-    scatter = sums.T @ sums * len(starts) / max(len(starts) - 1, 1)
-    white = np.sum(influence**2, axis=0) * np.mean(left**2)
-    grown = np.sqrt(np.maximum(white / np.maximum(np.diag(scatter), 1e-300), 1.0))
-    return scatter * np.outer(grown, grown)
+def _each(
+    covariance: Float[np.ndarray, "lags lags"], recordings: int
+) -> Float[np.ndarray, "recordings dof dof"]:
+    """That of each recording's own."""
+    dof = len(covariance) // recordings
+    parts = covariance.reshape(recordings, dof, recordings, dof)
+    return np.array([parts[k, :, k] for k in range(recordings)])

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.errors import RecordingError
-from deltaid.identification.lags import BLOCKS
+from deltaid.identification.rows_with_prior import stretches
 from deltaid.identification.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
@@ -85,6 +85,7 @@ def late_rate(recording: Recording, kinematics: Kinematics) -> RateLag | None:
     cutoff = recording.cutoff or recording.log.suggested_cutoff
     if cutoff is None:
         return None
+    recording = recording.brief
     try:
         recorded, derived = recording.changed(cutoff), without_rates(recording, cutoff)
     except RecordingError:
@@ -119,7 +120,7 @@ def _lag(
     counts: Bool[np.ndarray, " samples"],
 ) -> RateLag:
     """δ of every drive by least squares, its deviation by scatter between stretches of time."""
-    starts = np.unique(-(-np.arange(BLOCKS) * len(slope) // BLOCKS))
+    starts = stretches(len(slope))
 
     def sums(x: np.ndarray) -> np.ndarray:
         return np.add.reduceat(np.where(counts[:, None], x, 0.0), starts, axis=0)
