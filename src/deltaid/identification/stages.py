@@ -7,6 +7,7 @@ from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_put_right
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.sharpness import sharpened
 from deltaid.identification.study import studied
 from deltaid.identification.velocity_stage import late_rates_left_out
 from deltaid.identification.warmth import changing_friction
@@ -31,6 +32,7 @@ STAGES: tuple[Stage, ...] = (
     changing_friction,
     lags_put_right,
     gains,
+    sharpened,
 )
 
 
