@@ -12,6 +12,7 @@ from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
+from deltaid.identification.warmth import Warmth
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
@@ -113,10 +114,16 @@ class Evidence:
 
     @cached_property
     def study(self) -> Study | None:
-        """What the residual of this recording looks like; None where it cannot be told."""
+        """What the residual of this recording looks like; None where it cannot be told.
+
+        Friction by load and warmth are as the fit has them.
+        """
         if isinstance(self.surveyed, RecordingError):
             return None
-        return studied(self.dynamics, self.surveyed)
+        if not isinstance(self.fitted, FittedProblem):
+            return studied(self.dynamics, self.surveyed)
+        warmth = [one for one in self.fitted.additions if isinstance(one, Warmth)]
+        return studied(self.dynamics, self.surveyed, self.fitted.p, warmth)
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:

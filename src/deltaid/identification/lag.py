@@ -110,7 +110,8 @@ def basis_of(
 
     Args:
         dynamics: of the robot.
-        Y: the active columns of its regressor, filtered (`Trace.regressor`).
+        Y: the active columns of its regressor, filtered, and any others behind them
+            (`Trace.regressor`).
         scale: what each drive's rows are divided by, such as its noise or largest torque.
     """
     dof, samples, width = Y.shape
@@ -121,7 +122,8 @@ def basis_of(
     U, s, Vt = np.linalg.svd(R)
     kept = s > _DEPENDENT * s[0]
     solution = np.zeros((len(dynamics.layout.names), int(kept.sum())))
-    solution[active_columns(dynamics)] = Vt[kept].T / s[kept] / norms[:, None]
+    active = active_columns(dynamics)
+    solution[active] = (Vt[kept].T / s[kept] / norms[:, None])[: len(active)]
     return Basis(Q @ U[:, kept], solution, scale)
 
 

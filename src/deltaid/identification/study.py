@@ -3,7 +3,7 @@
 Corrections ask it which they may trust, and verdicts on a residual rest on it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,9 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.identification.additions import Addition
 from deltaid.identification.explained import SEEN, Account, account, surprise
+from deltaid.identification.information import active_columns
 from deltaid.identification.lag import (
     REACH,
     Basis,
@@ -71,20 +73,31 @@ class Study:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
-    """Look at a recording; None where nothing can be differentiated."""
+def studied(
+    dynamics: Dynamics,
+    recording: Recording,
+    p: Parameters | None = None,
+    beside: Sequence[Addition] = (),
+) -> Study | None:
+    """Look at a recording; None where nothing can be differentiated.
+
+    Args:
+        p: by which friction that depends on load knows what gears carry; the prior's by default.
+        beside: what torques are explained with beside the robot's columns, and not looked for.
+    """
     log = recording.log
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
     windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
-    load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
+    load = prior_parameters(dynamics.robot) if p is None else p
+    still, own = np.zeros(dynamics.dof), len(active_columns(dynamics))
     try:
         record = trace(dynamics, recording, load, cutoff=cutoff, reach=REACH, windows=windows)
     except RecordingError:
         return None
-    rough = record.regressor(between=True)
+    rough = record.regressor(beside, between=True)
     basis = basis_of(dynamics, rough, log.torque_max)
     left = basis.without(basis.stack(record.torques(still))).reshape(dynamics.dof, -1)
     share = np.sqrt(np.mean(left**2, axis=1))
@@ -96,9 +109,9 @@ def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
     record = trace(
         dynamics, recording, load, cutoff=cutoff, reach=REACH, reversals=False, windows=windows
     )
-    exact = record.regressor()
+    exact = record.regressor(beside)
     basis = basis_of(dynamics, exact, scale)
-    scene, account = _accounted(record, exact, basis, still)
+    scene, account = _accounted(record, exact[:, :, :own], basis, still)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
     first = account.found[0].pattern.kind if account.found else ""
@@ -121,8 +134,9 @@ def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
         reversals=False,
         windows=windows,
     )
-    exact = record.regressor()
-    put_back = _accounted(record, exact, basis_of(dynamics, exact, scale), lag.values)
+    exact = record.regressor(beside)
+    basis = basis_of(dynamics, exact, scale)
+    put_back = _accounted(record, exact[:, :, :own], basis, lag.values)
     return Study(*put_back, common, each, late, alike, plain)
 
 
