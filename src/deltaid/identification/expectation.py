@@ -34,6 +34,8 @@ _CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
 # How the prior pulls in the first sweep, with the usual torque as noise; leverage that a row
 # has at most is 1 less this.
 _START, _LEAST = 0.1, 0.05
+# Scatter so many times that of noise is no noise.
+NOISE = 1.5
 # The largest change of the scales between sweeps that have settled.
 _SETTLED = 1e-3
 # Share of the samples below a drive's usual torque and speed; no residual is taken to be known
@@ -171,6 +173,11 @@ class Expectation:
     def misfit(self) -> Float[np.ndarray, " dof"]:
         """How many times what noise would be the residual's mean scatters."""
         return self.scale.min(axis=1) * np.sqrt(length(self.rate)) / self.noise
+
+    @property
+    def fits(self) -> bool:
+        """Whether the residual is noise."""
+        return bool(np.all(self.misfit <= NOISE))
 
     def compared(self, w: Samples) -> "Compared":
         """Recorded torques and expected ones at consecutive samples."""

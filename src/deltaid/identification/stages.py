@@ -35,7 +35,7 @@ STAGES: tuple[Stage, ...] = (
 
 
 def prepared(setup: Setup, progress: Progress) -> Setup:
-    """A setup after all stages; one that comes again is left out where nothing has changed since."""
+    """A setup after all stages; one that comes again is left out where nothing has changed."""
     left: dict[Stage, Setup] = {}
     for stage in STAGES:
         if stage in left and setup.poses_as(left[stage]):
