@@ -42,7 +42,6 @@ from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described
 
-
 # Windows of a recording, spread over all of it, that a model's torques are compared with.
 _COMPARED = 32
 
