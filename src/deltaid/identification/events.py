@@ -2,9 +2,9 @@
 
 What stands out of a recording (`outstanding.py`) is left out, with one exception. Friction that the
 description has no law for stands out as well, again and again where a drive turns round: that is
-for the choice of friction laws. Gears with play stand out where their torque changes its sign;
-those short stretches are left out under a name of their own. What lasts, or fills much of a
-recording, is no event either but a load or a model that does not fit, and stays for others to tell.
+for the choice of friction laws. Gears with play stand out where their torque changes its sign; all
+of these changes are left out, under a name of their own. What lasts, or fills much of a recording,
+is no event either but a load or a model that does not fit, and stays for others to tell.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.identification.events_told import REASONS, events_told
-from deltaid.identification.expectation import Expectation, Source, expect
+from deltaid.identification.expectation import Expectation, expect
+from deltaid.identification.expectation_source import Source
 from deltaid.identification.outstanding import Stretch, outstanding
-from deltaid.identification.recurring import of_drives
+from deltaid.identification.recurring import recurring
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
@@ -26,6 +27,8 @@ from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, Left
 # Time that is left out before and after what stands out [s]; stretches of a contact may be so far
 # apart [s].
 _BESIDE, _ONE = 4e-3, 0.02
+# What the low-pass of the positions spreads a jump over, to either side, as a share of its period.
+_PERIOD = 0.5
 # What lasts longer [s] is no event, nor what fills this share of the time about it [s].
 _LONGEST, _DENSE, _ABOUT = 1.0, 0.5, 1.0
 # Nor is anything where contacts fill this share of a recording.
@@ -48,14 +51,15 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     """Recordings without what acts on the robot beside its drives, told one by one; a stage."""
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    told, glanced = list[Correction](), tuple[int, ...]()
+    told, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
         kept = tuple(span for span in recording.repairs.left_out if span.reason not in REASONS)
         bare = replace(recording, repairs=replace(recording.repairs, left_out=kept))
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
         if expected and not setup.closely and _is_quiet_in_brief(expected):
-            spans, glanced = (), (*glanced, k)
+            spans = ()
+            glanced.append((k, expected))
         else:
             spans = events(expected) if expected else ()
         repairs: dict[str, object] = {"left_out": (*kept, *spans)}
@@ -63,7 +67,7 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
             repairs["delay"] = expected.source.recording.repairs.delay
         setup = setup.repaired(setup.recordings[k], **repairs)
         told += events_told(spans, recording, setup.robot.drives)
-    return setup.told(told, "contact").changed(glanced=glanced)
+    return setup.told(told, "contact", "backlash").changed(glanced=tuple(glanced))
 
 
 def _is_quiet_in_brief(expected: Expectation) -> bool:
@@ -82,9 +86,9 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     spikes = [one for one in seen.stretches if one.spike]
     others = [one for one in seen.stretches if not one.spike]
     others = [one for one in others if not _is_friction(one, expected.coulomb)]
-    friction, play = of_drives(seen, others, recording.low_pass)
-    loose = [one for one, is_play in zip(others, play, strict=True) if is_play]
-    pushes = _joined([o for o, known in zip(others, friction | play, strict=True) if not known])
+    drives = recurring(seen, others, recording.low_pass)
+    known = drives.friction | drives.play
+    pushes = _joined([one for one, own in zip(others, known, strict=True) if not own])
     pushes = _brief(pushes, seen.duration)
     jolts = [one for one in pushes if one.sharp > _SHARP]
     if sum(one.end - one.start for one in jolts) > _JOLTS * seen.duration:
@@ -92,7 +96,11 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     step = 1.0 / recording.log.rate
     margin = max(_BESIDE, step)
     found = [_span(one, SPIKE, step, one.drives) for one in spikes]
-    found += [_span(one, BACKLASH, margin) for one in loose]
+    beside = margin + _PERIOD / recording.low_pass.motion_cutoff if recording.low_pass else margin
+    found += [
+        LeftSpan(first, last, BACKLASH, gear=gear)
+        for first, last, gear in drives.turns(seen, others, beside)
+    ]
     for one in pushes:
         if one in jolts:
             found.append(_span(one, JOLT, margin))

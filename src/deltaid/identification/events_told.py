@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltaid.model.corrections import Correction
+from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan
 
@@ -15,23 +16,18 @@ REASONS = (CONTACT, STOP, SPIKE, JOLT, BACKLASH)
 def events_told(
     spans: Sequence[LeftSpan], recording: Recording, drives: Sequence[str]
 ) -> list[Correction]:
-    """One correction for each kind of event of a recording."""
-    found = []
-    for reason in REASONS:
-        own = [span for span in spans if span.reason == reason]
-        if not own:
-            continue
-        total = sum(span.last - span.first for span in own)
-        found.append(
-            Correction(
-                kind="contact",
-                subject=reason,
-                log=recording.path.name,
-                value=total,
-                unit="s",
-                text=_TEXT[reason](own),
+    """One correction for each kind of event of a recording, and for each gear with play."""
+    found, name = list[Correction](), recording.path.name
+    for reason in (*_TEXT, BACKLASH):
+        for gear in sorted({s.gear for s in spans if s.reason == reason}, key=lambda i: i or 0):
+            own = [one for one in spans if one.reason == reason and one.gear == gear]
+            kind, subject = ("contact", reason) if gear is None else ("backlash", drives[gear])
+            times = joined_times(np.array([(one.first, one.last) for one in own]))
+            text = _TEXT[reason](own) if gear is None else _play(len(times))
+            time = float(np.diff(times).sum())
+            found.append(
+                Correction(kind=kind, subject=subject, log=name, value=time, unit="s", text=text)
             )
-        )
     return found
 
 
@@ -58,10 +54,14 @@ _TEXT = {
     JOLT: lambda own: (
         f"{_times(own)} torque and motion change faster than the low-pass of the positions follows"
     ),
-    BACKLASH: lambda own: (
-        f"{_times(own)} positions jump where a gear's torque changes its sign: play in the gears"
-    ),
 }
+
+
+def _play(times: int) -> str:
+    return (
+        "its gear has play: torques do not follow from the motion where its torque changes its "
+        f"sign, {times} times. All drives' are left out there"
+    )
 
 
 def _times(own: Sequence[LeftSpan]) -> str:

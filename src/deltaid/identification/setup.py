@@ -6,6 +6,7 @@ from typing import Any
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.additions import Addition
+from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction, Kind
 from deltaid.model.friction_record import FrictionChoice
@@ -29,7 +30,8 @@ class Setup:
         corrections: what was put right, in the order in which it was.
         friction_choice: how friction laws were chosen, if they were.
         closely: whether every row of recordings is looked at for events; else excerpts are first.
-        glanced: numbers of the recordings of which nothing but an excerpt was looked at for events.
+        glanced: numbers of the recordings of which nothing but an excerpt was looked at for events,
+            and what was expected of them.
         studies: what each recording looks like before anything in it is put right that was not
             declared; none before they have been studied.
     """
@@ -41,7 +43,7 @@ class Setup:
     corrections: tuple[Correction, ...] = ()
     friction_choice: FrictionChoice | None = None
     closely: bool = False
-    glanced: tuple[int, ...] = ()
+    glanced: tuple[tuple[int, Expectation], ...] = ()
     studies: tuple[Study | None, ...] = ()
 
     def is_disturbed(self, k: int) -> bool:

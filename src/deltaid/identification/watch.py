@@ -6,7 +6,8 @@ is seen here, in the pass that gathers what the fit needs; then all rows are loo
 
 from dataclasses import dataclass, field, replace
 
-from deltaid.identification.expectation import Expectation, Source, expect
+from deltaid.identification.expectation import Expectation, expect
+from deltaid.identification.expectation_source import Source
 from deltaid.identification.outstanding import stands_out
 from deltaid.identification.setup import Setup
 from deltaid.recording.windows import Window
@@ -31,12 +32,19 @@ class Watch:
 
 def watched(setup: Setup) -> Setup:
     """The same with an eye on recordings of which nothing but an excerpt has been looked at."""
-    for k in setup.glanced:
+    for k, first in setup.glanced:
         one = setup.recordings[k]
-        expected = expect(Source(setup.dynamics, setup.additions, one))
+        source = Source(setup.dynamics, setup.additions, one)
+        expected = first if _same(first.source, source) else expect(source)
         if expected is not None:
             setup = setup.with_recording(k, replace(one, watch=Watch(expected)))
     return setup
+
+
+def _same(one: Source, other: Source) -> bool:
+    """Whether nothing has been put right since."""
+    rows = one.recording.repairs == other.recording.repairs
+    return rows and one.dynamics is other.dynamics and one.additions == other.additions
 
 
 def unwatched(setup: Setup) -> tuple[Setup, bool]:
