@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.events import events, on_time
-from deltaid.identification.expectation import Source
+from deltaid.identification.expectation_source import Source
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.events import Event
 from deltaid.model.record import IdentifiedModel, Settings

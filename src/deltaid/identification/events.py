@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.identification.events_told import REASONS, events_told
-from deltaid.identification.expectation import Expectation, Source, expect
+from deltaid.identification.expectation import Expectation, expect
+from deltaid.identification.expectation_source import Source
 from deltaid.identification.outstanding import Stretch, outstanding
 from deltaid.identification.recurring import recurring
 from deltaid.identification.setup import Progress, Setup

@@ -203,7 +203,7 @@ def thinned(
     def values(w: Samples) -> _Values:
         carried = w.tau if load is None else regressor.carried(w.z, w.qd, w.qdd, load)
         carried = carried + w.carried
-        return w.weighted(entries(regressor, w, carried, recording), drives)
+        return w.weigh(entries(regressor, w, carried, recording), drives)
 
     tau = window.filtered(lambda w: w.weighted(w.tau.T, np.arange(regressor.dof)))
     return window.filtered(values), tau, window.own.z[:: window.thinned]

@@ -129,7 +129,7 @@ def _rows(
 def _beginning(recording: Recording, dynamics: Dynamics) -> Iterator[Window]:
     """The first windows of a recording."""
     most = _SECONDS * recording.log.rate
-    for window in islice(recording.windows(dynamics.kinematics), _WINDOWS):
+    for window in islice(recording.brief.windows(dynamics.kinematics), _WINDOWS):
         yield window
         if window.start + len(window.own.time) > most:
             return

@@ -95,7 +95,8 @@ def identify(
     recordings = open_recordings(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
     )
-    setup = prepared(Setup(robot, tuple(recordings), settings), progress)
+    setup = Setup(robot, tuple(one.excerpted() for one in recordings), settings)
+    setup = prepared(setup, progress)
     setup, problem = _confirmed(setup, progress)
     robot, recordings = setup.robot, setup.recordings
     problem = with_widened_prior(with_geometry(problem, recordings))

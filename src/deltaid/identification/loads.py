@@ -124,7 +124,7 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
     if all(one.is_fixed for one in columns):
         return [one.prior for one in columns]
     dynamics, both = setup.dynamics, (*setup.additions, *columns)
-    some = [one.sparser(_WINDOWS) for one in setup.recordings]
+    some = [one.brief for one in setup.recordings]
     prior = prior_parameters(setup.robot)
     information = gather_all(extended(dynamics, both), some, prior).information
     added = [(one.parameters, one.free) for one in both]

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.identification.expectation import Expectation, deviation, length
+from deltaid.identification.expectation import Expectation, length
+from deltaid.identification.expectation_blocks import deviation
 from deltaid.identification.slack import joint_rates
 from deltaid.identification.spikes import spikes
 from deltaid.recording.masks.runs import runs_of

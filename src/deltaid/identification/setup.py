@@ -50,6 +50,12 @@ class Setup:
         """Of the robot as it is described by now."""
         return compiled(self.robot)
 
+    def poses_as(self, other: "Setup") -> bool:
+        """Whether a fit would be posed from the same robot, rows and columns."""
+        pairs = zip(self.recordings, other.recordings, strict=True)
+        same = all(a.log is b.log and a.repairs == b.repairs for a, b in pairs)
+        return same and self.robot == other.robot and self.additions == other.additions
+
     def changed(self, **values: Any) -> "Setup":
         """The same with other values."""
         return replace(self, **values)

@@ -35,7 +35,10 @@ STAGES: tuple[Stage, ...] = (
 
 
 def prepared(setup: Setup, progress: Progress) -> Setup:
-    """A setup after all stages."""
+    """A setup after all stages; one that comes again is left out where nothing has changed since."""
+    left: dict[Stage, Setup] = {}
     for stage in STAGES:
-        setup = stage(setup, progress)
+        if stage in left and setup.poses_as(left[stage]):
+            continue
+        setup = left[stage] = stage(setup, progress)
     return setup

@@ -7,7 +7,6 @@ everything formed from it goes through the same low-pass and is thinned alike.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,15 +16,14 @@ from deltaid.errors import RecordingError
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
 from deltaid.identification.interpolation import later
+from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
-from deltaid.recording.filter import LowPass, apply
+from deltaid.recording.filter import LowPass
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
 
-# Windows that are kept at most: 262 s at 1 kHz.
+# Windows that are kept at most: 256 s at 1 kHz.
 _MOST = 32
-# Runs of windows that stand for a longer log.
-_RUNS = 2
 # A time step this much longer than the usual one ends a stretch.
 _GAP = 1.5
 
@@ -170,7 +168,7 @@ def trace(
     reversals: bool = True,
     windows: int | None = None,
 ) -> Trace:
-    """The beginning of a recording in memory; of one of usual length all of it.
+    """A recording in memory; of a long one its excerpt.
 
     Speeds and accelerations come from the positions, also where they are recorded, so that nothing
     that is wrong with those gets in.
@@ -182,7 +180,7 @@ def trace(
             the ends and from samples that do not count.
         reversals: whether samples count at which a joint turns round. Steps of friction tell a lag
             best, but in torques that have been shifted they are known to half a sample only.
-        windows: at most so many of these (`WINDOW` rows each), in a few runs over the whole time.
+        windows: at most so many of these (`WINDOW` rows each), spread over the whole time.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
@@ -190,10 +188,10 @@ def trace(
     log = recording.log
     columns = replace(log.columns, velocity=(), acceleration=())
     # What a log masks stays masked either way; this is about its reversals only.
-    recording = recording.changed(cutoff, columns=columns, keep_all=reversals)
+    recording = recording.brief.changed(cutoff, columns=columns, keep_all=reversals)
     assert recording.low_pass is not None  # positions alone are always filtered
-    held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
-    joined = _joined(_spread(held, windows or _MOST))
+    some = recording.spread(dynamics.kinematics, windows or _MOST)
+    joined = _joined([window.own for window in some])
     step, time = 1.0 / log.rate, joined.time
     ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
     stretches: list[Samples] = []
@@ -224,16 +222,6 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
     own = stretch.part(slice(before, len(wide) - after))
     moved = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
     return replace(own, **moved, tau=tau - carried, weights=weights)
-
-
-def _spread(parts: list[Samples], most: int) -> list[Samples]:
-    """At most so many windows, in runs evenly spread from the first to the last."""
-    if len(parts) <= most:
-        return parts
-    runs = min(_RUNS, most)
-    size = most // runs
-    starts = np.linspace(0, len(parts) - size, runs).astype(int) if runs > 1 else [0]
-    return [parts[k] for k in np.unique(np.add.outer(starts, np.arange(size)))]
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -14,6 +14,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
 from deltaid.recording.columns import Columns, extra_drives, resolve_columns
+from deltaid.recording.excerpt import Excerpt
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.masks.masks import Mask, Weights, require_rest
 from deltaid.recording.masks.runs import runs_of
@@ -55,6 +56,7 @@ class Log:
         masks: what is left out of it; without any where all is kept.
         keep_all: whether nothing is to be left out.
         warnings: what is doubtful, with rows and columns.
+        held: what is read in the place of its rows; None for these.
     """
 
     table: Table
@@ -70,6 +72,7 @@ class Log:
     masks: tuple[Mask, ...]
     keep_all: bool
     warnings: tuple[Doubt, ...]
+    held: Excerpt | None = None
 
     @property
     def path(self) -> Path:
@@ -135,6 +138,8 @@ class Log:
         Args:
             cutoff: what is filtered away later [Hz]; shorter holes are bridged.
         """
+        if self.held is not None:
+            return self.held.segments(self.columns)
         rows = (batch.values for batch in self.batches())
         weights, held = len(self.columns.torque), len(self.columns.extra)
         return segments(rows, self.laid, self.bridged(cutoff), weights, held)

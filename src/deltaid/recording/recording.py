@@ -12,6 +12,7 @@ from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.burden import Burden
+from deltaid.recording.excerpt import Excerpt, excerpt
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.mapping import ColumnMappings, mapping_each
@@ -21,9 +22,11 @@ from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.repairs import Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
+from deltaid.recording.windows import Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")
+# Windows of which some are chosen: of a recording without an excerpt its beginning.
+_FEW = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +37,13 @@ class Recording:
         log: the file and what its survey found.
         low_pass: its filter; None if velocities and accelerations are taken as recorded.
         repairs: what is put right in its rows.
-        every: of its windows each so-manieth is worked on.
+        excerpt: stretches that stand for all of it; None before they have been read.
     """
 
     log: Log
     low_pass: LowPass | None
     repairs: Repairs = field(default_factory=Repairs)
-    every: int = 1
+    excerpt: Excerpt | None = None
 
     @property
     def path(self) -> Path:
@@ -73,9 +76,17 @@ class Recording:
         shortest = reach(self.low_pass) + 1 if self.low_pass else 1
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), shortest)
 
-    def sparser(self, windows: int) -> "Recording":
-        """The same with about so many of its windows at most, evenly spread."""
-        return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
+    def excerpted(self) -> "Recording":
+        """The same with an excerpt, for which it is read once."""
+        log = self.log
+        segments = log.segments(self.motion_cutoff)
+        found = excerpt(segments, log.columns, log.samples, log.rate, self.low_pass)
+        return replace(self, excerpt=found)
+
+    @property
+    def brief(self) -> "Recording":
+        """Its excerpt as a recording; all of it, where it has none."""
+        return replace(self, log=replace(self.log, held=self.excerpt)) if self.excerpt else self
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]
@@ -88,7 +99,7 @@ class Recording:
         def done(uncut: Uncut) -> _Result:
             return work(uncut.window())
 
-        return ordered(done, islice(self._uncut(kinematics), None, None, self.every))
+        return ordered(done, self._uncut(kinematics))
 
     def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
         """Windows to be made, segment by segment; none reaches beyond its segment."""
@@ -118,11 +129,18 @@ class Recording:
         Raises:
             RecordingError: the log is too short, or the cut-off does not go with its rate.
         """
-        return replace(with_filter(replace(self.log, **log), cutoff), repairs=self.repairs)
+        found = with_filter(replace(self.log, **log), cutoff)
+        return replace(found, repairs=self.repairs, excerpt=self.excerpt)
 
     def windows(self, kinematics: Kinematics) -> Iterator[Window]:
         """All samples, window by window."""
         return self.evaluate(kinematics, lambda window: window)
+
+    def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:
+        """At most so many windows, evenly spread from the first to the last."""
+        every = list(islice(self._uncut(kinematics), _FEW))
+        chosen = np.unique(np.linspace(0, len(every) - 1, most).round().astype(int))
+        return ordered(Uncut.window, [every[k] for k in chosen] if every else [])
 
 
 def open_recordings(
