@@ -1,4 +1,4 @@
-"""Gears that wind up: motors are turned back to their links, by compliances that show or are stated."""
+"""Gears that wind up: their motors are turned back to the links, by what shows or is stated."""
 
 from dataclasses import replace
 
@@ -21,6 +21,8 @@ from deltaid.recording.windows import WINDOW
 _WINDOWS, _SECONDS = 2, 12.0
 # The low-pass over rows, as a share of that which a fit has.
 _BAND = 0.5
+# Correlation from which a compliance is said to look like a lag.
+_ALIKE = 0.9
 
 
 def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
@@ -43,43 +45,63 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
         and not bare.is_disturbed(k)
         and (found := _traced(bare, one)) is not None
     ]
-    if not seen:
+    stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
+    looked_for = (stated == 0) & (setup.settings.compliance == "estimate")
+    if not seen or not (stated.any() or looked_for.any()):
         return setup
     progress("looking for gears that wind up")
-    found = compliances([each for _, each in seen], bare, np.full(bare.dynamics.dof, np.nan))
+    found = compliances([each for _, each in seen], bare, np.where(looked_for, np.nan, stated))
     if not found.values.any():
         return setup
     for one in bare.recordings:
-        if (
-            one.low_pass is None
-        ):  # nothing of it is filtered: speeds are those of links, or nothing is
-            continue
-        motors = motors_of(bare.robot, found.p, one.low_pass.cutoff, one.log.rate)
-        bare = bare.repaired(one, gears=replace(motors, compliance=tuple(found.values.tolist())))
+        if one.low_pass is not None:
+            motors = motors_of(bare.robot, found.p, one.low_pass.cutoff, one.log.rate)
+            motors = replace(motors, compliance=tuple(found.values.tolist()))
+            bare = bare.repaired(one, gears=motors)
     # Lags that gears imitated are none.
     return lags_put_right(bare.told(_told(bare, found)), progress)
 
 
 def _told(setup: Setup, found: Found) -> list[Correction]:
-    wide = float(quantile(np.array([BLOCKS - 1.0]))[0])
+    """One a drive whose gear winds up."""
     corrections = list[Correction]()
+    wide = float(quantile(np.array([BLOCKS - 1.0]))[0])
     for i, drive in enumerate(setup.robot.drives):
+        s, slides = float(found.values[i]), setup.robot.is_linear(drive)
+        if s == 0:
+            continue
+        text = f"its gear winds up by what it carries over {1 / s:.3g} "
+        text += "N/m" if slides else "N m/rad"
+        half = None
         for k in np.flatnonzero(found.groups[i]):
-            value, half = float(found.sizes[k]), wide * float(found.deviation[k])
-            slides, others = setup.robot.is_linear(drive), int(found.groups[:, k].sum()) - 1
-            corrections.append(
-                Correction(
-                    kind="compliance",
-                    subject=drive,
-                    value=value,
-                    low=value - half,
-                    high=value + half,
-                    unit="m/N" if slides else "rad/(N m)",
-                    text=f"its gear winds up by what it carries over {1 / value:.3g} "
-                    f"{'N/m' if slides else 'N m/rad'}",
-                )
+            half = wide * float(found.deviation[k])
+            text += _evidence(found, int(k))
+        corrections.append(
+            Correction(
+                kind="compliance",
+                subject=drive,
+                value=s,
+                low=None if half is None else s - half,
+                high=None if half is None else s + half,
+                unit="m/N" if slides else "rad/(N m)",
+                text=f"{text}{', as stated' if half is None else ''}; positions are those of the "
+                "link",
             )
+        )
     return corrections
+
+
+def _evidence(found: Found, k: int) -> str:
+    """How the k-th size is known."""
+    text = f", {found.sizes[k] / found.deviation[k]:.0f} standard deviations beside a free lag"
+    if found.groups[:, k].sum() > 1:
+        text += ", one for all limbs, which do not contradict it"
+    if found.like_lag[k] > _ALIKE:
+        text += (
+            f"; this motion hardly tells it from a lag of the torques (correlation "
+            f"{found.like_lag[k]:.2f})"
+        )
+    return text
 
 
 def _traced(setup: Setup, recording: Recording) -> Trace | None:
@@ -93,7 +115,7 @@ def _traced(setup: Setup, recording: Recording) -> Trace | None:
             setup.dynamics,
             recording,
             load,
-            cutoff=_BAND * recording.cutoff,
+            cutoff=_BAND * recording.low_pass.cutoff,
             reach=0.0,
             reversals=False,
             windows=windows,

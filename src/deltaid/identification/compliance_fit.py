@@ -23,36 +23,24 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.identification.additions import Addition, extended
-from deltaid.identification.information import active_columns
+from deltaid.identification.compliance_rows import Columns, Rows, torques_of
 from deltaid.identification.lag_groups import agree
-from deltaid.identification.reduction import Reduction
-from deltaid.identification.rows_with_prior import (
-    Prior,
-    Sheet,
-    Solution,
-    reduced,
-    solved,
-    stretches,
-)
+from deltaid.identification.rows_with_prior import Sheet, stretches
 from deltaid.identification.setup import Setup
 from deltaid.identification.traces import Trace
 from deltaid.identification.windings import Compliance, Windings, motors_of, wound
 from deltaid.recording.gears import Gears
-from deltaid.recording.windows import Samples
 
-# Sweeps at most; a compliance counts that is so many standard deviations, and makes the rows of
-# most stretches of time better by so many, which are half as many for one that is there.
-_SWEEPS, _SIGNIFICANT, _BETTER = 8, 5.0, 2.5
+# Sweeps at most, and steps that are small enough, in standard deviations. A compliance counts that
+# is so many of them, and that makes the rows of most stretches of time better by so many: for one
+# that is there, these are half as many.
+_SWEEPS, _SETTLED, _SIGNIFICANT, _BETTER = 8, 0.3, 5.0, 2.5
 # How far gears wind up at most, as a share of a drive's range, to begin with.
 _SHARES = 2e-3 * 2.0 ** np.arange(6)
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
 _LITTLE = 1e-4
-# Speeds over which friction changes, as shares of the largest.
-_KNEES = (0.03, 0.1, 0.3)
 
 Groups = Float[np.ndarray, "dof groups"]
-Columns = Float[np.ndarray, "dof samples columns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,30 +85,30 @@ def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Fo
     start, p = fit.start(free, left, p)
     S = np.eye(len(stated))[:, free]
     found = fit.swept(S, start, p)
-    S, found = _pooled(fit, S, found)
+    found = _pooled(fit, found)
     while True:
         seen = found.sizes > _SIGNIFICANT * found.deviation
         if seen.all():
             return found if fit.better(found) else fit.nothing(fit.at(fit.known)[1])
         if not seen.any():
             return fit.nothing(fit.at(fit.known)[1])
-        S = S[:, seen]
+        S = found.groups[:, seen]
         found = fit.swept(S, S @ found.sizes[seen], found.p)
 
 
-def _pooled(fit: "_Fit", S: Groups, found: Found) -> tuple[Groups, Found]:
+def _pooled(fit: "_Fit", found: Found) -> Found:
     """One size for the drives of identical limbs, if theirs do not contradict that."""
-    limbs = fit.setup.robot.limbs
+    limbs, S = fit.setup.robot.limbs, found.groups
     if limbs is None or not limbs.identical:
-        return S, found
+        return found
     alike = S[: limbs.count].any(axis=0)
-    own = np.ix_(alike, alike)
-    if alike.sum() < 2 or not agree(found.sizes[alike], found.covariance[own]):
-        return S, found
-    weights = np.linalg.solve(found.covariance[own], np.ones(int(alike.sum())))
-    common = float(max(weights @ found.sizes[alike] / weights.sum(), 0.0))
-    S, rest = np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]]), found.sizes[~alike]
-    return S, fit.swept(S, S @ np.append(common, rest), found.p)
+    sizes, covariance = found.sizes[alike], found.covariance[np.ix_(alike, alike)]
+    if alike.sum() < 2 or not agree(sizes, covariance):
+        return found
+    weights = np.linalg.solve(covariance, np.ones(len(sizes)))
+    common = float(max(weights @ sizes / weights.sum(), 0.0))
+    together = np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]])
+    return fit.swept(together, together @ np.append(common, found.sizes[~alike]), found.p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +146,10 @@ class _Fit:
             p: by which it is known what motors take; of stiff gears if not given.
         """
         if p is None:
-            rows = _Rows.of(self.traces, self.setup)
+            rows = Rows.of(self.traces, self.setup)
             _, p = rows.fitted(self.traces)
         turned = [one.turned(s) for one in self.windings(p)]
-        return _Rows.of(turned, self.setup).fitted(turned)
+        return Rows.of(turned, self.setup).fitted(turned)
 
     def start(
         self, free: Bool[np.ndarray, " dof"], left: list[np.ndarray], p: Parameters
@@ -186,29 +174,54 @@ class _Fit:
         """s = known + S ε with the best ε, from a start on."""
         free = S.any(axis=1)
         sizes = np.linalg.lstsq(S, np.where(free, start - self.known, 0.0), rcond=None)[0]
+        covariance = np.zeros((0, 0))
         little, count = _LITTLE / (S.T @ self._largest), S.shape[1]
         for _ in range(_SWEEPS):
-            s, sheets = self.known + S @ sizes, list[Sheet]()
-            windings = self.windings(p)
-            turned = [one.by_model(s, p) for one in windings]
-            rows = _Rows.of([now for now, _ in turned], self.setup)
-            for now, modelled in turned:
-                before, columns = now.model(p), list[np.ndarray]()
-                for step, which in zip(little, S.T, strict=True):
-                    more = modelled.turned(step * which)
-                    change = more.model(p) - before - _torques(more) + _torques(now)
-                    columns.append(change / step)
-                sheets.append(rows.sheet(now, p, np.stack(columns, axis=2)))
-            solution = rows.solved(sheets)
+            s, windings = self.known + S @ sizes, self.windings(p)
+            rows = Rows.of([one.trace for one in windings], self.setup)
+            sheets = [self._sheet(rows, one, s, S * little, p) for one in windings]
+            clean = [self._clean(rows, one, s, S * little, p) for one in windings]
+            solution = rows.solved(sheets, clean)
             moved = np.maximum(sizes + solution.a[:count], 0.0) - sizes
-            sizes, p = sizes + moved, rows.parameters(sheets)
+            sizes, p = sizes + moved, rows.parameters(sheets, clean)
             covariance = solution.covariance
-            if np.all(np.abs(moved) < 0.1 * np.sqrt(np.diag(covariance)[:count])):
+            if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
                 break
         return Found(
             self.known + S @ sizes, S, sizes, covariance[:count, :count],
             _like_lag(covariance, S), p,
         )  # fmt: skip
+
+    def _sheet(
+        self, rows: "Rows", one: Windings, s: Compliance, steps: Groups, p: Parameters
+    ) -> Sheet:
+        """Rows of the links' motion by measured torques, beside slopes over each size."""
+        low_pass = one.motors.low_pass(one.trace.low_pass.rate)
+
+        def at(s: Compliance) -> Trace:  # without the ends that clean ones lose
+            return one.inner(low_pass).inner(low_pass).turned(s)
+
+        now = at(s)
+        return rows.sheet(now, p, _slopes_over(now, [at(s + step) for step in steps.T], steps, p))
+
+    def _clean(
+        self, rows: "Rows", one: Windings, s: Compliance, steps: Groups, p: Parameters
+    ) -> list[Sheet]:
+        """The same columns by torques of the model, without the noise that measured ones bring into
+        the links' motion: along that of the motors, and along this turned back by the model's
+        torques, which is that of the links below the frequency at which gear and inertia resonate.
+        """
+        low_pass = one.motors.low_pass(one.trace.low_pass.rate)
+        motor = one.by_model(p)
+        link = replace(motor, trace=motor.turned(s)).by_model(p)
+        motor = motor.inner(low_pass)
+        return [
+            rows.sheet(
+                along.trace, p,
+                _slopes_over(along.trace, [along.turned(step) for step in steps.T], steps, p),
+            )
+            for along in (motor, link)
+        ]  # fmt: skip
 
     def better(self, found: Found) -> bool:
         """Whether rows of most stretches of time are nearer with what was found than without."""
@@ -235,108 +248,6 @@ class _Fit:
         return np.max([np.ptp(q, axis=0) for q in parts], axis=0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """What rows of traces are made for: the free parameters of a fit, and their prior."""
-
-    reduction: Reduction
-    additions: tuple[Addition, ...]
-    prior: Prior
-
-    @classmethod
-    def of(cls, traces: Sequence[Trace], setup: Setup) -> "_Rows":
-        """For the fit that a setup leads to."""
-        reduction = reduced(traces[0], setup.additions)
-        return cls(reduction, setup.additions, Prior.of(reduction, setup.settings.prior_spread))
-
-    def fitted(self, traces: Sequence[Trace]) -> tuple[list[np.ndarray], Parameters]:
-        """What is left of each trace's rows, and p."""
-        nothing = [np.zeros((*_torques(one).shape, 0)) for one in traces]
-        sheets = [self.sheet(one, None, none) for one, none in zip(traces, nothing, strict=True)]
-        p = self.parameters(sheets)
-        sheets = [
-            replace(one, A=np.concatenate([_slopes(now, p), one.A], axis=2))
-            for one, now in zip(sheets, traces, strict=True)
-        ]
-        solution = self.solved(sheets)
-        x = np.concatenate([solution.x, solution.a])
-        left = [one.tau - np.concatenate([one.X, one.A], axis=2) @ x for one in sheets]
-        return left, self.parameters(sheets)
-
-    def sheet(self, one: Trace, p: Parameters | None, columns: Columns) -> Sheet:
-        """Rows of a trace, with columns beside the parameters', those of lags and friction behind.
-
-        Args:
-            p: whose torques lag; without lags if not given.
-        """
-        active = active_columns(extended(one.dynamics, self.additions))
-        rows = one.regressor(self.additions)
-        tau = _torques(one) - rows @ self.reduction.p_0[active]
-        lags = [] if p is None else [_slopes(one, p)]
-        A = np.concatenate([columns, *lags, _friction(one)], axis=2)
-        return Sheet(rows @ self.reduction.A[active], A, tau)
-
-    def solved(self, sheets: Sequence[Sheet]) -> Solution:
-        """Of all recordings; of what stands beside the parameters nothing is known."""
-        nothing = np.zeros(sheets[0].A.shape[2])
-        return solved(sheets, self.prior.beside(nothing, nothing + np.inf))
-
-    def parameters(self, sheets: Sequence[Sheet]) -> Parameters:
-        """p of the robot, whose friction is viscous and Coulomb's as well as that goes: beside a
-        free curve, hardly anything tells them."""
-        free = len(_SHAPES) * len(sheets[0].tau)
-        plain = self.solved([replace(one, A=one.A[:, :, :-free]) for one in sheets])
-        p = self.reduction.A @ plain.x + self.reduction.p_0
-        return p[: len(p) - sum(len(one.parameters) for one in self.additions)]
-
-
-def _torques(one: Trace) -> Float[np.ndarray, "dof samples"]:
-    return one.torques(np.zeros(one.dynamics.dof))
-
-
-def _slopes(now: Trace, p: Parameters) -> Columns:
-    """−τ̇ of each drive, in a column of its own."""
-    dof = now.dynamics.dof
-
-    def slope(w: Samples) -> np.ndarray:
-        return -np.gradient(now.dynamics.torque(w.z, w.qd, w.qdd, p), axis=0).T
-
-    return _apart(now.low_pass.rate * now.filtered(slope, np.arange(dof), 1)[:, :, None])
-
-
-# Friction over the speed, as a share v of the largest: falling within a knee and growing with its
-# square, both ways alike; and what may differ between them.
-_SHAPES = (
-    *(lambda v, knee=knee: np.sign(v) * np.exp(-np.abs(v) / knee) for knee in _KNEES),
-    lambda v: v * np.abs(v),
-    lambda v: np.ones_like(v),
-    np.abs,
-    lambda v: np.exp(-np.abs(v) / _KNEES[1]),
-)
-
-
-def _friction(now: Trace) -> Columns:
-    """Friction of each drive beside Coulomb's and viscous, in columns of its own; and a share of
-    what its gear carries."""
-    fastest = np.max([np.abs(w.qd).max(axis=0) for w in now.stretches], axis=0)
-
-    def shapes(w: Samples) -> np.ndarray:
-        v = w.qd / fastest
-        return np.hstack([shape(v) for shape in _SHAPES]).T
-
-    dof = now.dynamics.dof
-    out = now.filtered(shapes, np.tile(np.arange(dof), len(_SHAPES)))
-    return _apart(out.reshape(len(_SHAPES), dof, -1).transpose(1, 2, 0))
-
-
-def _apart(own: Float[np.ndarray, "dof samples own"]) -> Columns:
-    """Columns that each drive has by itself, zero in the rows of others."""
-    dof, samples, count = own.shape
-    out = np.zeros((dof, samples, dof, count))
-    out[np.arange(dof), :, np.arange(dof)] = own
-    return out.reshape(dof, samples, dof * count)
-
-
 def _size(left: Sequence[np.ndarray]) -> float:
     """Logarithm of what is left, all drives counting alike."""
     together = np.concatenate(left, axis=1)
@@ -351,3 +262,15 @@ def _like_lag(
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     correlation = np.abs(covariance / np.outer(scale, scale))
     return np.max(correlation[:count, count : count + dof] * S.T, axis=1)
+
+
+def _slopes_over(now: Trace, more: Sequence[Trace], steps: Groups, p: Parameters) -> Columns:
+    """How much what a model predicts less what is measured grows with each size.
+
+    Args:
+        more: traces of gears that are softer by a step.
+        steps: of each size (drives, sizes).
+    """
+    before = now.model(p) - torques_of(now)
+    columns = [(one.model(p) - torques_of(one) - before) for one in more]
+    return np.stack(columns, axis=2) / steps.max(axis=0)
