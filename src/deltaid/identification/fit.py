@@ -46,10 +46,9 @@ METRICS: dict[RegularizerName, Metric] = {
     "riemannian": Spectral(AffineInvariant()),
 }
 
-# How often load-dependent friction is fitted again at most, and when its shares have settled.
-_LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-6
-# The same where priors are widened on the way.
-_WIDENED_SETTLED = 1e-4
+# How often load-dependent friction is fitted again at most, and when its shares have settled; the
+# same where priors are widened on the way.
+_LOAD_ROUNDS, _LOAD_SETTLED, _WIDENED_SETTLED = 30, 1e-6, 1e-4
 
 
 @dataclass(frozen=True)
@@ -170,20 +169,20 @@ def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) 
     shares = _load_shares(problem.dynamics)
     if wide is problem or not shares:
         return wide
+    load, step = wide.p, np.zeros(len(shares))
     for _ in range(_LOAD_ROUNDS):
-        before = wide.p
-        again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, before)
+        again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
         wide = _widened(with_geometry(again, recordings))
-        if np.allclose(wide.p[shares], before[shares], rtol=0, atol=_WIDENED_SETTLED):
+        if np.allclose(wide.p[shares], load[shares], rtol=0, atol=_WIDENED_SETTLED):
             break
+        load, step = _next_load(load, wide.p, shares, step)
     return wide
 
 
 def _widened(problem: FittedProblem) -> FittedProblem:
     """With wider priors and the rows as they are; itself where no prior is contradicted."""
     settings = problem.settings
-    widened = {} if settings.gamma is not None else _against_prior(problem).contradicted()
-    if not widened:
+    if settings.gamma is not None or not (widened := _against_prior(problem).contradicted()):
         return problem
     reduction = replace(problem.reduction, widened=widened)
     objective = pose(problem.information, reduction, settings)
@@ -193,14 +192,14 @@ def _widened(problem: FittedProblem) -> FittedProblem:
 
 def widened_priors(problem: FittedProblem) -> tuple[Correction, ...]:
     """The priors that were widened, as corrections."""
-    widened = problem.reduction.widened
-    return told_priors(widened, _against_prior(problem), problem.base, problem.estimate)
+    against = _against_prior(problem)
+    return told_priors(problem.reduction.widened, against, problem.base, problem.estimate)
 
 
 def _against_prior(problem: FittedProblem) -> Evidence:
     """What the recordings of a fit say against its prior."""
-    spread = problem.settings.prior_spread
-    return evidence(problem.reduction, spread, problem.base, problem.estimate)
+    reduction, spread = problem.reduction, problem.settings.prior_spread
+    return evidence(reduction, spread, problem.base, problem.estimate)
 
 
 def _settled(
@@ -213,16 +212,25 @@ def _settled(
     """Friction that depends on load sees the torques of the fit before, beginning with the prior,
     until its coefficients stay as they are."""
     robot, shares = dynamics.robot, _load_shares(dynamics)
-    load = prior_parameters(robot) if shares else None
+    load, step = prior_parameters(robot) if shares else None, np.zeros(len(shares))
     for _ in range(_LOAD_ROUNDS):
         found = _posed(dynamics, recordings, settings, additions, load, progress)
         if load is None or np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
             return found
-        load = found.p
+        load, step = _next_load(load, found.p, shares, step)
     raise IdentificationError(
         "friction that depends on load does not settle: the recording cannot tell it from the rest",
         cure=f"leave the load term out of the friction law of {', '.join(robot.load_drives)}",
     )
+
+
+def _next_load(
+    load: Parameters, found: Parameters, shares: list[int], before: Float[np.ndarray, " shares"]
+) -> tuple[Parameters, Float[np.ndarray, " shares"]]:
+    """Parameters by which gears carry next, and the step of their shares: half of a step back,
+    for |x| bends, and whole ones might go to and fro."""
+    step = found[shares] - load[shares]
+    return (0.5 * (load + found) if step @ before < 0 else found), step
 
 
 def _load_shares(dynamics: Dynamics) -> list[int]:

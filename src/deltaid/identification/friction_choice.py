@@ -23,7 +23,6 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.errors import RecordingError
 from deltaid.identification.explained import surprise
-from deltaid.identification.friction_carried import rotors_parted
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_options import (
@@ -90,7 +89,7 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     progress("looking for friction that the description lacks")
     beside = without_lags(setup.additions)
     try:
-        rows = rotors_parted(friction_rows(setup.dynamics, setup.recordings, beside))
+        rows = friction_rows(setup.dynamics, setup.recordings, beside)
     except RecordingError:
         return setup  # too short to look at; the fit says so where it matters
     robot, choice = choose_friction(rows, progress)
@@ -109,6 +108,7 @@ def choose_friction(
     """The robot with the friction laws that its recordings ask for, and how they were chosen."""
     options, robot = Options(rows), rows.dynamics.robot
     steps, first = _extended(rows, options)
+    rows = _carrying(rows, steps)
     kept, laws, left = _refined(rows, steps, progress)
     choice = FrictionChoice(
         folds=BLOCKS,
@@ -161,6 +161,15 @@ def _extended(rows: FrictionRows, options: Options) -> tuple[list[_Tried], tuple
         U = best.directions
         bare, left = bare - U @ (U.T @ bare), left - U @ (U.T @ left)
     return steps, first
+
+
+def _carrying(rows: FrictionRows, steps: Sequence[_Tried]) -> FrictionRows:
+    """Rows whose gears carry what losses by load were seen by."""
+    moved = rows.moved.copy()
+    for one in steps:
+        if one.option.kind == "load":
+            moved[rows.dynamics.robot.drives.index(one.option.joint)] = one.variant.moved
+    return replace(rows, moved=moved)
 
 
 def _simplest(

@@ -7,7 +7,7 @@ explain.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -47,6 +47,8 @@ class FrictionJoint:
         viscous, coulomb: its entries in the regressor.
         drives: whose rows these are.
         fastest: its largest speed [rad/s or m/s].
+        moved: inertia that its gear carries more than by the parameters of the rows, and its rotor
+            has less.
     """
 
     name: str
@@ -55,6 +57,7 @@ class FrictionJoint:
     coulomb: np.ndarray
     drives: np.ndarray
     fastest: float
+    moved: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +94,7 @@ class FrictionRows:
         basis: what parameters and lags explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
-        moved: inertia that each drive's gear carries more than by p, and its rotor has less.
+        moved: of each drive, as `FrictionJoint.moved`.
     """
 
     dynamics: Dynamics
@@ -121,6 +124,11 @@ class FrictionRows:
         """The column of one of the robot's parameters."""
         at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
         return self.basis.stack(self.Y[:, :, at])
+
+    def rotor(self, joint: FrictionJoint) -> float:
+        """Inertia of a drive's rotor by p; zero without."""
+        names, name = self.dynamics.layout.names, f"rotor.{joint.name}"
+        return float(self.p[names.index(name)]) if name in names else 0.0
 
     def share(self, left: Rows) -> float:
         """Root mean square of rows as a share of the drives' largest torques."""
@@ -172,7 +180,8 @@ class FrictionRows:
             one = FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], 0.0)
             fastest = max(float(_speed(one, entries).max()) for entries in self._motion)
             if fastest > 0:
-                found.append(FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], fastest))
+                moved = 0.0 if drive is None else float(self.moved[drive])
+                found.append(replace(one, fastest=fastest, moved=moved))
         return tuple(found)
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -186,7 +195,7 @@ class FrictionRows:
             speeds = {joint.name: _speed(joint, entries) for joint, _ in wanted}
             return np.concatenate(
                 [
-                    make(speeds[joint.name], entries[joint.coulomb], _of_drive(joint, load))
+                    make(speeds[joint.name], entries[joint.coulomb], _of_drive(joint, load, w))
                     for joint, make in wanted
                 ]
             )
@@ -199,7 +208,7 @@ class FrictionRows:
         return self.basis.stack(stacked)
 
     def _entries(self, w: Samples) -> tuple[np.ndarray, np.ndarray]:
-        load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + self.moved * w.qdd
+        load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p)
         return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values, load
 
     @cached_property
@@ -217,8 +226,10 @@ def _speed(joint: FrictionJoint, entries: np.ndarray) -> np.ndarray:
     return entry_speeds(entries[joint.viscous], entries[joint.coulomb])
 
 
-def _of_drive(joint: FrictionJoint, load: np.ndarray) -> np.ndarray:
-    return np.zeros(len(load)) if joint.drive is None else load[:, joint.drive]
+def _of_drive(joint: FrictionJoint, load: np.ndarray, w: Samples) -> np.ndarray:
+    if joint.drive is None:
+        return np.zeros(len(load))
+    return load[:, joint.drive] + joint.moved * w.qdd[:, joint.drive]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
