@@ -58,6 +58,7 @@ class Evidence:
         table, columns: the log and what of it is what.
         source, mapping: as given.
         settings: of the fit that verdicts on the fit rest on.
+        made: that fit, where it has been made already.
     """
 
     dynamics: Dynamics
@@ -66,6 +67,7 @@ class Evidence:
     source: RecordingLike
     mapping: ColumnMapping | None
     settings: Settings
+    made: FittedProblem | None = None
 
     @property
     def robot(self) -> RobotDescription:
@@ -114,20 +116,19 @@ class Evidence:
 
     @cached_property
     def study(self) -> Study | None:
-        """What the residual of this recording looks like; None where it cannot be told.
-
-        Friction by load and warmth are as the fit has them.
-        """
+        """What the residual of this recording looks like; None where it cannot be told."""
         if isinstance(self.surveyed, RecordingError):
             return None
-        if not isinstance(self.fitted, FittedProblem):
+        if self.made is None:
             return studied(self.dynamics, self.surveyed)
-        warmth = [one for one in self.fitted.additions if isinstance(one, Warmth)]
-        return studied(self.dynamics, self.surveyed, self.fitted.p, warmth)
+        warming = tuple(one for one in self.made.additions if isinstance(one, Warmth))
+        return studied(self.dynamics, self.surveyed, self.made.p, warming)
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
         """The fit to this recording, or why there is none."""
+        if self.made is not None:
+            return self.made
         setup = self._setup
         if isinstance(setup, RecordingError):
             return setup
@@ -157,9 +158,9 @@ def with_fit(
     one: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
 ) -> Evidence:
     """Evidence whose survey, fit and study, if there is one, are those that have been made."""
-    known = replace(one, dynamics=problem.dynamics)
+    known = replace(one, dynamics=problem.dynamics, made=problem)
     vars(known).update({key: vars(one)[key] for key in ("rows", "moved") if key in vars(one)})
-    vars(known).update(surveyed=recording, fitted=problem)  # where cached properties are kept
+    vars(known).update(surveyed=recording)  # where cached properties are kept
     if study is not None:
         vars(known).update(study=study)
     return known

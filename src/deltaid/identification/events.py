@@ -51,19 +51,32 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     """Recordings without what acts on the robot beside its drives, told one by one; a stage."""
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    told: list[Correction] = []
+    told, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
         kept = tuple(span for span in recording.repairs.left_out if span.reason not in REASONS)
         bare = replace(recording, repairs=replace(recording.repairs, left_out=kept))
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
-        spans = events(expected) if expected else ()
+        if expected and not setup.closely and _is_quiet_in_brief(expected):
+            spans = ()
+            glanced.append((k, expected))
+        else:
+            spans = events(expected) if expected else ()
         repairs: dict[str, object] = {"left_out": (*kept, *spans)}
         if expected and setup.settings.lag == "estimate":  # to begin with
             repairs["delay"] = expected.source.recording.repairs.delay
         setup = setup.repaired(setup.recordings[k], **repairs)
         told += events_told(spans, recording, setup.robot.drives)
-    return setup.told(told, "contact", "backlash")
+    return setup.told(told, "contact", "backlash").changed(glanced=tuple(glanced))
+
+
+def _is_quiet_in_brief(expected: Expectation) -> bool:
+    """Whether a model fits, and nothing stands out of an excerpt that leaves rows out."""
+    source, excerpt = expected.source, expected.source.recording.excerpt
+    if excerpt is None or excerpt.whole or not expected.fits:
+        return False
+    brief = replace(source, recording=source.recording.brief)
+    return not outstanding(replace(expected, source=brief)).stretches
 
 
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:

@@ -27,6 +27,8 @@ from deltaid.recording.windows import Samples
 MEAN = 0.009
 # Windows that are fitted to, at most.
 _MOST = 32
+# Scatter so many times that of noise is no noise.
+NOISE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,11 @@ class Expectation:
         """How many times what noise would be the residual's mean scatters."""
         return self.scale.min(axis=1) * np.sqrt(length(self.rate)) / self.noise
 
+    @property
+    def fits(self) -> bool:
+        """Whether the residual is noise."""
+        return bool(np.all(self.misfit <= NOISE))
+
     def compared(self, w: Samples) -> "Compared":
         """Recorded torques and expected ones at consecutive samples."""
         values = self.source.entries(w)
@@ -119,7 +126,7 @@ class Expectation:
     ) -> Float[np.ndarray, "dof samples"]:
         """Torques with those of the slack, at samples of some rate [Hz]."""
         rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
-        more = np.einsum("dcs,c->ds", self.slack.friction(w), self.friction)
+        more = self.slack.friction_torque(w, self.friction)
         more += np.einsum("dcs,c->ds", self.slack.of_torque(tau, rise, w.qd.T), self.of_torque)
         return tau + more
 

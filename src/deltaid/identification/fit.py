@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.additions import Addition, extended
@@ -48,6 +48,8 @@ METRICS: dict[RegularizerName, Metric] = {
 
 # How often load-dependent friction is fitted again at most, and when its shares have settled.
 _LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-6
+# The same where priors are widened on the way.
+_WIDENED_SETTLED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -128,19 +130,10 @@ def fit(
             drives whose torques and motions contradict each other, if that is why.
     """
     try:
-        gathered, objective, solution = _settled(
-            dynamics, recordings, settings, progress, additions
-        )
-        information = gathered.information
-        base = base_parameters(information, objective.reduction.layout)
-        groups = Groups(gathered.blocks, gathered.places)
-        estimate = estimate_base(base, information, groups=groups)
+        return _settled(dynamics, recordings, settings, progress, additions)
     except IdentificationError as error:
         where = error.where or ", ".join(str(recording.path) for recording in recordings)
         raise IdentificationError(error.what, where=where, cure=error.cure) from error
-    return FittedProblem(
-        dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
-    )
 
 
 def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
@@ -161,15 +154,33 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> Fi
     return replace(problem, estimate=estimate, geometry=found)
 
 
-def with_widened_prior(problem: FittedProblem) -> FittedProblem:
+def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
     """The same fit with priors that the recording contradicts as wide as its evidence asks for.
 
-    A weight γ of the prior that the user has chosen stays. Friction that depends on load keeps the
-    torques that it has seen: these are what both fits explain.
+    A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where
+    friction depends on it the fit is posed again until its shares stay as they are.
+
+    Args:
+        recordings: those that it comes from.
 
     Raises:
         IdentificationError: the solver did not reach its end.
     """
+    wide = _widened(problem)
+    shares = _load_shares(problem.dynamics)
+    if wide is problem or not shares:
+        return wide
+    for _ in range(_LOAD_ROUNDS):
+        before = wide.p
+        again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, before)
+        wide = _widened(with_geometry(again, recordings))
+        if np.allclose(wide.p[shares], before[shares], rtol=0, atol=_WIDENED_SETTLED):
+            break
+    return wide
+
+
+def _widened(problem: FittedProblem) -> FittedProblem:
+    """With wider priors and the rows as they are; itself where no prior is contradicted."""
     settings = problem.settings
     widened = {} if settings.gamma is not None else _against_prior(problem).contradicted()
     if not widened:
@@ -198,31 +209,52 @@ def _settled(
     settings: Settings,
     progress: Progress,
     additions: Sequence[Addition],
-) -> tuple[Gathered, Objective, Solution]:
+) -> FittedProblem:
     """Friction that depends on load sees the torques of the fit before, beginning with the prior,
     until its coefficients stay as they are."""
-    robot, first = dynamics.robot, dynamics.layout.friction.start
-    shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
+    robot, shares = dynamics.robot, _load_shares(dynamics)
     load = prior_parameters(robot) if shares else None
-    regressor = extended(dynamics, additions)
-    added = [(one.parameters, one.free) for one in additions]
     for _ in range(_LOAD_ROUNDS):
-        gathered = gather_all(regressor, recordings, load, progress)
-        information = gathered.information
-        progress("fitting")
-        reduction = build_reduction(robot, information.columns, added)
-        objective = pose(information, reduction, settings)
-        try:
-            solution = minimise(objective, SOLVERS[settings.method])
-            p = reduction.parameters(solution.x)[: len(dynamics.layout.names)]
-        except IdentificationError as error:
-            raise _explained(error, dynamics, information) from error
-        if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
-            return gathered, objective, solution
-        load = p
+        found = _posed(dynamics, recordings, settings, additions, load, progress)
+        if load is None or np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+            return found
+        load = found.p
     raise IdentificationError(
         "friction that depends on load does not settle: the recording cannot tell it from the rest",
         cure=f"leave the load term out of the friction law of {', '.join(robot.load_drives)}",
+    )
+
+
+def _load_shares(dynamics: Dynamics) -> list[int]:
+    """Which parameters are shares of the load."""
+    first = dynamics.layout.friction.start
+    return [first + k for k, term in enumerate(dynamics.robot.friction_terms) if term.of_load]
+
+
+def _posed(
+    dynamics: Dynamics,
+    recordings: Sequence[Recording],
+    settings: Settings,
+    additions: Sequence[Addition],
+    load: Parameters | None,
+    progress: Progress = lambda _: None,
+) -> FittedProblem:
+    """A fit where gears carry what parameters `load` say."""
+    regressor = extended(dynamics, additions)
+    gathered = gather_all(regressor, recordings, load, progress)
+    information = gathered.information
+    progress("fitting")
+    added = [(one.parameters, one.free) for one in additions]
+    reduction = build_reduction(dynamics.robot, information.columns, added)
+    objective = pose(information, reduction, settings)
+    try:
+        solution = minimise(objective, SOLVERS[settings.method])
+    except IdentificationError as error:
+        raise _explained(error, dynamics, information) from error
+    base = base_parameters(information, reduction.layout)
+    estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
+    return FittedProblem(
+        dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
     )
 
 

@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.errors import RecordingError
 from deltaid.identification.explained import surprise
+from deltaid.identification.friction_carried import rotors_parted
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_options import (
@@ -89,7 +90,7 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     progress("looking for friction that the description lacks")
     beside = without_lags(setup.additions)
     try:
-        rows = friction_rows(setup.dynamics, setup.recordings, beside)
+        rows = rotors_parted(friction_rows(setup.dynamics, setup.recordings, beside))
     except RecordingError:
         return setup  # too short to look at; the fit says so where it matters
     robot, choice = choose_friction(rows, progress)

@@ -13,7 +13,7 @@ from deltaid.robot.friction import Friction, FrictionTerm, PowerLaw, Stribeck
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
 _SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
-_FORMS = (1.0, 2.0)
+FORMS = (1.0, 2.0)
 # Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
 _SIZE, _LOAD = 0.3, 0.05
 
@@ -81,7 +81,8 @@ class Options:
             found.append(Option(joint.name, "both_ways", (both,), 0, positive=False))
         if joint.drive is not None and law.load is None:
             load = Variant((self._add(joint, of_load),), {"load": _LOAD})
-            found.append(Option(joint.name, "load", (load,), 0, positive=True))
+            geared = int(rows.moved[joint.drive] != 0)  # which has been chosen to explain most
+            found.append(Option(joint.name, "load", (load,), geared, positive=True))
         own = {t.kind: t for t in rows.dynamics.robot.friction_terms if t.joint == joint.name}
         forms: dict[AdditionKind, list[dict[str, Any]]] = {
             "power": _powers(joint, c),
@@ -179,5 +180,5 @@ def _stribecks(joint: FrictionJoint, coulomb: float) -> list[dict[str, Any]]:
             )
         }
         for share in _SPEEDS
-        for form in _FORMS
+        for form in FORMS
     ]

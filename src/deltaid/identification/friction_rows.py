@@ -20,7 +20,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import surprise
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import Basis, Rows, basis_of, block_sums
+from deltaid.identification.lag import Basis, Rows, basis_of, block_sums, widened_by
 from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
@@ -33,7 +33,6 @@ _WINDOWS, _SECONDS = 6, 20.0
 _CUTOFF = 50.0
 # What is left of a drive's torque at least, as a share of its largest, to be compared with.
 _FLOOR = 1e-5
-_DEPENDENT = 1e-9  # singular values below this share of the largest are zero
 
 Columns = Float[np.ndarray, "rows _"]
 
@@ -92,6 +91,7 @@ class FrictionRows:
         basis: what parameters and lags explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
+        moved: inertia that each drive's gear carries more than by p, and its rotor has less.
     """
 
     dynamics: Dynamics
@@ -102,6 +102,7 @@ class FrictionRows:
     basis: Basis
     tau: Rows
     p: Parameters
+    moved: Float[np.ndarray, " dof"]
 
     @cached_property
     def left(self) -> Rows:
@@ -114,7 +115,7 @@ class FrictionRows:
         layout, Y = self.dynamics.layout, self.Y.copy()
         friction = np.arange(len(layout.names))[layout.friction]
         Y[:, :, np.isin(active_columns(self.dynamics), friction)] = 0.0
-        return _extended(basis_of(self.dynamics, Y, self.basis.scale), self.beside)
+        return widened_by(basis_of(self.dynamics, Y, self.basis.scale), self.beside)
 
     def own(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
@@ -198,7 +199,7 @@ class FrictionRows:
         return self.basis.stack(stacked)
 
     def _entries(self, w: Samples) -> tuple[np.ndarray, np.ndarray]:
-        load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p)
+        load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + self.moved * w.qdd
         return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values, load
 
     @cached_property
@@ -241,7 +242,7 @@ def friction_rows(
                 dynamics,
                 one,
                 prior,
-                cutoff=_cutoff(one),
+                cutoff=cutoff_of(one),
                 reach=0.0,
                 reversals=False,
                 windows=windows,
@@ -258,8 +259,8 @@ def friction_rows(
     rows = basis.stack(tau)
     p = prior + basis.parameters(rows - basis.stack(Y @ prior[active_columns(dynamics)]))
     beside = _beside(basis, traces, p, additions)
-    basis = _extended(basis, beside)
-    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, basis, rows, p)
+    basis = widened_by(basis, beside)
+    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, basis, rows, p, still)
 
 
 def _beside(
@@ -280,14 +281,7 @@ def _beside(
     return basis.stack(np.concatenate(found, axis=1))
 
 
-def _extended(basis: Basis, columns: Columns) -> Basis:
-    """With further columns, as far as these are not explained yet."""
-    bare = basis.without(columns)
-    U, s, _ = np.linalg.svd(bare, full_matrices=False)
-    return basis.extended(U[:, s > _DEPENDENT * np.linalg.norm(columns)])
-
-
-def _cutoff(recording: Recording) -> float | None:
+def cutoff_of(recording: Recording) -> float | None:
     """Of the rows; None for the recording's own."""
     held = recording.motion_cutoff
     return None if held is None else max(recording.cutoff or 0.0, min(held, _CUTOFF))

@@ -110,8 +110,7 @@ def basis_of(
 
     Args:
         dynamics: of the robot.
-        Y: the active columns of its regressor, filtered, and any others behind them
-            (`Trace.regressor`).
+        Y: the active columns of its regressor, filtered (`Trace.regressor`).
         scale: what each drive's rows are divided by, such as its noise or largest torque.
     """
     dof, samples, width = Y.shape
@@ -122,9 +121,14 @@ def basis_of(
     U, s, Vt = np.linalg.svd(R)
     kept = s > _DEPENDENT * s[0]
     solution = np.zeros((len(dynamics.layout.names), int(kept.sum())))
-    active = active_columns(dynamics)
-    solution[active] = (Vt[kept].T / s[kept] / norms[:, None])[: len(active)]
+    solution[active_columns(dynamics)] = Vt[kept].T / s[kept] / norms[:, None]
     return Basis(Q @ U[:, kept], solution, scale)
+
+
+def widened_by(basis: Basis, columns: Columns) -> Basis:
+    """A basis with further columns, as far as these are not explained yet."""
+    U, s, _ = np.linalg.svd(basis.without(columns), full_matrices=False)
+    return basis.extended(U[:, s > _DEPENDENT * np.linalg.norm(columns)])
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.identification.expectation import Expectation, length
+from deltaid.identification.expectation import NOISE, Expectation, length
 from deltaid.identification.expectation_blocks import deviation
 from deltaid.identification.slack import joint_rates
 from deltaid.identification.spikes import spikes
@@ -25,7 +25,7 @@ _WEAK, _STRONG = 3.0, 6.0
 # many samples of a mean tell it.
 _ROUGH, _ENOUGH = 12.0, 5
 # Scatter so many times that of noise is no noise; thresholds are at most so many times wider.
-_NOISE, _WIDEST = 1.5, 3.0
+_WIDEST = 3.0
 # Of what does not fit, thresholds stay as they are where no more than this share of the stretches
 # beyond them reaches only this part of them.
 _FEW, _NEARLY = 0.5, 0.5
@@ -126,17 +126,29 @@ class _Looked:
 def outstanding(expected: Expectation) -> Outstanding:
     """What stands out of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
-    step, samples, looked = 1.0 / recording.log.rate, 0, 0
-    wider = np.clip(expected.misfit / _NOISE, 1.0, _WIDEST)
-    fits = bool(np.all(wider == 1.0))
+    windows = recording.evaluate(kinematics, lambda window: _glance(expected, window))
+    return _of(expected, windows)
 
-    def look(window: Window) -> tuple[int, _Looked | None]:
-        quiet = fits and _is_quiet(expected, window)
-        return len(window.own.time), None if quiet else _look(expected, window)
+
+def stands_out(expected: Expectation, window: Window) -> bool:
+    """Whether anything stands out of a single window."""
+    return bool(_of(expected, [_glance(expected, window)]).stretches)
+
+
+def _glance(expected: Expectation, window: Window) -> "tuple[int, _Looked | None]":
+    """Samples of a window, and a close look at it if that can show anything."""
+    quiet = expected.fits and _is_quiet(expected, window)
+    return len(window.own.time), None if quiet else _look(expected, window)
+
+
+def _of(expected: Expectation, windows: "Iterable[tuple[int, _Looked | None]]") -> Outstanding:
+    """What stands out of some windows."""
+    step, samples, looked = 1.0 / expected.rate, 0, 0
+    wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
 
     def close() -> Iterator[_Looked]:
         nonlocal samples
-        for count, seen in recording.evaluate(kinematics, look):
+        for count, seen in windows:
             samples += count
             if seen is not None:
                 yield seen
@@ -151,10 +163,10 @@ def outstanding(expected: Expectation) -> Outstanding:
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             one = part.part(slice(first, last))
             _join(narrow, _stretches(one, local), step)
-            if not fits:
+            if not expected.fits:
                 _join(wide, _stretches(one, local * wider), step)
     shortest = step * (length(expected.rate) // 2 - 0.5)
-    found = narrow if fits or _apart(narrow) else wide
+    found = narrow if expected.fits or _apart(narrow) else wide
     kept = tuple(o for o in found if o.size >= 1.0 and (o.spike or o.end - o.start >= shortest))
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
@@ -190,7 +202,7 @@ def _look(expected: Expectation, window: Window) -> _Looked:
     with np.errstate(invalid="ignore"):
         size = mean * np.sqrt(count / n) / expected.scales(wide)
         rough = np.sqrt(np.maximum(_mean(left**2, n)[0] - mean**2, 0.0))
-        rough /= (expected.noise * np.maximum(1.0, expected.misfit / _NOISE))[:, None]
+        rough /= (expected.noise * np.maximum(1.0, expected.misfit / NOISE))[:, None]
     if n < _ENOUGH:
         rough = np.zeros_like(rough)
     speeds, _ = joint_rates(expected.source.dynamics.kinematics, wide)

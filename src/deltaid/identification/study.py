@@ -24,6 +24,7 @@ from deltaid.identification.lag import (
     basis_of,
     coarse_lag,
     estimate_lag,
+    widened_by,
 )
 from deltaid.identification.patterns import Pattern, Scene, missing
 from deltaid.identification.searches import load_steps, ripples
@@ -68,8 +69,13 @@ class Study:
 
         Lags and friction laws then take what they can of it, and mean nothing.
         """
+        return self.largest is not None and self.largest.kind == "load-change"
+
+    @property
+    def largest(self) -> Pattern | None:
+        """The cause that explains most; None if there is none."""
         found = self.account.found
-        return bool(found) and max(found, key=lambda one: one.gain).pattern.kind == "load-change"
+        return max(found, key=lambda one: one.gain).pattern if found else None
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -82,27 +88,32 @@ def studied(
     """Look at a recording; None where nothing can be differentiated.
 
     Args:
-        p: by which friction that depends on load knows what gears carry; the prior's by default.
-        beside: what torques are explained with beside the robot's columns, and not looked for.
+        p: parameters by which friction that depends on load knows what gears carry; the prior's
+            where nothing better is known.
+        beside: what the recording has been fitted with beside the robot: that is explained.
     """
     log = recording.log
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
+    if recording.repairs.gears is not None and recording.cutoff is not None:
+        # Links behind gears that wind up are known from torques, whose noise they have, the more
+        # of it the faster.
+        cutoff = min(cutoff, recording.cutoff)
     windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
     load = prior_parameters(dynamics.robot) if p is None else p
-    still, own = np.zeros(dynamics.dof), len(active_columns(dynamics))
+    still = np.zeros(dynamics.dof)
     try:
         record = trace(dynamics, recording, load, cutoff=cutoff, reach=REACH, windows=windows)
     except RecordingError:
         return None
     rough = record.regressor(beside, between=True)
-    basis = basis_of(dynamics, rough, log.torque_max)
+    basis = _basis(dynamics, rough, log.torque_max)
     left = basis.without(basis.stack(record.torques(still))).reshape(dynamics.dof, -1)
     share = np.sqrt(np.mean(left**2, axis=1))
     scale = np.maximum(share, _FLOOR) * log.torque_max
-    between = basis_of(dynamics, rough, scale)
+    between = _basis(dynamics, rough, scale)
     start = np.full(dynamics.dof, coarse_lag(record, between))
     common = estimate_lag(record, between, start, common=True)
     each = estimate_lag(record, between, common.values, common=False)
@@ -110,8 +121,8 @@ def studied(
         dynamics, recording, load, cutoff=cutoff, reach=REACH, reversals=False, windows=windows
     )
     exact = record.regressor(beside)
-    basis = basis_of(dynamics, exact, scale)
-    scene, account = _accounted(record, exact[:, :, :own], basis, still)
+    basis = _basis(dynamics, exact, scale)
+    scene, account = _accounted(record, exact, basis, still)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
     first = account.found[0].pattern.kind if account.found else ""
@@ -135,9 +146,19 @@ def studied(
         windows=windows,
     )
     exact = record.regressor(beside)
-    basis = basis_of(dynamics, exact, scale)
-    put_back = _accounted(record, exact[:, :, :own], basis, lag.values)
+    put_back = _accounted(record, exact, _basis(dynamics, exact, scale), lag.values)
     return Study(*put_back, common, each, late, alike, plain)
+
+
+def _basis(
+    dynamics: Dynamics,
+    Y: Float[np.ndarray, "dof samples columns"],
+    scale: Float[np.ndarray, " dof"],
+) -> Basis:
+    """What parameters explain, and additions, whose columns follow those of the robot in Y."""
+    own = len(active_columns(dynamics))
+    basis = basis_of(dynamics, Y[:, :, :own], scale)
+    return widened_by(basis, basis.stack(Y[:, :, own:])) if Y.shape[2] > own else basis
 
 
 def _accounted(
@@ -145,7 +166,7 @@ def _accounted(
 ) -> tuple[Scene, Account]:
     """The patterns of a recording whose torques have been put back by some lags."""
     tau = basis.stack(record.torques(delay))
-    scene = Scene(record, Y, basis, tau)
+    scene = Scene(record, Y[:, :, : len(active_columns(record.dynamics))], basis, tau)
 
     def searched(left: Rows) -> Iterator[Pattern]:
         yield from ripples(scene, left)

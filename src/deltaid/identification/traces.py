@@ -19,6 +19,7 @@ from deltaid.identification.interpolation import later
 from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
 from deltaid.recording.filter import LowPass
+from deltaid.recording.masks.runs import least_about
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
 
@@ -234,10 +235,7 @@ def _eroded(
     weights: Float[np.ndarray, "samples torques"], reach: float
 ) -> Float[np.ndarray, "samples torques"]:
     """The least weight within `reach` samples; nothing beyond the ends counts."""
-    from scipy.ndimage import minimum_filter1d
-
-    size = 2 * int(np.ceil(reach)) + 1
-    return minimum_filter1d(weights, size, axis=0, mode="constant", cval=0.0)
+    return least_about(weights, int(np.ceil(reach)))
 
 
 def _outputs(low_pass: LowPass, rows: int) -> int:

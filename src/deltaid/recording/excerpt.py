@@ -32,10 +32,12 @@ class Excerpt:
     Attributes:
         columns: what stands where, as in `Log.segments`; weights follow.
         stretches: without a gap.
+        whole: whether they are all of it.
     """
 
     columns: Columns
     stretches: tuple[Rows, ...]
+    whole: bool
 
     def segments(self, columns: Columns) -> Iterator[Iterator[Rows]]:
         """The stretches with some of their columns."""
@@ -67,9 +69,10 @@ def excerpt(
     count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
     length = -(-wanted // count) + lost
     if samples <= _WHOLE * count * length:
-        return Excerpt(columns, tuple(np.concatenate(list(one)) for one in map(list, segments)))
+        parts = (list(one) for one in segments)
+        return Excerpt(columns, tuple(np.concatenate(x) for x in parts if x), whole=True)
     starts = np.linspace(0, samples - length, count).astype(int)
-    return Excerpt(columns, tuple(_cut(segments, starts.tolist(), length)))
+    return Excerpt(columns, tuple(_cut(segments, starts.tolist(), length)), whole=False)
 
 
 def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int) -> Iterator[Rows]:

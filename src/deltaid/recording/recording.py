@@ -22,10 +22,10 @@ from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.repairs import Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import Uncut, Window, cut, reach
+from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")
-# Windows of which some are chosen: of a recording without an excerpt its beginning.
+# Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
 _FEW = 32
 
 
@@ -38,12 +38,16 @@ class Recording:
         low_pass: its filter; None if velocities and accelerations are taken as recorded.
         repairs: what is put right in its rows.
         excerpt: stretches that stand for all of it; None before they have been read.
+        watch: sees every window that is worked on.
+        every: of its windows each so-manieth is worked on.
     """
 
     log: Log
     low_pass: LowPass | None
     repairs: Repairs = field(default_factory=Repairs)
     excerpt: Excerpt | None = None
+    watch: Callable[[Window], None] | None = None
+    every: int = 1
 
     @property
     def path(self) -> Path:
@@ -86,7 +90,13 @@ class Recording:
     @property
     def brief(self) -> "Recording":
         """Its excerpt as a recording; all of it, where it has none."""
-        return replace(self, log=replace(self.log, held=self.excerpt)) if self.excerpt else self
+        if self.excerpt is None:
+            return self
+        return replace(self, log=replace(self.log, held=self.excerpt), watch=None)
+
+    def sparser(self, windows: int) -> "Recording":
+        """The same with no fewer than so many of its windows, evenly spread, and few more."""
+        return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]
@@ -97,9 +107,12 @@ class Recording:
         """
 
         def done(uncut: Uncut) -> _Result:
-            return work(uncut.window())
+            window = uncut.window()
+            if self.watch is not None:
+                self.watch(window)
+            return work(window)
 
-        return ordered(done, self._uncut(kinematics))
+        return ordered(done, islice(self._uncut(kinematics), None, None, self.every))
 
     def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
         """Windows to be made, segment by segment; none reaches beyond its segment."""
@@ -137,9 +150,18 @@ class Recording:
         return self.evaluate(kinematics, lambda window: window)
 
     def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:
-        """At most so many windows, evenly spread from the first to the last."""
-        every = list(islice(self._uncut(kinematics), _FEW))
-        chosen = np.unique(np.linspace(0, len(every) - 1, most).round().astype(int))
+        """As many rows as so many full windows have, in windows spread from the first to the last.
+
+        Gaps cut windows short, and it takes more of them then.
+        """
+        every, rows = list[Uncut](), 0
+        for one in self._uncut(kinematics):
+            every.append(one)
+            rows += one.samples
+            if rows >= _FEW * WINDOW:
+                break
+        count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))
+        chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
         return ordered(Uncut.window, [every[k] for k in chosen] if every else [])
 
 

@@ -1,15 +1,11 @@
-"""All that an identification put right, found and left out, for the terminal and for pages."""
+"""All that an identification put right, found and left out, as tables."""
 
 from deltaid.model.record import IdentifiedModel
 from deltaid.report.corrections import correction_table
 from deltaid.report.events import event_table
 from deltaid.report.left_out import left_out_table
 from deltaid.report.loads import load_table
-from deltaid.report.page import Section
 from deltaid.report.table import Table
-
-# Events that a page lists.
-_EVENTS = 200
 
 
 def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
@@ -22,9 +18,3 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
         left_out_table((source.log, source.left_out) for source in sources),
     )
     return tuple(table for table in tables if table is not None)
-
-
-def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
-    """The chapter of a page on it; none where nothing was put right."""
-    tables = put_right_tables(model, _EVENTS) if model else ()
-    return (Section("Corrections", tables),) if tables else ()

@@ -15,7 +15,7 @@ from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import provenance_section
-from deltaid.report.put_right import put_right_sections
+from deltaid.report.put_right_section import put_right_sections
 
 
 def validation_page(model: ModelLike, recording: Recording, error: TorqueError) -> Page:
