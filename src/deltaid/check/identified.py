@@ -99,7 +99,7 @@ def identify(
         found = tuple(verdict for verdict in found if verdict.key not in _LIKE_WOUND_GEARS)
     progress("judging what it tells")
     for one, said, recording in zip(opened, wired, result.recordings, strict=True):
-        kept = (v for v in said if not _mended(v, result.problem, recording))
+        kept = (v for v in said if not _mended(v, result.problem, recording, description))
         found += named(one, kept, several=len(sources) > 1)
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
@@ -107,10 +107,12 @@ def identify(
     return Judged(model, result.problem, result.recordings, result.studies, found)
 
 
-def _mended(verdict: Verdict, problem: FittedProblem, recording: Recording) -> bool:
+def _mended(
+    verdict: Verdict, problem: FittedProblem, recording: Recording, described: RobotDescription
+) -> bool:
     """Whether zeros and gravity, doubted before the fit, go with what it has put right."""
     doubted = verdict.key == "homing-or-tilt" and verdict.grade is Grade.DOUBTFUL
-    return doubted and not still_seen(problem, recording)
+    return doubted and not still_seen(problem, recording, described)
 
 
 def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:

@@ -64,11 +64,21 @@ def zero_verdicts(
 
 def seen(told: Shifts) -> bool:
     """Whether the zero that explains most, or a tilt, is there beyond doubt and explains enough."""
-    drives = _shown(told)
-    one = [max(drives, key=lambda i: told.gain([i]))] if drives else []
-    causes = [which for which in (one, told.tilt) if which]
+    causes = _causes(told)
     sure = max((_sure(told, which) for which in causes), default=0.0)
     return sure >= _SEEN and max(told.gain(which) for which in causes) >= _LITTLE
+
+
+def likeliest(told: Shifts) -> list[int]:
+    """The zero or the tilt that explains most."""
+    return max(_causes(told), key=told.gain)
+
+
+def _causes(told: Shifts) -> list[list[int]]:
+    """The zero that explains most, and a tilt, as far as the recording shows them."""
+    drives = _shown(told)
+    one = [max(drives, key=lambda i: told.gain([i]))] if drives else []
+    return [which for which in (one, told.tilt) if which]
 
 
 def _shown(told: Shifts) -> list[int]:
