@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LowPass
+from deltaid.recording.kept import places_among
 from deltaid.recording.windows import WINDOW, reach
 
 # So many stretches, of so many windows and seconds together; no more than so many windows.
@@ -41,11 +42,11 @@ class Excerpt:
 
     def segments(self, columns: Columns) -> Iterator[Iterator[Rows]]:
         """The stretches with some of their columns."""
-        places = [self.columns.all.index(one) for one in columns.all]
-        rows = self.stretches[0] if self.stretches else np.zeros((0, 0))
-        places += range(len(self.columns.all), rows.shape[1])
-        for stretch in self.stretches:
-            yield iter((stretch if len(places) == stretch.shape[1] else stretch[:, places],))
+        places, own = places_among(self.columns, columns), len(self.columns.all)
+        for rows in self.stretches:
+            if places is not None:
+                rows = rows[:, [*places, *range(own, rows.shape[1])]]
+            yield iter((rows,))
 
 
 def excerpt(
