@@ -1,65 +1,63 @@
 """How often the reported 95 % intervals contain the truth, over many seeds of noise.
 
-Torques are linear in their noise, so all seeds are gathered in one pass: each noise stands in
-columns of its own beside the regressor, and the recording's torque columns count the samples.
-What is gathered is what so many recordings would have given, and goes the users' way from there.
+Torques are linear in their noise, so all seeds are gathered in one pass: true torques and each
+noise stand in columns of their own beside the regressor. What is gathered is what so many
+recordings would have given, and goes the users' way from there.
 """
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import polars as pl
+from jaxtyping import Float
 from scipy.signal import lfilter
 
-from deltaid.dynamics.dynamics import Dynamics, SparseRegressor, compiled
+from deltaid.dynamics.dynamics import compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.identification.additions import Addition, Own, Values, extended
 from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.information import Information, merge
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.scatter import Groups, Noise, inverse
-from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
-from deltaid.recording.recording import open_recordings
+from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.windows import Samples
 from deltaid.robot.load import load_robot
+from deltaid.robot.parameter import Parameter
 
 RATE = 1000.0
-# What the torque columns count samples in [N m], so that they stay below what is taken for a fault.
-COUNT = 2.0**-10
 KINDS = ("white", "coloured", "ripple")
 ROBOTS = ("irb360-6-1600", "clavel-delta3")
 
 
-class NoiseBesideRegressor:
-    """The columns of a robot, one more of true torques, and one more of noise for every seed."""
+@dataclass(frozen=True, eq=False)
+class Beside(Addition):
+    """Columns of drives' torques beside those of a robot, one a course of torques.
 
-    def __init__(self, dynamics: Dynamics, torques: np.ndarray) -> None:
-        self.dynamics = dynamics
-        self.torques = torques  # (1 + seeds, dof, samples)
-        rows, columns = dynamics.regressor_pattern
-        more, drives = np.divmod(np.arange(torques.shape[0] * self.dof), self.dof)
-        self.regressor_pattern = (
-            np.append(rows, drives),
-            np.append(columns, len(dynamics.layout.names) + more),
+    Attributes:
+        torques: N m or N at every row of the recording.
+    """
+
+    torques: Float[np.ndarray, "courses dof samples"]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter("constant", f"course{k}", "torque", "", -np.inf, np.inf, 0.0, 1.0)
+            for k in range(len(self.torques))
         )
 
     @property
-    def kinematics(self) -> Kinematics:
-        return self.dynamics.kinematics
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        courses, dof, _ = self.torques.shape
+        return np.tile(np.arange(dof), courses), np.repeat(np.arange(courses), dof)
 
-    @property
-    def dof(self) -> int:
-        return self.dynamics.dof
-
-    def carried(self, z, qd, qdd, p):
-        raise NotImplementedError
-
-    def sparse_regressor(self, z, qd, qdd, tau) -> SparseRegressor:
-        own = self.dynamics.sparse_regressor(z, qd, qdd, tau).values
-        sample = np.rint(tau[:, 0] / COUNT).astype(int)
-        more = self.torques[:, :, sample].reshape(-1, len(sample))
-        return SparseRegressor(np.vstack([own, more]), *self.regressor_pattern)
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        rows = np.rint(w.time * RATE).astype(int)
+        return self.torques[:, :, rows].reshape(-1, len(rows))
 
 
 @cache
@@ -99,12 +97,11 @@ def estimates(
     tau = dynamics.torque(z, qd, qdd, p).T
     noise = noises(kind, seeds, q, rng) * np.abs(tau).max(axis=1)[:, None]
     step = SensorNoise().encoder_step
-    count = np.repeat(np.arange(len(time))[:, None] * COUNT, dynamics.dof, axis=1)
     columns = {"t": time} | {f"q{i + 1}": np.round(x / step) * step for i, x in enumerate(q.T)}
-    columns |= {f"tau{i + 1}": x for i, x in enumerate(count.T)}
+    columns |= {f"tau{i + 1}": x for i, x in enumerate(tau)}
     pl.DataFrame(columns).write_parquet(folder / "log.parquet")
     recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
-    wide = NoiseBesideRegressor(dynamics, np.concatenate([tau[None], noise]))
+    wide = extended(dynamics, [Beside(np.concatenate([tau[None], noise]))])
     gathered = gather_all(wide, recordings)
     groups = Groups(gathered.blocks, gathered.places)
     limits = np.abs(tau).max(axis=1)

@@ -14,8 +14,9 @@ import typer
 from command import refused, run
 from deltaid.cli.app import app
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.torque_error import TorqueError, predict
-from deltaid.identification.validation import misfit, model_filtered
+from deltaid.identification.validation import misfit
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters

@@ -10,7 +10,7 @@ import pytest
 from command import refused, run
 from deltaid.forces.constraint_forces import ConstraintForces, motion_of
 from deltaid.forces.study import with_struts
-from deltaid.identification.validation import model_filtered
+from deltaid.identification.as_identified import model_filtered
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.log import open_log
 

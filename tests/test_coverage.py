@@ -23,10 +23,11 @@ def test_intervals_cover_as_often_as_they_say(name: str, tmp_path: Path) -> None
     assert np.all(share >= low), share
 
 
-@pytest.mark.parametrize(("kind", "white"), [("coloured", 0.9), ("ripple", 0.7)])
-def test_noise_that_is_not_white_is_noticed(kind: str, white: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "oftener"), [("coloured", 2.0), ("ripple", 4.0)])
+def test_noise_that_is_not_white_is_noticed(kind: str, oftener: float, tmp_path: Path) -> None:
+    """The formula for white noise misses the truth so many times as often."""
     truth, found = estimates(ROBOTS[0], kind, FEW, tmp_path)
-    share = covered(truth, found)
-    assert 0.9 <= share.mean() <= 0.98
-    assert np.all(share >= 0.75), share
-    assert covered_by_white_formula(truth, found).mean() < white
+    share, white = covered(truth, found), covered_by_white_formula(truth, found)
+    assert 0.92 <= share.mean() <= 0.975
+    assert np.all(share >= 0.8), share
+    assert 1 - white.mean() > oftener * (1 - share.mean())

@@ -13,7 +13,8 @@ from deltaid.identification.gathering import gather
 from deltaid.identification.information import merge
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
-from deltaid.recording.filter import apply, design_low_pass
+from deltaid.recording.convolution import apply
+from deltaid.recording.filter import design_low_pass
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.spectrum import SpectrumEstimate, power_of

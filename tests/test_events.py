@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.events import events, on_time
-from deltaid.identification.expectation import Source
+from deltaid.identification.expectation_source import Source
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.events import Event
 from deltaid.model.record import IdentifiedModel, Settings
@@ -159,6 +159,15 @@ def test_play_in_gears_is_left_out_where_torques_change_their_sign() -> None:
     spans = found(IRB, log)
     reasons = [span.reason for span in spans]
     assert reasons.count("backlash") > 0.9 * len(reasons) > 20
+    # All turns of a drive whose play is told are left out, whether they stand out or not.
+    loose = sorted({span.gear for span in spans if span.gear is not None})
+    assert len(loose) >= 2
+    sign = np.signbit(gear[:, loose])
+    turns = setting.time[1:][np.any(sign[1:] != sign[:-1], axis=1)]
+    turns = turns[turns > 0.2]  # before that there are no filtered rows
+    inside = [any(span.first <= t <= span.last for span in spans) for t in turns]
+    assert len(turns) > 10
+    assert np.mean(inside) > 0.9
 
 
 # Passes and tables

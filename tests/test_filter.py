@@ -14,7 +14,8 @@ from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
-from deltaid.recording.filter import apply, design_low_pass
+from deltaid.recording.convolution import apply
+from deltaid.recording.filter import design_low_pass
 from deltaid.recording.log import open_log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import Recording, with_filter

@@ -10,20 +10,24 @@ from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
+from deltaid.forces.ranges import evidence
+from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.identify import identify
 from deltaid.identification.lag_columns import slope
 from deltaid.identification.lag_groups import agree, chosen_groups
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Setup
 from deltaid.identification.traces import trace
-from deltaid.identification.validation import model_filtered, validate
+from deltaid.identification.validation import validate
 from deltaid.identification.velocity_stage import late_rate, late_rates_left_out
 from deltaid.model.corrections import Correction
+from deltaid.model.events import Event
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import open_recordings
+from deltaid.recording.repairs import LeftSpan
 from deltaid.robot.load import load_robot
 
 RATE, DURATION, NOISE = 500.0, 9.0, 0.01
@@ -191,6 +195,25 @@ def test_another_recording_is_compared_with_the_lag_of_the_model() -> None:
     error, _ = validate(late_model(), other)
     straight, _ = validate(late_model(), recorded(0.0, seed=6))
     assert np.all(error.rms < 0.6 * straight.rms)
+
+
+def test_forces_are_judged_with_the_lag_of_the_model() -> None:
+    given, _ = evidence(late_model(), recorded(2.3e-3))
+    untold = late_model().changed(
+        sources=tuple(one.changed(delay=()) for one in late_model().sources)
+    )
+    wrong, _ = evidence(untold, recorded(2.3e-3))
+    assert wrong.estimate.noise.sigma > 2 * given.estimate.noise.sigma
+
+
+def test_what_was_left_out_is_left_out_of_the_same_recording_again() -> None:
+    push = Event(reason="contact", start=2.0, end=2.1, drives=("drive1", "drive3"))
+    model = late_model()
+    model = model.changed(sources=(model.sources[0].changed(events=(push,)),))
+    kinematics = robot()[0].kinematics
+    same, other = (open_log(recorded(2.3e-3, seed=seed), kinematics) for seed in (5, 6))
+    assert model_filtered(model, same).repairs.left_out == (LeftSpan(2.0, 2.1, "contact", (0, 2)),)
+    assert not model_filtered(model, other).repairs.left_out
 
 
 def test_a_lag_that_is_given_is_applied_as_it_is() -> None:

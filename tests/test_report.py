@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from deltaid.identification.torque_error import torque_error
 from deltaid.identification.validation import validate
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
+from deltaid.model.corrections import Correction
 from deltaid.model.record import Settings
 from deltaid.recording.log import open_log
 from deltaid.recording.recording import with_filter
@@ -27,6 +29,7 @@ from deltaid.report.identification import Verification, identification_page
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.parameters import parameter_section
+from deltaid.report.put_right import put_right_sections
 from deltaid.report.torques import torque_blocks
 from deltaid.report.validation import validation_page
 from deltaid.robot.joint_units import TURNING
@@ -164,6 +167,26 @@ def test_sections(result: Identification) -> None:
     assert len(Document(render(page)).headings) == len(titles)
     figures = [sum(isinstance(b, Figure) for b in s.blocks) for s in page.sections]
     assert figures == [4, 4, 1, 1, 1, 1, 2, 0]
+
+
+def test_what_was_put_right_stands_first(result: Identification) -> None:
+    assert not put_right_sections(result.model)
+    alike = [
+        Correction(
+            kind="lag", subject=drive, value=2e-3, low=1.7e-3, high=2.3e-3, unit="s", text="late"
+        )
+        for drive in ("drive1", "drive2")
+    ]
+    other = Correction(kind="temperature", value=5.9, unit="s", text="warm")
+    changed = replace(result, model=result.model.changed(corrections=(*alike, other)))
+    first = identification_page(changed).sections[0]
+    assert first.title == "Corrections"
+    (table,) = first.blocks
+    assert isinstance(table, Table)
+    assert table.rows == (
+        ("lag", "drive1, drive2", "2.00 ± 0.30 ms", "late"),
+        ("temperature", "all", "5.9 s", "warm"),
+    )
 
 
 def test_only_the_data_gives_intervals(result: Identification) -> None:

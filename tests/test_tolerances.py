@@ -13,13 +13,14 @@ from deltaid.errors import DescriptionError
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.least_squares import identify_base
-from deltaid.model.record import IdentifiedModel
+from deltaid.model.record import IdentifiedModel, Parameter
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.memory import Recording
 from deltaid.report.shares import share_table, shares_sentence
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from poor_priors import PLAIN
 
 STEP = 1e-5  # m or rad
 LENGTH, ZERO = 1e-3, np.deg2rad(0.5)
@@ -140,11 +141,12 @@ class Wrong:
 def wrong() -> Wrong:
     described, rng = load_robot("clavel-delta3"), np.random.default_rng(0)
     machine, zeros = off(described, rng), ZERO * rng.choice([-1, 1], 3)
-    recording, p = recorded(described.name, machine, zeros, SensorNoise().torque)
+    # So little noise that what the geometry does is more than what noise makes of intervals.
+    recording, p = recorded(described.name, machine, zeros, noise=0.005)
     stated = {"lengths": LENGTH, "homing": ZERO, "mounting": 0.0}
     robot = described.changed(tolerances=stated)
-    exact = identify(described.changed(tolerances=EXACT), recording)
-    return Wrong(robot, recording, p, exact, identify(robot, recording))
+    exact = identify(described.changed(tolerances=EXACT), recording, settings=PLAIN)
+    return Wrong(robot, recording, p, exact, identify(robot, recording, settings=PLAIN))
 
 
 def test_a_length_shifts_parameters_as_predicted() -> None:
@@ -163,6 +165,13 @@ def test_a_length_shifts_parameters_as_predicted() -> None:
     np.testing.assert_allclose(error[large], predicted[large], rtol=0.1)
 
 
+def width(parameter: Parameter) -> float:
+    """Of a 95 % interval."""
+    assert parameter.low is not None
+    assert parameter.high is not None
+    return parameter.high - parameter.low
+
+
 def held(result: Identification, p: np.ndarray) -> float:
     """Share of the base parameters' intervals that hold the truth."""
     own = [group.representative < len(p) for group in result.base.groups]
@@ -176,10 +185,9 @@ def true_values(base: BaseParameters, p: np.ndarray) -> np.ndarray:
     return base.values(np.append(p, np.zeros(len(base.layout.names) - len(p))))
 
 
-@pytest.mark.xfail(reason="open: noise alone holds more often since rows have a lower cut-off")
 def test_intervals_of_a_machine_that_is_not_as_described_hold(wrong: Wrong) -> None:
     exact, honest = wrong.exact, wrong.honest
-    assert held(exact, wrong.p) < 0.9
+    assert held(exact, wrong.p) < 0.8
     assert held(honest, wrong.p) >= 0.9
     # Values are the same: tolerances speak of intervals only.
     assert np.array_equal(exact.model.p, honest.model.p)
@@ -193,20 +201,27 @@ def test_intervals_of_a_machine_that_is_not_as_described_hold(wrong: Wrong) -> N
     np.testing.assert_allclose(estimate.interval, values, rtol=0.05)
 
 
-@pytest.mark.xfail(reason="open: shares are of the interval with priors, labels of the one without")
 def test_shares_say_what_an_interval_comes_from(wrong: Wrong, tmp_path: Path) -> None:
     result = wrong.honest
-    decided = [p for p in result.model.parameters if p.determined_by == "data"]
-    for one in (*decided, *result.model.base_parameters):
+    shared = [p for p in result.model.parameters if p.determined_by in ("data", "sum")]
+    for one in (*shared, *result.model.base_parameters):
         assert one.share is not None
-        assert one.share.noise + one.share.prior + one.share.geometry == pytest.approx(1.0)
-    assert max(one.share.geometry for one in decided) > 0.3
-    assert all(one.share.prior == 0 for one in result.model.base_parameters)
-    assert all(p.share is None for p in result.model.parameters if p.determined_by != "data")
-    # The same variances as with noise and prior alone, and those of geometry beside them.
+        parts = one.share.noise, one.share.prior, one.share.geometry, one.share.unseen
+        assert sum(parts) == pytest.approx(1.0)
+        assert one.share.prior == 0  # these intervals take no prior on trust
+    decided = [p for p in shared if p.determined_by == "data"]
+    assert max(one.share.geometry for one in decided if one.share) > 0.5
+    assert max(one.share.unseen for one in shared if one.share) > 0.5
+    assert all(one.share.unseen == 0 for one in result.model.base_parameters if one.share)
+    assert all(p.share is None for p in result.model.parameters if p not in shared)
+    # An interval without the part of the geometry is that of a robot without tolerances, but for
+    # Student's t, which is larger where all comes from noise. That of a sum ends where bodies would
+    # not be possible, so its parts do not just add up.
     for one, other in zip(result.model.parameters, wrong.exact.model.parameters, strict=True):
-        if one.share is not None:
-            assert one.std**2 * (1 - one.share.geometry) == pytest.approx(other.std**2)
+        if one in decided and one.share:
+            assert width(one) ** 2 * (1 - one.share.geometry) == pytest.approx(
+                width(other) ** 2, rel=0.3
+            )
     table = share_table(result.model)
     assert table is not None
     assert len(table.rows) == len(decided) + len(result.model.base_parameters)

@@ -14,6 +14,7 @@ from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
@@ -100,22 +101,21 @@ def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | N
     band = (frequency > low) & (frequency < _BELOW * rate)
     if count < _SEGMENTS or not band.any():
         return None
-    w = 2 * np.pi * frequency[band, None]
+    omega = 2 * np.pi * frequency[band, None]
     qq, tt, qt = qq[band], tt[band], qt[band]
     windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
     speeds = np.concatenate([w.qd for w in windows])
     counted = np.concatenate([w.weights for w in windows]) > 0
-    M = dynamics.mass_matrix(dynamics.kinematics.inverse(dynamics.kinematics.home[None]), fitted.p)[
-        0
-    ]
-    answer = np.abs(np.linalg.inv(M))
+    home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
+    M = dynamics.mass_matrix(home, fitted.p)[0]
+    answer = np.abs(cho_solve(cho_factor(M), np.eye(len(M))))
     tiny = np.finfo(float).tiny
     coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
     gain = np.abs(qt) / np.maximum(qq, tiny)
-    fed = (coherence > _CHANCE / count) & (gain < _GAIN * w**2 / np.diag(answer))
+    fed = (coherence > _CHANCE / count) & (gain < _GAIN * omega**2 / np.diag(answer))
     torque = np.where(fed, coherence * tt, 0.0)
     step = frequency[1] - frequency[0]
-    speed = np.sqrt(step * np.sum(torque / w**2, axis=0) @ answer.T**2)
+    speed = np.sqrt(step * np.sum(torque / omega**2, axis=0) @ answer.T**2)
     turned = ndtr(-np.abs(speeds) / np.where(speed > 0, speed, np.inf)) * (speed > 0) * counted
     reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
     return Shake(speed, np.sqrt(step * torque.sum(axis=0)), reversed_)

@@ -68,7 +68,7 @@ def forces(
     from deltaid.files import together
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.forces.study import study, with_struts
-    from deltaid.identification.validation import model_filtered
+    from deltaid.identification.as_identified import model_filtered
     from deltaid.model.model import load
     from deltaid.recording.log import open_log
     from deltaid.recording.mapping import load_mapping

@@ -179,7 +179,7 @@ def write_report(
     result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
 ) -> None:
     """The page of a result, with a recording that it has been verified on."""
-    from deltaid.identification.validation import model_filtered
+    from deltaid.identification.as_identified import model_filtered
     from deltaid.report.identification import Verification, identification_page
     from deltaid.report.page import write_page
 
@@ -241,16 +241,13 @@ def print_result(
     """The result as tables."""
     from deltaid.cli.output import console, shown
     from deltaid.model.model import load
-    from deltaid.report.corrections import correction_table
-    from deltaid.report.events import event_table
-    from deltaid.report.left_out import left_out_table
-    from deltaid.report.loads import load_table
     from deltaid.report.model_tables import (
         choice_sentence,
         choice_table,
         error_table,
         parameter_table,
     )
+    from deltaid.report.put_right import put_right_tables
 
     model = result.model
     console.print(shown(parameter_table(model)))
@@ -261,20 +258,8 @@ def print_result(
         console.print(shown(choice_table(model.friction_choice, model.robot)))
         console.print(choice_sentence(model.friction_choice))
         console.print()
-    corrections = correction_table(model.corrections)
-    if corrections is not None:
-        console.print(shown(corrections))
-        console.print()
-    if (loads := load_table(model.loads)) is not None:
-        console.print(shown(loads))
-        console.print()
-    found = event_table(((source.log, source.events) for source in model.sources), _EVENTS)
-    if found is not None:
-        console.print(shown(found))
-        console.print()
-    left_out = left_out_table((source.log, source.left_out) for source in result.model.sources)
-    if left_out is not None:
-        console.print(shown(left_out))
+    for table in put_right_tables(model, _EVENTS):
+        console.print(shown(table))
         console.print()
     for line in summary(result):
         console.print(line)

@@ -43,8 +43,9 @@ def validate(
         require_report,
         shown,
     )
+    from deltaid.identification.as_identified import model_filtered
     from deltaid.identification.left_out import left_out
-    from deltaid.identification.validation import model_filtered, remarks
+    from deltaid.identification.validation import remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
     from deltaid.recording.mapping import load_mapping
@@ -79,7 +80,7 @@ def validate(
 
 def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -> None:
     """The page of a comparison."""
-    from deltaid.identification.validation import model_filtered
+    from deltaid.identification.as_identified import model_filtered
     from deltaid.report.page import write_page
     from deltaid.report.validation import validation_page
 

@@ -27,6 +27,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import DescriptionError, IdentificationError, RecordingError
 from deltaid.forces.unknowns import Unknowns, unknowns
+from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import svec
 from deltaid.identification.gathering import gather_all
@@ -143,7 +144,7 @@ def evidence(
         logs, dynamics.kinematics, columns, cutoff, progress, keep_all=keep_all
     )
     _require_sources(known, recordings)
-    recordings = [as_known(one, model) for one in recordings]
+    recordings = [as_known(model_filtered(model, one.log), model) for one in recordings]
     predicted_by = model.p if model.robot.load_drives else None
     gathered = gather_all(dynamics, recordings, predicted_by, progress)
     information = gathered.information

@@ -27,6 +27,12 @@ _ALIKE = 0.9
 
 def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
     """Positions of links in the place of those of motors, where their gears wind up."""
+    turned = _turned_back(setup, progress)
+    gears = [one.repairs.gears for one in (*setup.recordings, *turned.recordings)]
+    return turned if any(gears) else setup  # with its lags
+
+
+def _turned_back(setup: Setup, progress: Progress) -> Setup:
     for one in setup.recordings:
         setup = setup.repaired(one, gears=None)
     # Lags stand here as columns of their own.

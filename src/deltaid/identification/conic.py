@@ -93,13 +93,15 @@ def _unconstrained(quadratic: _Quadratic) -> Vector | None:
 
 
 def _interior(block: Block, x: Vector) -> bool:
-    A = _normalised(block, block.matrix(x))
+    A = normalised(block.prior, block.matrix(x))
     return bool(np.linalg.eigvalsh(A)[0] > INTERIOR)
 
 
-def _normalised(block: Block, M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
-    """L⁻¹ M L⁻ᵀ with M_reg = L Lᵀ: the prior becomes the identity."""
-    L = np.linalg.cholesky(block.prior)
+def normalised(
+    prior: Float[np.ndarray, "k k"], M: Float[np.ndarray, "k k"]
+) -> Float[np.ndarray, "k k"]:
+    """L⁻¹ M L⁻ᵀ with a prior of L Lᵀ, which becomes the identity."""
+    L = np.linalg.cholesky(prior)
     return solve_triangular(L, solve_triangular(L, M, lower=True).T, lower=True)
 
 
@@ -172,9 +174,9 @@ class _Program:
 
     def _affine(self, block: Block) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """Normalised block as constant and one matrix for each variable of u."""
-        constant = _normalised(block, block.constant)
+        constant = normalised(block.prior, block.constant)
         slopes = {
-            int(k): _normalised(block, (block.index == k) * self._scale[k])
+            int(k): normalised(block.prior, (block.index == k) * self._scale[k])
             for k in np.unique(block.index[block.index >= 0])
         }
         return constant, slopes

@@ -11,6 +11,9 @@ where it shows only a sum of c·p with something else, the other's prior has no 
 
 With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, the data is a ball ‖v‖ ≤ r and what it does not
 show is a, free but for the cones: a linear function over a ball and cones (Clarabel).
+
+What a range comes from is told in shares of its squared width: that which stays when noise and
+geometry all but vanish is what the recording does not show, and the rest parts as their variances.
 """
 
 from functools import cached_property
@@ -22,11 +25,12 @@ from jaxtyping import Bool, Float
 from scipy import sparse
 
 from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.conic import svec
+from deltaid.identification.conic import normalised, svec
 from deltaid.identification.information import Information
 from deltaid.identification.objective import NOISE_FLOOR, Objective
 from deltaid.identification.reduction import Block
 from deltaid.identification.scatter import Noise, half_width, quantile
+from deltaid.model.record import Share
 
 # A singular value below this share of the largest is what the recording does not show.
 _DEPENDENT = 1e-9
@@ -34,8 +38,9 @@ _TOLERANCE = 1e-8
 # Where cones touch the ball, the solver's ends are as good as the root of its tolerance: a range is
 # made longer by this share at both ends.
 _ACCURACY = 1e-3
+# Share of t with which noise and geometry have all but vanished.
+_VANISHED = 1e-2
 _SOLVED = ("Solved", "AlmostSolved")
-_UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
 
 Vector = Float[np.ndarray, " n"]
 Coefficients = Float[np.ndarray, " parameters"]
@@ -46,6 +51,14 @@ class Range(NamedTuple):
 
     low: float
     high: float
+
+
+class _Reach(NamedTuple):
+    """t, in units of white noise: scatter and geometry make a combination more uncertain; and the
+    share of noise in its variance."""
+
+    t: float
+    noise: float
 
 
 class ConsistentRanges:
@@ -89,20 +102,35 @@ class ConsistentRanges:
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x
         middle = float(c_x @ self._centre + c @ self._reduction.p_0)
-        radius = float(np.hypot(self._least, self._reach(cost[: self._rank])))
-        low, high = (self._extreme(sign * cost, radius) for sign in (1.0, -1.0))
-        more = _ACCURACY * max(-high - low, 0.0) if np.isfinite(low + high) else 0.0
-        return Range(middle + low - more, middle - high + more)
+        low, high = self._ends(cost, self._reach(cost[: self._rank]).t)
+        more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
+        return Range(middle + low - more, middle + high + more)
 
-    def _reach(self, shown: Vector) -> float:
-        """t, in units of white noise: scatter and geometry make a combination more uncertain."""
+    def share(self, c: Coefficients) -> Share:
+        """What the range of c·p, which must end, comes from."""
+        cost = self._map.T @ (self._reduction.A.T @ c)
+        reach = self._reach(cost[: self._rank])
+        whole, rest = (np.ptp(self._ends(cost, k * reach.t)) for k in (1.0, _VANISHED))
+        ratio = float(rest / whole) if whole > 0 else 0.0
+        unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
+        noise, geometry = (1 - unseen) * reach.noise, (1 - unseen) * (1 - reach.noise)
+        return Share(noise=noise, prior=0.0, geometry=geometry, unseen=unseen)
+
+    def _ends(self, cost: Vector, t: float) -> tuple[float, float]:
+        """Least and largest cost·(v, a)."""
+        radius = float(np.hypot(self._least, t))
+        return self._extreme(cost, radius), -self._extreme(-cost, radius)
+
+    def _reach(self, shown: Vector) -> _Reach:
+        """How far v may be off along a combination of it."""
         U = (self._scores @ shown)[:, None]
         size = float(np.linalg.norm(U))
         if size == 0:
-            return float(quantile(np.array([self._noise.freedom]))[0])
+            return _Reach(float(quantile(np.array([self._noise.freedom]))[0]), 1.0)
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._shifts))
-        return float(half_width(std, by_noise, nu)[0] / (self._white * size))
+        t = half_width(std, by_noise, nu)[0] / (self._white * size)
+        return _Reach(float(t), float((by_noise[0] / std[0]) ** 2) if std[0] > 0 else 1.0)
 
     @cached_property
     def _least(self) -> float:
@@ -138,12 +166,11 @@ class ConsistentRanges:
         index = block.index[np.ix_(rest, rest)]
         if np.all(index < 0):
             return None
-        L = np.linalg.inv(np.linalg.cholesky(block.prior[np.ix_(rest, rest)]))
+        prior, M = (x[np.ix_(rest, rest)] for x in (block.prior, block.matrix(self._centre)))
         at = np.unique(index[index >= 0])
-        slopes = np.column_stack([svec(L @ (index == k) @ L.T) for k in at])
-        right = svec(L @ block.matrix(self._centre)[np.ix_(rest, rest)] @ L.T)
-        one = len(rest) == 1
-        cone = clarabel.NonnegativeConeT(1) if one else clarabel.PSDTriangleConeT(len(L))
+        slopes = np.column_stack([svec(normalised(prior, (index == k).astype(float))) for k in at])
+        right, k = svec(normalised(prior, M)), len(rest)
+        cone = clarabel.NonnegativeConeT(1) if k == 1 else clarabel.PSDTriangleConeT(k)
         rows = -slopes @ self._map[at]
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
         return rows / size, right / size, cone

@@ -2,48 +2,43 @@
 
 What stands out of a recording (`outstanding.py`) is left out, with one exception. Friction that the
 description has no law for stands out as well, again and again where a drive turns round: that is
-for the choice of friction laws. Gears with play stand out where their torque changes its sign;
-those short stretches are left out under a name of their own. What lasts, or fills much of a
-recording, is no event either but a load or a model that does not fit, and stays for others to tell.
+for the choice of friction laws. Gears with play stand out where their torque changes its sign; all
+of these changes are left out, under a name of their own. What lasts, or fills much of a recording,
+is no event either but a load or a model that does not fit, and stays for others to tell.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.stats import binom
+from jaxtyping import Float
 
-from deltaid.identification.expectation import Expectation, Source, expect
-from deltaid.identification.outstanding import Outstanding, Stretch, outstanding
+from deltaid.identification.events_told import REASONS, events_told
+from deltaid.identification.expectation import Expectation, expect
+from deltaid.identification.expectation_source import Source
+from deltaid.identification.outstanding import Stretch, outstanding
+from deltaid.identification.recurring import recurring
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
-from deltaid.recording.filter import LowPass
 from deltaid.recording.log import Log
-from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
-
-_REASONS = (CONTACT, STOP, SPIKE, JOLT, BACKLASH)
 
 # Time that is left out before and after what stands out [s]; stretches of a contact may be so far
 # apart [s].
 _BESIDE, _ONE = 4e-3, 0.02
+# What the low-pass of the positions spreads a jump over, to either side, as a share of its period.
+_PERIOD = 0.5
 # What lasts longer [s] is no event, nor what fills this share of the time about it [s].
 _LONGEST, _DENSE, _ABOUT = 1.0, 0.5, 1.0
 # Nor is anything where contacts fill this share of a recording.
 _MOST = 0.2
-# A stretch belongs to a change of sign within so much time [s] and this share of the low-pass's
-# period; so many must for a drive, this share of its stretches, by chance this unlikely.
-_NEAR, _PERIOD, _FEWEST, _OFTEN, _CHANCE = 6e-3, 0.6, 8, 0.5, 1e-6
 # At a jolt the low-pass took so much off the motion that torques change by this share of what
 # stands out; where jolts fill more than this of a recording, its motion is like that.
 _SHARP, _JOLTS = 0.25, 0.05
 # A drive below this share of its usual speed hardly moves; one whose torque stands out this many
 # times as far as all others' does so alone.
 _SLOW, _ALONE = 0.15, 0.4
-# One that is so many times as large as those of play usually are is more than play.
-_LARGER = 4.0
 # Lags below this [s] do no harm, others are allowed for: between these [s], in so many rounds.
 _ON_TIME, _LAGS, _ROUNDS = 1e-3, (-0.012, 0.022), 3
 # A model fits where the residual scatters less than so many times what noise would.
@@ -56,19 +51,32 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     """Recordings without what acts on the robot beside its drives, told one by one; a stage."""
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    told: list[Correction] = []
+    told, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
-        kept = tuple(span for span in recording.repairs.left_out if span.reason not in _REASONS)
+        kept = tuple(span for span in recording.repairs.left_out if span.reason not in REASONS)
         bare = replace(recording, repairs=replace(recording.repairs, left_out=kept))
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
-        spans = events(expected) if expected else ()
+        if expected and not setup.closely and _is_quiet_in_brief(expected):
+            spans = ()
+            glanced.append((k, expected))
+        else:
+            spans = events(expected) if expected else ()
         repairs: dict[str, object] = {"left_out": (*kept, *spans)}
         if expected and setup.settings.lag == "estimate":  # to begin with
             repairs["delay"] = expected.source.recording.repairs.delay
         setup = setup.repaired(setup.recordings[k], **repairs)
-        told += _told(spans, recording, setup.robot.drives)
-    return setup.told(told, "contact")
+        told += events_told(spans, recording, setup.robot.drives)
+    return setup.told(told, "contact", "backlash").changed(glanced=tuple(glanced))
+
+
+def _is_quiet_in_brief(expected: Expectation) -> bool:
+    """Whether a model fits, and nothing stands out of an excerpt that leaves rows out."""
+    source, excerpt = expected.source, expected.source.recording.excerpt
+    if excerpt is None or excerpt.whole or not expected.fits:
+        return False
+    brief = replace(source, recording=source.recording.brief)
+    return not outstanding(replace(expected, source=brief)).stretches
 
 
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
@@ -78,9 +86,9 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     spikes = [one for one in seen.stretches if one.spike]
     others = [one for one in seen.stretches if not one.spike]
     others = [one for one in others if not _is_friction(one, expected.coulomb)]
-    friction, play = _of_drives(seen, others, recording.low_pass)
-    loose = [one for one, is_play in zip(others, play, strict=True) if is_play]
-    pushes = _joined([o for o, known in zip(others, friction | play, strict=True) if not known])
+    drives = recurring(seen, others, recording.low_pass)
+    known = drives.friction | drives.play
+    pushes = _joined([one for one, own in zip(others, known, strict=True) if not own])
     pushes = _brief(pushes, seen.duration)
     jolts = [one for one in pushes if one.sharp > _SHARP]
     if sum(one.end - one.start for one in jolts) > _JOLTS * seen.duration:
@@ -88,7 +96,11 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     step = 1.0 / recording.log.rate
     margin = max(_BESIDE, step)
     found = [_span(one, SPIKE, step, one.drives) for one in spikes]
-    found += [_span(one, BACKLASH, margin) for one in loose]
+    beside = margin + _PERIOD / recording.low_pass.motion_cutoff if recording.low_pass else margin
+    found += [
+        LeftSpan(first, last, BACKLASH, gear=gear)
+        for first, last, gear in drives.turns(seen, others, beside)
+    ]
     for one in pushes:
         if one in jolts:
             found.append(_span(one, JOLT, margin))
@@ -141,56 +153,6 @@ def _is_friction(one: Stretch, coulomb: Float[np.ndarray, " dof"]) -> bool:
     return bool(alone and slow and abs(one.left[i]) <= coulomb[i])
 
 
-def _of_drives(
-    seen: Outstanding, stretches: Sequence[Stretch], low_pass: LowPass | None
-) -> tuple[Bool[np.ndarray, " stretches"], Bool[np.ndarray, " stretches"]]:
-    """Which stretches are friction at reversals, and which play in gears where torques reverse."""
-    near = _NEAR + (_PERIOD / low_pass.motion_cutoff if low_pass else 0.0)
-    peaks = np.array([one.peak for one in stretches])
-    first = np.array([int(np.argmax(np.abs(one.sizes))) for one in stretches], dtype=int)
-    size = np.array([one.size for one in stretches])
-    nothing = np.zeros(len(stretches), dtype=bool)
-    friction, play = nothing.copy(), nothing.copy()
-    for j, times in enumerate(seen.reversals):
-        own = first == j if j < len(seen.turns) else ~nothing
-        if _recurs(peaks[own], times, near, seen.duration):
-            friction |= own & _beside(peaks, times, near)
-    loose = nothing.copy()
-    for i, times in enumerate(seen.turns):
-        own = (first == i) & ~friction
-        if _recurs(peaks[own], times, near, seen.duration):
-            loose |= own & _beside(peaks, times, near)
-            play |= ~friction & _beside(peaks, times, near)
-    if play.any():
-        # Drives share what play in one of them makes of the positions.
-        play = ~friction & (size <= _LARGER * np.median(size[loose]))
-    return friction, play
-
-
-def _beside(
-    peaks: Float[np.ndarray, " _"], times: Float[np.ndarray, " _"], near: float
-) -> Bool[np.ndarray, " _"]:
-    """Which peaks are near one of some times."""
-    if not len(times):
-        return np.zeros(len(peaks), dtype=bool)
-    after = np.clip(np.searchsorted(times, peaks), 1, max(1, len(times) - 1))
-    sides = np.stack([times[after - 1], times[np.minimum(after, len(times) - 1)]])
-    return np.min(np.abs(sides - peaks), axis=0) <= near
-
-
-def _recurs(
-    peaks: Float[np.ndarray, " _"], times: Float[np.ndarray, " _"], near: float, duration: float
-) -> bool:
-    """Whether stretches are near some times more often than chance has it."""
-    if len(peaks) < _FEWEST or not len(times):
-        return False
-    gaps = np.minimum(np.diff(times), 2 * near)
-    share = min(1.0, (gaps.sum() + 2 * near) / duration)
-    hits = int(_beside(peaks, times, near).sum())
-    unlikely = binom.sf(hits - 1, len(peaks), share) < _CHANCE
-    return hits >= max(_FEWEST, _OFTEN * len(peaks)) and bool(unlikely)
-
-
 def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
     """Stretches of one contact as one."""
     found: list[Stretch] = []
@@ -237,59 +199,3 @@ def _push(one: Stretch, kinematics: Kinematics) -> Push:
     along_x, along_y, along_z = point.tolist()
     moment = None if task.turn is None else float(force[task.turn])
     return Push(one.peak, (x, y, z), (along_x, along_y, along_z), moment)
-
-
-def _told(
-    spans: Sequence[LeftSpan], recording: Recording, drives: Sequence[str]
-) -> list[Correction]:
-    """One correction for each kind of event of a recording."""
-    found = []
-    for reason in _REASONS:
-        own = [span for span in spans if span.reason == reason]
-        if not own:
-            continue
-        total = sum(span.last - span.first for span in own)
-        found.append(
-            Correction(
-                kind="contact",
-                subject=reason,
-                log=recording.path.name,
-                value=total,
-                unit="s",
-                text=_TEXT[reason](own),
-            )
-        )
-    return found
-
-
-def _largest(spans: Sequence[LeftSpan]) -> str:
-    """The largest force among some, in words."""
-    forces = [np.linalg.norm(span.push.force) for span in spans if span.push]
-    k = int(np.argmax(forces))
-    push = [span.push for span in spans if span.push][k]
-    return f"the largest {forces[k]:.3g} N at {push.time:.3f} s"
-
-
-_TEXT = {
-    CONTACT: lambda own: (
-        f"{_times(own)} something pushed the platform, {_largest(own)}: torques stand out from "
-        "all that the motion asks for"
-    ),
-    STOP: lambda own: (
-        f"{_times(own)} the robot was stopped by more than its drives, {_largest(own)}"
-    ),
-    SPIKE: lambda own: (
-        f"{_times(own)} the torque of one drive jumps for a sample or three, as errors of a "
-        "fieldbus do"
-    ),
-    JOLT: lambda own: (
-        f"{_times(own)} torque and motion change faster than the low-pass of the positions follows"
-    ),
-    BACKLASH: lambda own: (
-        f"{_times(own)} positions jump where a gear's torque changes its sign: play in the gears"
-    ),
-}
-
-
-def _times(own: Sequence[LeftSpan]) -> str:
-    return "once" if len(own) == 1 else f"{len(own)} times"

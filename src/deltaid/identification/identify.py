@@ -34,12 +34,16 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.identification.watch import unwatched, watched
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel, Parameter, Settings, Source
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.robot.load import RobotLike, described
+
+# Windows of a recording, spread over all of it, that a model's torques are compared with.
+_COMPARED = 32
 
 
 @dataclass(frozen=True)
@@ -95,15 +99,16 @@ def identify(
     recordings = open_recordings(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
     )
-    setup = prepared(Setup(robot, tuple(recordings), settings), progress)
-    setup, problem = _confirmed(setup, progress)
+    setup = Setup(robot, tuple(one.excerpted() for one in recordings), settings)
+    setup, problem = _fitted(setup, progress)
     robot, recordings = setup.robot, setup.recordings
-    problem = with_widened_prior(with_geometry(problem, recordings))
+    problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged, own = judged_parameters(freed(problem)), len(problem.p)
     loads = found_loads(setup, judged[own:])
     recordings = tuple(unloaded(one, {load.name: load.p for load in loads}) for one in recordings)
     progress("comparing torques")
-    errors = [torque_error(compiled(robot), problem.p, one) for one in recordings]
+    some = [one.sparser(_COMPARED) for one in recordings]
+    errors = [torque_error(compiled(robot), problem.p, one) for one in some]
     error = _mean(errors, problem.used)
     model = IdentifiedModel(
         deltaid=version("deltaid"),
@@ -133,6 +138,14 @@ def identify(
     return Identification(model, problem, recordings, _unchanged(setup))
 
 
+def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
+    """The fit of a setup with all that is to be put right in it; with a close look at all rows
+    where there is anything that excerpts did not show."""
+    setup, problem = _confirmed(watched(prepared(first, progress)), progress)
+    setup, seen = unwatched(setup)
+    return _fitted(first.changed(closely=True), progress) if seen else (setup, problem)
+
+
 def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     """The fit of a setup, without corrections that it does not confirm."""
 
@@ -149,8 +162,8 @@ def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
-    """Studies of recordings in which nothing has been put right since."""
-    if setup.corrections or setup.additions or not setup.studies:
+    """Studies of recordings in which nothing has been put right since, nor what gears carry."""
+    if setup.corrections or setup.additions or setup.robot.load_drives or not setup.studies:
         return ()
     return setup.studies
 

@@ -105,7 +105,8 @@ class LagColumns(Addition):
         values = np.vstack([own, *(one.entries(w, own, recording) for one in self.beside)])
         rows, columns = extended(self.dynamics, self.beside).regressor_pattern
         tau = w.carried.T.copy()  # of loads, which lag with all else
-        np.add.at(tau, rows, values * self.p[columns, None])
+        for i in range(len(tau)):
+            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
         return -recording.log.rate * slope(tau, self._reversals(own))[drives]
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:

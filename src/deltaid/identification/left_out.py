@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.events import Event
 from deltaid.model.left_out import LeftOut, Span
+from deltaid.model.record import Source
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask, Reason
+from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.repairs import (
     CONTACT,
     JOLT,
@@ -68,11 +72,12 @@ def _repaired(log: Log, drives: Sequence[str], repairs: Repairs) -> list[LeftOut
             reason=reason,
             why=WHY_REPAIRED[reason],
             drives=tuple(drives[i] for i in which or range(len(drives))),
-            share=min(1.0, sum(span.last - span.first for span in spans) * log.rate / log.samples),
-            spans=tuple(_of(span) for span in spans[:_LISTED]),
-            more=max(0, len(spans) - _LISTED),
+            share=min(1.0, float(np.diff(times).sum()) * log.rate / log.samples),
+            spans=tuple(Span(start=a, end=b) for a, b in np.round(times, 6)[:_LISTED].tolist()),
+            more=max(0, len(times) - _LISTED),
         )
         for (reason, which), spans in groups.items()
+        for times in (joined_times(np.array([(span.first, span.last) for span in spans])),)
     ]
 
 
@@ -94,8 +99,19 @@ def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
     )
 
 
-def _of(span: LeftSpan) -> Span:
-    return Span(start=round(span.first, 6), end=round(span.last, 6))
+def spans_left_out(source: Source, drives: Sequence[str]) -> tuple[LeftSpan, ...]:
+    """What a model file says of what happened in a recording, as stretches to leave out again."""
+    known = [(one.reason, one.drives, one.start, one.end) for one in source.events]
+    known += [
+        (one.reason, one.drives, span.start, span.end)
+        for one in source.left_out
+        if one.reason in WHY_REPAIRED and one.reason not in EVENTS
+        for span in one.spans
+    ]
+    return tuple(
+        LeftSpan(start, end, reason, tuple(drives.index(one) for one in which))
+        for reason, which, start, end in known
+    )
 
 
 def _span(mask: Mask) -> Span:

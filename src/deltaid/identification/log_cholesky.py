@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy import optimize
 
 from deltaid.identification.log_cholesky_map import LogCholeskyMap
 from deltaid.identification.objective import Objective
@@ -43,6 +42,8 @@ class LogCholesky:
         Raises:
             IdentificationError: the pattern of free entries has no Cholesky factor.
         """
+        from scipy import optimize  # slow to load, and seldom needed
+
         chart = LogCholeskyMap(objective.reduction)
         pi, iterations, message = chart.pi(objective.reduction.prior), 0, ""
         for gamma in self._relaxation(objective.gamma):

@@ -2,9 +2,8 @@
 
 The residual's mean over 9 ms is compared with its usual scatter: a stretch begins and ends where a
 drive's is within 3 standard deviations, and counts if it is beyond 6 somewhere. Both are wider
-where the scatter is no noise but a model that does not fit. Single samples that stand out from
-those before and after are spikes, and are looked for first. Windows overlap, so that their cuts do
-not show.
+where the scatter is no noise but a model that does not fit. Single samples that stand out are
+spikes, and are looked for first (`spikes.py`). Windows overlap, so that their cuts do not show.
 """
 
 from collections.abc import Iterable, Iterator
@@ -13,8 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.identification.expectation import Expectation, deviation, length
+from deltaid.identification.expectation import NOISE, Expectation, length
+from deltaid.identification.expectation_blocks import deviation
 from deltaid.identification.slack import joint_rates
+from deltaid.identification.spikes import spikes
 from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.windows import Window
 
@@ -24,15 +25,13 @@ _WEAK, _STRONG = 3.0, 6.0
 # many samples of a mean tell it.
 _ROUGH, _ENOUGH = 12.0, 5
 # Scatter so many times that of noise is no noise; thresholds are at most so many times wider.
-_NOISE, _WIDEST = 1.5, 3.0
+_WIDEST = 3.0
 # Of what does not fit, thresholds stay as they are where no more than this share of the stretches
 # beyond them reaches only this part of them.
 _FEW, _NEARLY = 0.5, 0.5
-# A spike stands out by so many standard deviations of single samples, for so many at most; several
-# drives at once have one only where it is over in less than this [s].
-_SPIKE, _LONGEST, _AT_ONCE = 12.0, 3, 3e-3
-# Samples on either side of a spike, whose range it exceeds so many times.
-_BESIDE, _STEEP = 4, 3.0
+# A window is looked at closely where anything comes this near to standing out; to see that, torques
+# are expected at so many places over the time of a mean.
+_NEAR, _PLACES = 0.8, 2
 # Time whose scatter is looked at together [s].
 _TOGETHER = 4.0
 # A step in time so many times the usual one ends a stretch.
@@ -85,12 +84,14 @@ class Outstanding:
     Attributes:
         stretches: in the order of time.
         duration: of all samples [s].
-        turns: when the torque that a gear carries changes its sign, drive by drive [s].
+        looked: of those in windows that were looked at closely [s].
+        turns: when in these the torque that a gear carries changes its sign, drive by drive [s].
         reversals: when a joint turns round, drives first, then passive joints with friction [s].
     """
 
     stretches: tuple[Stretch, ...]
     duration: float
+    looked: float
     turns: tuple[Float[np.ndarray, " _"], ...]
     reversals: tuple[Float[np.ndarray, " _"], ...]
 
@@ -125,26 +126,51 @@ class _Looked:
 def outstanding(expected: Expectation) -> Outstanding:
     """What stands out of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
-    windows = recording.evaluate(kinematics, lambda window: _look(expected, window))
-    step, samples = 1.0 / recording.log.rate, 0
-    wider = np.clip(expected.misfit / _NOISE, 1.0, _WIDEST)
+    windows = recording.evaluate(kinematics, lambda window: _glance(expected, window))
+    return _of(expected, windows)
+
+
+def stands_out(expected: Expectation, window: Window) -> bool:
+    """Whether anything stands out of a single window."""
+    return bool(_of(expected, [_glance(expected, window)]).stretches)
+
+
+def _glance(expected: Expectation, window: Window) -> "tuple[int, _Looked | None]":
+    """Samples of a window, and a close look at it if that can show anything."""
+    quiet = expected.fits and _is_quiet(expected, window)
+    return len(window.own.time), None if quiet else _look(expected, window)
+
+
+def _of(expected: Expectation, windows: "Iterable[tuple[int, _Looked | None]]") -> Outstanding:
+    """What stands out of some windows."""
+    step, samples, looked = 1.0 / expected.rate, 0, 0
+    wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
+
+    def close() -> Iterator[_Looked]:
+        nonlocal samples
+        for count, seen in windows:
+            samples += count
+            if seen is not None:
+                yield seen
+
     narrow, wide = list[Stretch](), list[Stretch]()
     changes: list[list[np.ndarray]] = []
-    for part in _together(windows):
-        samples += len(part.time)
+    for part in _together(close()):
+        looked += len(part.time)
         changes.append([part.time[flags] for flags in part.signs])
         local = np.maximum(1.0, deviation(part.size))
         cuts = np.flatnonzero(np.diff(part.time) > _GAP * step) + 1
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             one = part.part(slice(first, last))
             _join(narrow, _stretches(one, local), step)
-            _join(wide, _stretches(one, local * wider), step)
+            if not expected.fits:
+                _join(wide, _stretches(one, local * wider), step)
     shortest = step * (length(expected.rate) // 2 - 0.5)
-    found = narrow if np.all(wider == 1.0) or _apart(narrow) else wide
+    found = narrow if expected.fits or _apart(narrow) else wide
     kept = tuple(o for o in found if o.size >= 1.0 and (o.spike or o.end - o.start >= shortest))
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
-    return Outstanding(kept, samples * step, times[:dof], times[dof:])
+    return Outstanding(kept, samples * step, looked * step, times[:dof], times[dof:])
 
 
 def _apart(stretches: Iterable[Stretch]) -> bool:
@@ -154,16 +180,29 @@ def _apart(stretches: Iterable[Stretch]) -> bool:
     return nearly <= _FEW * int(np.sum(sizes >= 1.0))
 
 
+def _is_quiet(expected: Expectation, window: Window) -> bool:
+    """Whether nothing in a window comes near to standing out.
+
+    Neither a mean nor a single sample; a spike and restless torque have some that are far off.
+    """
+    n, wide = length(expected.rate), window.wide
+    left = expected.roughly_left(wide, max(1, n // _PLACES))
+    mean, count = _mean(left, n)
+    far = np.abs(mean) * np.sqrt(count / n) > _NEAR * _STRONG * expected.scales(wide)
+    rough = np.abs(left - mean) > _NEAR * _ROUGH * expected.noise[:, None]
+    return not (window.trimmed(far.T).any() or window.trimmed(rough.T).any())
+
+
 def _look(expected: Expectation, window: Window) -> _Looked:
     wide, n = window.wide, length(expected.rate)
     found = expected.compared(wide)
-    spikes, jump = _spikes(found.left, expected)
-    left = np.where(spikes, np.nan, found.left)
+    flags, jump = spikes(found.left, expected)
+    left = np.where(flags, np.nan, found.left)
     mean, count = _mean(left, n)
     with np.errstate(invalid="ignore"):
         size = mean * np.sqrt(count / n) / expected.scales(wide)
         rough = np.sqrt(np.maximum(_mean(left**2, n)[0] - mean**2, 0.0))
-        rough /= (expected.noise * np.maximum(1.0, expected.misfit / _NOISE))[:, None]
+        rough /= (expected.noise * np.maximum(1.0, expected.misfit / NOISE))[:, None]
     if n < _ENOUGH:
         rough = np.zeros_like(rough)
     speeds, _ = joint_rates(expected.source.dynamics.kinematics, wide)
@@ -173,7 +212,7 @@ def _look(expected: Expectation, window: Window) -> _Looked:
     if np.any(np.nan_to_num(np.abs(size)) > _STRONG) or np.any(np.nan_to_num(rough) > _ROUGH):
         taken = _taken_off(window, expected, mean)
     speed = np.abs(wide.qd.T) / expected.slack.speed[: len(mean), None]
-    by_drive = (mean, size, rough, spikes, jump, signs, taken, speed)
+    by_drive = (mean, size, rough, flags, jump, signs, taken, speed)
     own = (window.trimmed(x.T).T for x in by_drive)
     return _Looked(window.own.time, window.own.z, *own)
 
@@ -216,43 +255,6 @@ def _mean(
     )
     total, count = sums[:, n:] - sums[:, :-n], counts[:, n:] - counts[:, :-n]
     return np.where(good, total / np.maximum(count, 1.0), np.nan), count
-
-
-def _spikes(
-    left: Float[np.ndarray, "dof samples"], expected: Expectation
-) -> tuple[Bool[np.ndarray, "dof samples"], Float[np.ndarray, "dof samples"]]:
-    """Single samples, or two or three, that stand out from both sides; and by how much [N m or N].
-
-    Both edges must be far steeper than what goes before and after, or the top of a hump would do.
-    """
-    dof, samples = left.shape
-    flags, jump = np.zeros((dof, samples), dtype=bool), np.zeros((dof, samples))
-    limit = _SPIKE * expected.noise[:, None]
-    far = _LONGEST + 1
-    if samples <= 2 * far:
-        return flags, jump
-    apart = np.abs(left[:, far:] - left[:, :-far]) > limit
-    if not np.any(apart[:, :-far] & apart[:, far:]):  # as nearly always
-        return flags, jump
-    brief = 1 if dof == 1 else _LONGEST
-    for rows in range(1, _LONGEST + 1):
-        reach = rows + 2 * _BESIDE
-        if samples < reach:
-            continue
-        x = np.lib.stride_tricks.sliding_window_view(left, reach, axis=1)
-        before, inside, after = x[..., :_BESIDE], x[..., _BESIDE:-_BESIDE], x[..., -_BESIDE:]
-        up, down = inside - before[..., -1:], inside - after[..., :1]
-        same = np.all(np.sign(up) == np.sign(up[..., :1]), axis=-1) & np.all(up * down > 0, axis=-1)
-        size = np.where(same, np.minimum(np.abs(up), np.abs(down)).min(axis=-1), 0.0)
-        beside = np.maximum(np.ptp(before, axis=-1), np.ptp(after, axis=-1))
-        seen = (size > limit) & (size > _STEEP * beside)
-        quiet = np.sum(size > 0.5 * limit, axis=0) == 1
-        at_once = rows <= _AT_ONCE * expected.rate
-        seen &= at_once | ((rows <= brief) & quiet)
-        for i, k in np.argwhere(seen):
-            here = slice(k + _BESIDE, k + _BESIDE + rows)
-            flags[i, here], jump[i, here] = True, np.maximum(jump[i, here], size[i, k])
-    return flags, jump
 
 
 def _together(windows: Iterable[_Looked]) -> Iterator[_Looked]:

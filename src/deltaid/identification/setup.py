@@ -6,6 +6,7 @@ from typing import Any
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.additions import Addition
+from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction, Kind
 from deltaid.model.friction_record import FrictionChoice
@@ -28,6 +29,9 @@ class Setup:
         additions: columns beside the robot's.
         corrections: what was put right, in the order in which it was.
         friction_choice: how friction laws were chosen, if they were.
+        closely: whether every row of recordings is looked at for events; else excerpts are first.
+        glanced: numbers of the recordings of which nothing but an excerpt was looked at for events,
+            and what was expected of them.
         studies: what each recording looks like before anything in it is put right that was not
             declared; none before they have been studied.
     """
@@ -38,6 +42,8 @@ class Setup:
     additions: tuple[Addition, ...] = ()
     corrections: tuple[Correction, ...] = ()
     friction_choice: FrictionChoice | None = None
+    closely: bool = False
+    glanced: tuple[tuple[int, Expectation], ...] = ()
     studies: tuple[Study | None, ...] = ()
 
     def is_disturbed(self, k: int) -> bool:
@@ -50,6 +56,12 @@ class Setup:
         """Of the robot as it is described by now."""
         return compiled(self.robot)
 
+    def poses_as(self, other: "Setup") -> bool:
+        """Whether a fit would be posed from the same robot, rows and columns."""
+        pairs = zip(self.recordings, other.recordings, strict=True)
+        same = all(a.log is b.log and a.repairs == b.repairs for a, b in pairs)
+        return same and self.robot == other.robot and self.additions == other.additions
+
     def changed(self, **values: Any) -> "Setup":
         """The same with other values."""
         return replace(self, **values)
@@ -57,11 +69,13 @@ class Setup:
     def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
         """The same with one more thing put right in a recording, by fields of `Repairs`."""
         now: Repairs = replace(recording.repairs, **repairs)
-        return self.changed(
-            recordings=tuple(
-                replace(one, repairs=now) if one is recording else one for one in self.recordings
-            )
-        )
+        k = next(k for k, one in enumerate(self.recordings) if one is recording)
+        return self.with_recording(k, replace(recording, repairs=now))
+
+    def with_recording(self, k: int, recording: Recording) -> "Setup":
+        """The same with another k-th recording."""
+        before, after = self.recordings[:k], self.recordings[k + 1 :]
+        return self.changed(recordings=(*before, recording, *after))
 
     def told(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
         """The same with corrections told, in the place of all earlier ones of some kinds."""

@@ -51,25 +51,46 @@ class Slack:
 
     def friction(self, w: Samples) -> Float[np.ndarray, "dof columns samples"]:
         """Offsets of the drives, and further forms of friction of all joints."""
-        dof, joints = self.dof, len(self.speed)
-        speed, slope = joint_rates(self.kinematics, w)
-        v = speed / self.speed
-        forms = np.stack(
-            [np.abs(v), np.sign(v) * np.sqrt(np.abs(v))]
-            + [np.sign(v) * np.exp(-((v / knee) ** 2)) for knee in _STRIBECK]
-        )
-        out = np.zeros((dof, dof + FORMS * joints, len(w.time)))
+        dof, (forms, arms) = self.dof, self._forms(w)
+        out = np.zeros((dof, dof + FORMS * len(self.speed), len(w.time)))
         drives = np.arange(dof)
         out[drives, drives] = self.torque[:, None]
-        for j in range(joints):
+        for j, form in enumerate(forms):
             own = slice(dof + FORMS * j, dof + FORMS * (j + 1))
             if j < dof:
-                out[j, own] = forms[:, :, j] * self.torque[j]
+                out[j, own] = form * self.torque[j]
             else:
-                arm = slope[:, j - dof]
-                size = (self.torque / np.maximum(np.abs(arm).max(axis=0), 1e-12)).min()
-                out[:, own] = forms[None, :, :, j] * (arm.T * size)[:, None]
+                out[:, own] = form * arms[j - dof][:, None]
         return out
+
+    def friction_torque(
+        self, w: Samples, coefficients: Float[np.ndarray, " columns"]
+    ) -> Float[np.ndarray, "dof samples"]:
+        """The sum of these columns."""
+        dof, (forms, arms) = self.dof, self._forms(w)
+        out = np.repeat((coefficients[:dof] * self.torque)[:, None], len(w.time), axis=1)
+        for j, (form, of_form) in enumerate(
+            zip(forms, coefficients[dof:].reshape(-1, FORMS), strict=True)
+        ):
+            if j < dof:
+                out[j] += (of_form * self.torque[j]) @ form
+            else:
+                out += arms[j - dof] * (of_form @ form)
+        return out
+
+    def _forms(
+        self, w: Samples
+    ) -> tuple[Float[np.ndarray, "joints forms samples"], Float[np.ndarray, "passive dof samples"]]:
+        """Forms of friction of each joint, and what passive joints make of theirs at the drives."""
+        speed, slope = joint_rates(self.kinematics, w)
+        v = (speed / self.speed).T
+        size = np.abs(v)
+        forms = [size, np.sign(v) * np.sqrt(size)]
+        forms += [np.sign(v) * np.exp(-((v / knee) ** 2)) for knee in _STRIBECK]
+        arms = slope.transpose(1, 2, 0)
+        largest = np.maximum(np.abs(arms).max(axis=2, initial=0.0), 1e-12)
+        scale = (self.torque / largest).min(axis=1)
+        return np.stack(forms, axis=1), arms * scale[:, None, None]
 
     def of_torque(
         self,

@@ -21,7 +21,7 @@ class TorqueError:
             through its filter; a sample whose noise the weights leave in part counts as that part.
         nrmse: rms as a share of the measured torque's own root mean square.
         rms_unfiltered: the same against the torque as recorded.
-        covariance: mean of e eᵀ over the samples, of the filtered errors.
+        covariance: mean of e eᵀ, of the filtered errors.
         turning: share of the samples that do not count because a joint turns round there.
         cutoff: the filter's cut-off [Hz]; None without a filter.
         fastest: largest speed [rad/s or m/s].
@@ -72,7 +72,7 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
 
 def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction:
     own, wide = window.own, window.wide
-    predicted = dynamics.torque(wide.z, wide.qd, wide.qdd, p) + _lost_to_loads(dynamics, p, wide)
+    predicted = _predicted(dynamics, p, wide)
     n = wide.tau.shape[1]
     drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
     both = np.hstack([wide.tau, predicted]).T
@@ -93,6 +93,10 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
     )
 
 
+def _predicted(dynamics: Dynamics, p: Parameters, w: Samples) -> Float[np.ndarray, "samples dof"]:
+    return dynamics.torque(w.z, w.qd, w.qdd, p) + _lost_to_loads(dynamics, p, w)
+
+
 def _lost_to_loads(
     dynamics: Dynamics, p: Parameters, w: Samples
 ) -> Float[np.ndarray, "samples dof"]:
@@ -101,7 +105,7 @@ def _lost_to_loads(
     What loads take of the torques otherwise has been taken out of them.
     """
     lost, robot = np.zeros_like(w.carried), dynamics.robot
-    if not robot.load_drives or not w.carried.any():
+    if not w.carried.any() or not robot.load_drives:
         return lost
     x, first = dynamics.carried(w.z, w.qd, w.qdd, p), dynamics.layout.friction.start
     for k, term in enumerate(robot.friction_terms):
@@ -113,22 +117,27 @@ def _lost_to_loads(
 
 
 def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueError:
-    """The torque errors of parameters p on a recording."""
+    """The torque errors of parameters p on a recording.
+
+    Of what has been filtered, samples as far apart as the cut-off allows say as much as all.
+    """
 
     def sums(window: Window) -> tuple[np.ndarray, ...]:
-        part, all_samples = _prediction(dynamics, p, window), len(window.own.time)
-        error = part.filtered_measured - part.filtered_predicted
-        raw = np.sum((part.weights * (part.measured - part.predicted)) ** 2, axis=0)
+        own, wide = window.own, window.wide
+        error = wide.tau - _predicted(dynamics, p, wide)
+        both = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
+        filtered, tau = np.split(window.thinned_out(both), 2)
+        raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
         counts = np.stack(
             [
-                part.counted.sum(axis=0),
-                np.sum(part.weights**2, axis=0),
+                window.counted(window.thinned).sum(axis=1),
+                np.sum(own.weights**2, axis=0),
                 window.turning,
-                np.full(len(raw), all_samples),
+                np.full(dof, len(own.time)),
             ]
         )
-        squares = error.T @ error, np.sum(part.filtered_measured**2, axis=0), raw, counts
-        return *squares, np.abs(part.speed).max(axis=0, initial=0.0)
+        squares = filtered @ filtered.T, np.sum(tau**2, axis=1), raw, counts
+        return *squares, np.abs(own.qd).max(axis=0, initial=0.0)
 
     dof = dynamics.dof
     totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((4, dof))

@@ -7,7 +7,6 @@ everything formed from it goes through the same low-pass and is thinned alike.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,15 +15,16 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
+from deltaid.identification.interpolation import later
+from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
-from deltaid.recording.filter import LowPass, apply
+from deltaid.recording.filter import LowPass
+from deltaid.recording.masks.runs import least_about
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
 
-# Windows that are kept at most: 262 s at 1 kHz.
+# Windows that are kept at most: 256 s at 1 kHz.
 _MOST = 32
-# Runs of windows that stand for a longer log.
-_RUNS = 2
 # A time step this much longer than the usual one ends a stretch.
 _GAP = 1.5
 
@@ -70,7 +70,7 @@ class Trace:
         """Measured torques of `delay` [s] later, τ(t + delay), filtered."""
         by = delay * self.low_pass.rate
         return self.filtered(
-            lambda w: (_later(w.tau + w.carried, by) - w.carried).T,
+            lambda w: (later(w.tau + w.carried, by) - w.carried).T,
             np.arange(self.dynamics.dof),
             _margin(by),
         )
@@ -169,7 +169,7 @@ def trace(
     reversals: bool = True,
     windows: int | None = None,
 ) -> Trace:
-    """The beginning of a recording in memory; of one of usual length all of it.
+    """A recording in memory; of a long one its excerpt.
 
     Speeds and accelerations come from the positions, also where they are recorded, so that nothing
     that is wrong with those gets in.
@@ -181,7 +181,7 @@ def trace(
             the ends and from samples that do not count.
         reversals: whether samples count at which a joint turns round. Steps of friction tell a lag
             best, but in torques that have been shifted they are known to half a sample only.
-        windows: at most so many of these (`WINDOW` rows each), in a few runs over the whole time.
+        windows: at most so many of these (`WINDOW` rows each), spread over the whole time.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
@@ -189,10 +189,10 @@ def trace(
     log = recording.log
     columns = replace(log.columns, velocity=(), acceleration=())
     # What a log masks stays masked either way; this is about its reversals only.
-    recording = recording.changed(cutoff, columns=columns, keep_all=reversals)
+    recording = recording.brief.changed(cutoff, columns=columns, keep_all=reversals)
     assert recording.low_pass is not None  # positions alone are always filtered
-    held = [window.own for window in islice(recording.windows(dynamics.kinematics), _MOST)]
-    joined = _joined(_spread(held, windows or _MOST))
+    some = recording.spread(dynamics.kinematics, windows or _MOST)
+    joined = _joined([window.own for window in some])
     step, time = 1.0 / log.rate, joined.time
     ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
     stretches: list[Samples] = []
@@ -225,16 +225,6 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
     return replace(own, **moved, tau=tau - carried, weights=weights)
 
 
-def _spread(parts: list[Samples], most: int) -> list[Samples]:
-    """At most so many windows, in runs evenly spread from the first to the last."""
-    if len(parts) <= most:
-        return parts
-    runs = min(_RUNS, most)
-    size = most // runs
-    starts = np.linspace(0, len(parts) - size, runs).astype(int) if runs > 1 else [0]
-    return [parts[k] for k in np.unique(np.add.outer(starts, np.arange(size)))]
-
-
 def _joined(parts: Sequence[Samples]) -> Samples:
     """One after the other."""
     names = [field.name for field in fields(Samples)]
@@ -245,10 +235,7 @@ def _eroded(
     weights: Float[np.ndarray, "samples torques"], reach: float
 ) -> Float[np.ndarray, "samples torques"]:
     """The least weight within `reach` samples; nothing beyond the ends counts."""
-    from scipy.ndimage import minimum_filter1d
-
-    size = 2 * int(np.ceil(reach)) + 1
-    return minimum_filter1d(weights, size, axis=0, mode="constant", cval=0.0)
+    return least_about(weights, int(np.ceil(reach)))
 
 
 def _outputs(low_pass: LowPass, rows: int) -> int:
@@ -283,23 +270,3 @@ def _through(
 
 def _margin(by: Float[np.ndarray, " dof"]) -> int:
     return int(np.ceil(np.abs(by).max())) + 3
-
-
-def _later(
-    x: Float[np.ndarray, "samples channels"], by: Float[np.ndarray, " channels"]
-) -> Float[np.ndarray, "samples channels"]:
-    """Values of `by` samples later, by cubic interpolation between neighbours."""
-    out, rows = np.empty_like(x), np.arange(len(x))
-    for i, one in enumerate(by):
-        whole = int(np.floor(one))
-        s = one - whole
-        # Lagrange's weights of the samples −1, 0, 1, 2 about the place s between 0 and 1.
-        weights = (
-            -s * (s - 1) * (s - 2) / 6,
-            (s + 1) * (s - 1) * (s - 2) / 2,
-            -(s + 1) * s * (s - 2) / 2,
-            (s + 1) * s * (s - 1) / 6,
-        )
-        around = (np.clip(rows + whole + k, 0, len(x) - 1) for k in (-1, 0, 1, 2))
-        out[:, i] = sum(w * x[at, i] for w, at in zip(weights, around, strict=True))
-    return out

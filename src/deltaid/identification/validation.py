@@ -1,20 +1,15 @@
 """Comparing a saved model with a recording that it has not seen."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from deltaid.errors import Doubt
+from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.loads import as_known
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.identification.windings import motors_of
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.recording.gears import Gears
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.recording import Recording, with_filter
-from deltaid.recording.repairs import Repairs
 
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.
@@ -109,52 +104,4 @@ def _likeliest(error: float) -> tuple[str, str, str]:
         "a part of it",
         "load, temperature or speeds are not those of the identification",
         "identify from both recordings, or record under the same conditions",
-    )
-
-
-def model_filtered(model: ModelLike, log: Log) -> Recording:
-    """A log that a model is compared with, filtered and put right as the model's own recordings.
-
-    Gains and lags are those of the drives, so any recording of them has the same: a lag that is
-    estimated anew for each comparison would hide a wrong model.
-
-    Raises:
-        RecordingError: the cut-off does not go with the log's rate, or the log is too short.
-    """
-    model = load(model)
-    if model.identified is None:
-        return with_filter(log)
-    sources = model.identified.sources
-    own = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
-    forced = model.identified.settings.cutoff is not None
-    if any(one.kind == "velocity" for one in model.identified.corrections):
-        log = replace(log, columns=replace(log.columns, velocity=(), acceleration=()))
-    recording = with_filter(log, own if forced or not log.has_derivatives else None)
-    repairs = _repairs(model, log)
-    return replace(recording, repairs=replace(repairs, gears=_gears(model, recording)))
-
-
-def _gears(model: Model, recording: Recording) -> Gears | None:
-    """Those of the model that wind up, for a recording that is filtered."""
-    corrections = model.identified.corrections if model.identified else ()
-    found = {one.subject: one.value for one in corrections if one.kind == "compliance"}
-    if not found or recording.low_pass is None:
-        return None
-    motors = motors_of(model.robot, model.p, recording.low_pass.cutoff, recording.log.rate)
-    return replace(motors, compliance=tuple(found.get(d) or 0.0 for d in model.robot.drives))
-
-
-def _repairs(model: Model, log: Log) -> Repairs:
-    """What was found wrong with the model's drives, and is with any recording of them.
-
-    Lags are those of the very recording, if the model comes from it, else their mean.
-    """
-    gains = model.gains
-    sources = model.identified.sources if model.identified else ()
-    own = [one for one in sources if one.sha256 == log.sha256] or sources
-    delays = [one.delay or (0.0,) * len(gains) for one in own]
-    delay = tuple(np.mean(delays, axis=0).tolist()) if delays else ()
-    return Repairs(
-        gain=tuple(gains.tolist()) if np.any(gains != 1.0) else (),
-        delay=delay if any(delay) else (),
     )

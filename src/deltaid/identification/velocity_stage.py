@@ -85,6 +85,7 @@ def late_rate(recording: Recording, kinematics: Kinematics) -> RateLag | None:
     cutoff = recording.cutoff or recording.log.suggested_cutoff
     if cutoff is None:
         return None
+    recording = recording.brief
     try:
         recorded, derived = recording.changed(cutoff), without_rates(recording, cutoff)
     except RecordingError:

@@ -14,9 +14,9 @@ stated that prior is. The s of largest evidence log N(b; K p_prior, C) explain t
     twice the gain of log evidence = κ q² / (1 + κ a) − log(1 + κ a)
 
 which is largest at 1 + κ a = q²/a, so entries are taken one by one while one gains enough (as in
-Tipping and Faul 2003), or all of a body together, which may be of another density or size than
-described. A sum that is off may be so by any of its terms; of those that gain nearly the same, the
-one that needs the least widening is taken.
+Tipping and Faul 2003), or all of a body together, which may be of another density than described,
+or its moments of inertia, as it may be of another size. A sum that is off may be so by any of its
+terms; of those that gain nearly the same, the one that needs the least widening is taken.
 
 Friction is not asked: it shows by itself, and no prior bends it.
 """
@@ -68,7 +68,7 @@ class Evidence:
 
     Attributes:
         names: of the entries of p whose priors may be widened.
-        bodies: which of them belong to one body.
+        bodies: which of them belong to one body, and which are moments of inertia of one.
         rows: r of all entries of p that x can change; those of `names` come first.
         columns: K A.
         d: b − K p_prior.
@@ -86,17 +86,10 @@ class Evidence:
         """Entries whose prior the recording contradicts, with the factor of its spread."""
         s = np.ones(len(self.rows))
         for _ in range(_STEPS):
-            entries = self._entries(s)
-            best = max((one.gain for one in entries), default=0.0)
-            chosen = min(
-                (one for one in entries if one.gain >= best - _CLOSE),
-                key=lambda one: one.factor,
-                default=None,
-            )
-            body = max(self._bodies(s), key=lambda one: one.gain, default=None)
-            if body is not None and body.gain >= max(_SIGNIFICANT, best - _LIKELIER):
-                chosen = body
-            if chosen is None or max(best, chosen.gain) < _SIGNIFICANT:
+            entry, body = _least(self._entries(s)), _least(self._bodies(s))
+            alone = entry.gain - _LIKELIER if entry else 0.0
+            chosen = body if body and body.gain >= max(_SIGNIFICANT, alone) else entry
+            if chosen is None or chosen.gain < _SIGNIFICANT:
                 break
             s[chosen.at] = np.maximum(s[chosen.at], chosen.factor)
         return {name: float(s[j]) for j, name in enumerate(self.names) if s[j] > 1}
@@ -138,20 +131,29 @@ class Evidence:
         return [_Wider([j], float(wider[j]), float(gain[j])) for j in range(count)]
 
     def _bodies(self, s: Factors) -> list[_Wider]:
-        """All entries of a body alike, with the best factor of some."""
-        now, tried = self._value(s), list[_Wider]()
+        """Entries of a body alike, with the best factor of some."""
+        now, found = self._value(s), list[_Wider]()
         for at in self.bodies:
+            tried = list[_Wider]()
             for factor in _TRIED:
                 wider = s.copy()
                 wider[at] = np.maximum(s[at], factor)
                 tried.append(_Wider(at, factor, self._value(wider) - now))
-        return tried
+            found.append(max(tried, key=lambda one: one.gain))
+        return found
 
     def _value(self, s: Factors) -> float:
         """Twice the logarithm of the evidence, but for a constant."""
         L, size = _cholesky(self._covariance(s)[0])
         left = solve_triangular(L, self.d / size, lower=True)
         return float(-left @ left - 2 * np.log(size * np.diag(L)).sum())
+
+
+def _least(found: Sequence[_Wider]) -> _Wider | None:
+    """Of those that gain nearly the most, the one that needs the least widening."""
+    best = max((one.gain for one in found), default=0.0)
+    close = (one for one in found if one.gain >= best - _CLOSE)
+    return min(close, key=lambda one: one.factor, default=None)
 
 
 def _cholesky(
@@ -180,13 +182,15 @@ def evidence(
     half = inverse(estimate.noise.root)
     size = np.linalg.norm(half, axis=1)
     half *= (deviations / size)[:, None]
-    owners: dict[str, list[int]] = {}
+    groups: dict[tuple[str, str], list[int]] = {}
     for j, i in enumerate(changed[asked]):
         if parameters[i].kind == "inertia":
-            owners.setdefault(parameters[i].owner, []).append(j)
+            groups.setdefault((parameters[i].owner, ""), []).append(j)
+            if parameters[i].symbol.startswith("I"):
+                groups.setdefault((parameters[i].owner, "I"), []).append(j)
     return Evidence(
         tuple(parameters[i].name for i in changed[asked]),
-        tuple(owners.values()),
+        tuple(groups.values()),
         A[order] / scale[order][:, None],
         K @ A,
         estimate.values - K @ reduction.p_reg,
@@ -220,7 +224,9 @@ def _told(
     factors = {widened[name] for name in names}
     priors = ", ".join(f"{name} {widened[name]:.2g} times" for name in names)
     if len(names) > 2 and len(factors) == 1:
-        priors = f"those of {owner} {factors.pop():.2g} times"
+        second = all(name.startswith(f"{owner}.I") for name in names)
+        whose = f"the moments of inertia of {owner}" if second else owner
+        priors = f"those of {whose} {factors.pop():.2g} times"
     text = (
         f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
         f"{estimate.interval[k]:.2g} {unit}, the description {estimate.values[k] - found.d[k]:.3g} "

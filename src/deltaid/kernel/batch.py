@@ -23,6 +23,8 @@ from deltaid.parallel import cores
 # Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
 # and no power of two, because rows a power of two apart fight for the same lines of it.
 BLOCK = 2000
+# Blocks that are worth a thread of their own.
+_SHARE = 8
 
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 
@@ -79,7 +81,7 @@ class BatchKernel:
             raise ValueError(f"the kernel has {self.n_in} inputs, not {x.shape[0]}")
         out = np.empty((self.n_out, x.shape[1]))
         starts = range(0, x.shape[1], BLOCK)
-        workers = min(threads or cores(), len(starts))
+        workers = min(threads or cores(), len(starts) if threads else len(starts) // _SHARE)
         if workers <= 1:
             self._blocks(x, shared, out, starts)
         else:

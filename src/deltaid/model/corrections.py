@@ -11,6 +11,7 @@ Kind = Literal[
     "lag",
     "load",
     "contact",
+    "backlash",
     "friction",
     "temperature",
     "gain",

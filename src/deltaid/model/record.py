@@ -68,18 +68,20 @@ class Settings(Part):
 
 
 class Share(Part):
-    """What a variance comes from: noise of the recording, the prior, the robot's geometry.
+    """What an interval comes from: noise of the recording, the prior, the robot's geometry, and
+    what torques do not show, which ends where bodies would no longer be possible.
 
-    Shares of one.
+    Shares of its squared width, together one.
     """
 
     noise: Annotated[float, Field(ge=0, le=1)]
     prior: Annotated[float, Field(ge=0, le=1)]
     geometry: Annotated[float, Field(ge=0, le=1)]
+    unseen: Annotated[float, Field(ge=0, le=1)] = 0.0
 
     @classmethod
     def of(cls, shares: Float[np.ndarray, " 3"]) -> "Share":
-        """From an array."""
+        """From those of noise, prior and geometry, where a prior ends what is not shown."""
         noise, prior, geometry = (float(share) for share in shares)
         return cls(noise=noise, prior=prior, geometry=geometry)
 

@@ -38,9 +38,6 @@ LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
 # The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band
 # attenuation [dB] of the filter that leads there.
 _BETWEEN, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 120.0
-# Outputs of a filter that one row of a matrix product gives, and numbers that it takes in at once:
-# few enough to stay in the cache.
-_OUTPUTS, _CHUNK = 16, 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,61 +236,3 @@ def _sinc(taps: int, beta: float, cutoff: float) -> Float[np.ndarray, " taps"]:
     n = np.arange(taps) - taps // 2
     h = np.sinc(2 * cutoff * n) * np.kaiser(taps, beta)
     return h / h.sum()
-
-
-def apply(
-    taps: Float[np.ndarray, " taps"],
-    x: Float[np.ndarray, "channels samples"],
-    decimation: int = 1,
-) -> Float[np.ndarray, "channels kept"]:
-    """Convolve each channel where the filter fits entirely; keep every `decimation`-th sample."""
-    return convolve(taps[None], x, decimation)[0]
-
-
-def convolve(
-    taps: Float[np.ndarray, "filters taps"],
-    x: Float[np.ndarray, "channels samples"],
-    decimation: int = 1,
-) -> Float[np.ndarray, "filters channels kept"]:
-    """Convolve each channel with several filters of equal length, as `apply` does with one.
-
-    Some neighbouring outputs of all filters are one banded matrix times the samples under them, so
-    nearly all work is a matrix product, an order of magnitude faster than a loop over taps.
-    """
-    filters, length = taps.shape
-    channels, samples = x.shape
-    kept = max(0, -(-(samples - length + 1) // decimation))
-    span = (_OUTPUTS - 1) * decimation + length
-    band = _band(taps, decimation, span)
-    step = _OUTPUTS * decimation
-    blocks = -(-kept // _OUTPUTS)
-    padded = np.zeros((channels, span))  # the samples under the last block, as far as there are
-    end = x[:, (blocks - 1) * step :] if blocks else padded[:, :0]
-    padded[:, : min(end.shape[1], span)] = end[:, :span]
-    out = np.empty((filters, channels, blocks * _OUTPUTS))
-
-    def fill(start: int, under: Float[np.ndarray, "channels blocks span"]) -> None:
-        product = np.ascontiguousarray(under).reshape(-1, span) @ band
-        shaped = product.reshape(channels, -1, filters, _OUTPUTS).transpose(2, 0, 1, 3)
-        width = under.shape[1] * _OUTPUTS
-        out[:, :, start * _OUTPUTS :][:, :, :width] = shaped.reshape(filters, channels, width)
-
-    if blocks > 1:
-        under = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)[:, ::step]
-        at_once = max(1, _CHUNK // (channels * span))
-        for start in range(0, blocks - 1, at_once):
-            fill(start, under[:, start : min(start + at_once, blocks - 1)])
-    if blocks:
-        fill(blocks - 1, padded[:, None])
-    return out[:, :, :kept]
-
-
-def _band(
-    taps: Float[np.ndarray, "filters taps"], decimation: int, span: int
-) -> Float[np.ndarray, "span outputs"]:
-    """The matrix of a block: column k of a filter holds its taps, reversed, k·decimation down."""
-    filters, length = taps.shape
-    band = np.zeros((span, filters, _OUTPUTS))
-    column = np.arange(_OUTPUTS)
-    band[column * decimation + np.arange(length)[:, None], :, column] = taps[:, ::-1].T[:, None]
-    return band.reshape(span, -1)

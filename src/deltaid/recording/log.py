@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
 from deltaid.recording.columns import Columns, extra_drives, resolve_columns
+from deltaid.recording.excerpt import Excerpt
+from deltaid.recording.kept import Kept
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.masks.masks import Mask, Weights, require_rest
 from deltaid.recording.masks.runs import runs_of
@@ -55,6 +57,8 @@ class Log:
         masks: what is left out of it; without any where all is kept.
         keep_all: whether nothing is to be left out.
         warnings: what is doubtful, with rows and columns.
+        kept: its rows as they were read; None if they are too many.
+        held: what is read in the place of its rows; None for these.
     """
 
     table: Table
@@ -70,6 +74,8 @@ class Log:
     masks: tuple[Mask, ...]
     keep_all: bool
     warnings: tuple[Doubt, ...]
+    kept: Kept | None = field(default=None, compare=False)
+    held: Excerpt | None = field(default=None, compare=False)
 
     @property
     def path(self) -> Path:
@@ -125,9 +131,12 @@ class Log:
         weights = Weights(self.masks, len(self.columns.torque))
         stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, motion = 0, self.columns.motion_places
-        for batch in bridged(read_batches(self.table, self.columns), stale, motion):
+        for batch in bridged(self._read(), stale, motion):
             yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
             row += len(batch.values)
+
+    def _read(self) -> Iterator[Batch]:
+        return self.kept.read(self.columns) if self.kept else read_batches(self.table, self.columns)
 
     def segments(self, cutoff: float | None) -> Iterator[Iterator[Float[np.ndarray, "_ _"]]]:
         """The samples of each segment, evenly spaced, in blocks; columns as in `batches`.
@@ -135,6 +144,8 @@ class Log:
         Args:
             cutoff: what is filtered away later [Hz]; shorter holes are bridged.
         """
+        if self.held is not None:
+            return self.held.segments(self.columns)
         rows = (batch.values for batch in self.batches())
         weights, held = len(self.columns.torque), len(self.columns.extra)
         return segments(rows, self.laid, self.bridged(cutoff), weights, held)
@@ -204,8 +215,9 @@ def open_log(
         )
     with ThreadPoolExecutor(1) as beside:
         digest = beside.submit(table.checksum, [one.column for one in columns.recorded])
-        unwrapping = Unwrapping(columns)
-        for seen in ordered(survey.look, read_batches(table, columns, unwrapping)):
+        unwrapping, kept = Unwrapping(columns), Kept(columns)
+        batches = kept.taking(read_batches(table, columns, unwrapping))
+        for seen in ordered(survey.look, batches):
             survey.add(seen)
         survey.warnings += unwrapping.told(table)
         clock = _clock(survey)
@@ -226,6 +238,7 @@ def open_log(
         masks=masks,
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
+        kept=kept if kept.whole else None,
     )
     return _with_cutoff_between_stops(log)
 

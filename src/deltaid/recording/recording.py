@@ -12,6 +12,7 @@ from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.burden import Burden
+from deltaid.recording.excerpt import Excerpt, excerpt
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log, open_log
 from deltaid.recording.mapping import ColumnMappings, mapping_each
@@ -24,6 +25,8 @@ from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")
+# Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
+_FEW = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +37,16 @@ class Recording:
         log: the file and what its survey found.
         low_pass: its filter; None if velocities and accelerations are taken as recorded.
         repairs: what is put right in its rows.
+        excerpt: stretches that stand for all of it; None before they have been read.
+        watch: sees every window that is worked on.
         every: of its windows each so-manieth is worked on.
     """
 
     log: Log
     low_pass: LowPass | None
     repairs: Repairs = field(default_factory=Repairs)
+    excerpt: Excerpt | None = None
+    watch: Callable[[Window], None] | None = None
     every: int = 1
 
     @property
@@ -73,8 +80,22 @@ class Recording:
         shortest = reach(self.low_pass) + 1 if self.low_pass else 1
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), shortest)
 
+    def excerpted(self) -> "Recording":
+        """The same with an excerpt, for which it is read once."""
+        log = self.log
+        segments = log.segments(self.motion_cutoff)
+        found = excerpt(segments, log.columns, log.samples, log.rate, self.low_pass)
+        return replace(self, excerpt=found)
+
+    @property
+    def brief(self) -> "Recording":
+        """Its excerpt as a recording; all of it, where it has none."""
+        if self.excerpt is None:
+            return self
+        return replace(self, log=replace(self.log, held=self.excerpt), watch=None)
+
     def sparser(self, windows: int) -> "Recording":
-        """The same with about so many of its windows at most, evenly spread."""
+        """The same with no fewer than so many of its windows, evenly spread, and few more."""
         return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
 
     def evaluate(
@@ -86,7 +107,10 @@ class Recording:
         """
 
         def done(uncut: Uncut) -> _Result:
-            return work(uncut.window())
+            window = uncut.window()
+            if self.watch is not None:
+                self.watch(window)
+            return work(window)
 
         return ordered(done, islice(self._uncut(kinematics), None, None, self.every))
 
@@ -118,11 +142,27 @@ class Recording:
         Raises:
             RecordingError: the log is too short, or the cut-off does not go with its rate.
         """
-        return replace(with_filter(replace(self.log, **log), cutoff), repairs=self.repairs)
+        found = with_filter(replace(self.log, **log), cutoff)
+        return replace(found, repairs=self.repairs, excerpt=self.excerpt)
 
     def windows(self, kinematics: Kinematics) -> Iterator[Window]:
         """All samples, window by window."""
         return self.evaluate(kinematics, lambda window: window)
+
+    def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:
+        """As many rows as so many full windows have, in windows spread from the first to the last.
+
+        Gaps cut windows short, and it takes more of them then.
+        """
+        every, rows = list[Uncut](), 0
+        for one in self._uncut(kinematics):
+            every.append(one)
+            rows += one.samples
+            if rows >= _FEW * WINDOW:
+                break
+        count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))
+        chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
+        return ordered(Uncut.window, [every[k] for k in chosen] if every else [])
 
 
 def open_recordings(

@@ -52,6 +52,7 @@ class LeftSpan:
         reason: why it is left out, such as 'contact'.
         drives: whose torques do not count; all if empty.
         push: what acted on the platform, if anything did.
+        gear: the drive whose gear has play, if that is the reason.
     """
 
     first: float
@@ -59,6 +60,7 @@ class LeftSpan:
     reason: str
     drives: tuple[int, ...] = ()
     push: Push | None = None
+    gear: int | None = None
 
 
 @dataclass(frozen=True)

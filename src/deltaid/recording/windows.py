@@ -12,7 +12,8 @@ from jaxtyping import Float, Int, Shaped
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.burden import Burden
 from deltaid.recording.columns import Columns
-from deltaid.recording.filter import LowPass, apply, convolve
+from deltaid.recording.convolution import apply, convolve
+from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.table import recut
 
@@ -56,12 +57,22 @@ class Samples:
         m τ = m Y p holds sample by sample, so what is to be left out is left out here, at the full
         rate, before a filter spreads it.
         """
-        part = np.flatnonzero((self.weights != 1.0).any(axis=1))
+        part = self._weighted_in_part
         if not part.size:
             return values
         result = values.copy()
         result[:, part] *= self.weights[part].T[drives]
         return result
+
+    def weigh(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
+        """The same in place, of channels that nobody else holds."""
+        part = self._weighted_in_part
+        values[:, part] *= self.weights[part].T[drives]
+        return values
+
+    @property
+    def _weighted_in_part(self) -> Int[np.ndarray, " part"]:
+        return np.flatnonzero((self.weights != 1.0).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +108,12 @@ class Window:
         parts = [self._led(of(part)) for part in self._parts()]
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
+
+    def thinned_out(self, x: Float[np.ndarray, "channels wide"]) -> Values:
+        """The low-pass over something computed from `wide`, thinned as `filtered` does it."""
+        if self.low_pass is None:
+            return x
+        return apply(self.low_pass.smooth, self._led(x), self.low_pass.decimation)
 
     def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
         """The low-pass over something computed from `wide`, at every `stride`-th own sample."""

@@ -43,7 +43,8 @@ def _size(one: Correction) -> str:
     """Value, interval and unit."""
     if one.value is None:
         return ""
-    scale, unit = _SMALLER.get(one.unit, (1.0, one.unit))
+    small = abs(one.value) < 1
+    scale, unit = _SMALLER.get(one.unit, (1.0, one.unit)) if small else (1.0, one.unit)
     if one.low is None or one.high is None:
         return f"{number(scale * one.value)} {unit}".rstrip()
     value, half = with_uncertainty(scale * one.value, 0.5 * scale * (one.high - one.low))

@@ -13,6 +13,7 @@ from deltaid.report.force_rows import places, tables, what_is_open
 from deltaid.report.numbers import number
 from deltaid.report.page import Fact, Figure, Page, Section, Text
 from deltaid.report.provenance import provenance_section
+from deltaid.report.put_right_section import put_right_sections
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
@@ -55,6 +56,7 @@ def forces_page(
         sections=(
             Section("Along the struts", (_over_time(forces, envelope),)),
             Section("Worst cases", (*found, Text(f"{what_is_open(study)}."))),
+            *put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),
         warnings=(forces.note,) if forces.note else (),

@@ -20,6 +20,7 @@ from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import file_names, provenance_section
+from deltaid.report.put_right_section import put_right_sections
 from deltaid.report.torques import torque_blocks
 from deltaid.robot.description import RobotDescription
 
@@ -60,6 +61,7 @@ def identification_page(result: Identification, verification: Verification | Non
         subtitle=f"Dynamic model identified from {file_names(model)}{verified}",
         facts=(*_error_facts(model, verification), *_fit_facts(model)),
         sections=(
+            *put_right_sections(model),
             *sections,
             motion_section(dynamics, recordings[0]),
             parameter_section(model),

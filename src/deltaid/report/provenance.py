@@ -2,16 +2,9 @@
 
 from deltaid.model.model import Model
 from deltaid.model.record import IdentifiedModel
-from deltaid.report.corrections import correction_table
-from deltaid.report.events import event_table
-from deltaid.report.left_out import left_out_table
-from deltaid.report.loads import load_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Section, Table, Text
 from deltaid.robot.description import RobotDescription
-
-# Events that a page lists.
-_EVENTS = 200
 
 
 def provenance_section(model: Model, title: str) -> Section:
@@ -19,14 +12,7 @@ def provenance_section(model: Model, title: str) -> Section:
     known = model.identified
     if known is None:
         return Section(title, (Text(f"Parameters: {model.origin}."), *_origins(model.robot)))
-    left_out = left_out_table((source.log, source.left_out) for source in known.sources)
-    corrections = correction_table(known.corrections)
-    events = event_table(((source.log, source.events) for source in known.sources), _EVENTS)
-    loads = load_table(known.loads)
-    listed = (corrections, loads, events, left_out)
-    optional = tuple(table for table in listed if table is not None)
-    tables = (_sources(known), *optional, _fit(known))
-    return Section(title, (*tables, _settings(known), *_origins(model.robot)))
+    return Section(title, (_sources(known), _fit(known), _settings(known), *_origins(model.robot)))
 
 
 def file_names(model: IdentifiedModel) -> str:

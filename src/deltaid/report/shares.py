@@ -1,4 +1,4 @@
-"""What intervals come from: the recording's noise, the prior, the robot's geometry."""
+"""What intervals come from: noise, the prior, geometry, or what torques do not show."""
 
 from collections.abc import Sequence
 
@@ -7,13 +7,13 @@ import numpy as np
 from deltaid.model.record import IdentifiedModel, Parameter, Share
 from deltaid.report.table import Table
 
-_SOURCES = ("noise", "prior", "geometry")
-# A source that makes so much of a variance decides it.
+_SOURCES = ("noise", "prior", "geometry", "not shown")
+# A source that makes so much of an interval decides it.
 _DECIDES = 0.5
 
 
 def share_table(model: IdentifiedModel) -> Table | None:
-    """Shares of the variance of all parameters that the data decided, and of base parameters.
+    """Shares of the intervals of all parameters that the data decided, and of base parameters.
 
     None for a model of an earlier version, which does not know them.
     """
@@ -25,10 +25,11 @@ def share_table(model: IdentifiedModel) -> Table | None:
     return Table(
         ("interval of", *_SOURCES),
         rows,
-        "How much of the variance behind each interval comes from the noise of the recordings, "
-        "from how far the prior may be off, and from lengths, zeros of drives and mounting within "
-        "their tolerances. Longer recordings shrink the first only. Base parameters have no prior; "
-        "each is named by its first term.",
+        "How much of each interval, by its squared width, comes from the noise of the recordings, "
+        "from how far the prior may be off, from lengths, zeros of drives and mounting within "
+        "their tolerances, and from what torques do not show: there it ends where a body would no "
+        "longer be possible. Longer recordings shrink the first only. Base parameters have noise "
+        "and geometry alone; each is named by its first term.",
     )
 
 
@@ -41,7 +42,7 @@ def shares_sentence(model: IdentifiedModel) -> str:
     told = ", ".join(f"{100 * x:.0f} % {name}" for x, name in zip(middle, _SOURCES, strict=True))
     most = [name for name, share in parts if share.geometry > _DECIDES]
     rest = f"; mostly geometry: {', '.join(most)}" if most else ""
-    return f"variance behind the intervals in the mean: {told}{rest}"
+    return f"intervals come in the mean from: {told}{rest}"
 
 
 def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:
@@ -49,7 +50,7 @@ def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:
 
 
 def _numbers(share: Share) -> list[float]:
-    return [share.noise, share.prior, share.geometry]
+    return [share.noise, share.prior, share.geometry, share.unseen]
 
 
 def _percents(share: Share) -> list[str]:

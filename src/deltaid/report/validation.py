@@ -15,6 +15,7 @@ from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import provenance_section
+from deltaid.report.put_right_section import put_right_sections
 
 
 def validation_page(model: ModelLike, recording: Recording, error: TorqueError) -> Page:
@@ -44,6 +45,7 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
             motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
             *(_parameters(known) if known else ()),
+            *put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),
         warnings=(

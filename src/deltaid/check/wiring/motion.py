@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.check.evidence import Rows
+from deltaid.recording.convolution import apply
 from deltaid.recording.filter import (
     HIGHEST,
     LOWEST_CUTOFF,
     LowPass,
-    apply,
     design_low_pass,
     samples_needed,
 )

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
-from deltaid.recording.filter import apply
+from deltaid.recording.convolution import apply
 
 _BLOCKS = 16
 # A drive that moves less than this share of the liveliest one tells nothing.

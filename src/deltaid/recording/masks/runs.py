@@ -48,15 +48,23 @@ def without(runs: Runs, others: Runs) -> Runs:
 def rolling(
     x: Float[np.ndarray, "rows channels"], length: int
 ) -> tuple[Float[np.ndarray, "windows channels"], Float[np.ndarray, "windows channels"]]:
-    """Least and largest value in every window of `length` rows (van Herk and Gil–Werman)."""
-    blocks = -(-len(x) // length)
-    padded = np.concatenate([x, np.repeat(x[-1:], blocks * length - len(x), axis=0)])
-    shaped = padded.reshape(blocks, length, -1)
-    windows = len(x) - length + 1
+    """Least and largest value in every window of `length` rows."""
+    return _extremes(np.minimum, x, length), _extremes(np.maximum, x, length)
 
-    def both(extreme: np.ufunc) -> Float[np.ndarray, "windows channels"]:
-        before = extreme.accumulate(shaped, axis=1).reshape(padded.shape)
-        after = extreme.accumulate(shaped[:, ::-1], axis=1)[:, ::-1].reshape(padded.shape)
-        return extreme(after[:windows], before[length - 1 : length - 1 + windows])
 
-    return both(np.minimum), both(np.maximum)
+def least_about(
+    x: Float[np.ndarray, "rows channels"], reach: int
+) -> Float[np.ndarray, "rows channels"]:
+    """Least value within `reach` rows to either side; zero beyond the ends."""
+    return _extremes(np.minimum, np.pad(x, ((reach, reach), (0, 0))), 2 * reach + 1)
+
+
+def _extremes(
+    extreme: np.ufunc, x: Float[np.ndarray, "rows channels"], length: int
+) -> Float[np.ndarray, "windows channels"]:
+    """Those of windows of `length` rows, from those of half as many."""
+    found, size = x, 1
+    while size < length:
+        step = min(size, length - size)
+        found, size = extreme(found[:-step], found[step:]), size + step
+    return found

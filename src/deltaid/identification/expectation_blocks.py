@@ -1,0 +1,186 @@
+"""Means over short blocks of time, fitted by iteratively reweighted least squares.
+
+Tukey's biweight gives no weight at all to what is far off. The residual is judged by its leverage,
+r / √(1 − h), or a sample that the fit has followed would look good.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import solve_triangular
+
+from deltaid.identification.expectation_source import Source
+from deltaid.identification.slack import Slack, joint_rates
+from deltaid.recording.windows import Samples
+from deltaid.robot.parameter import Parameter
+
+# Blocks in the fit, at most.
+_BLOCKS = 1500
+# Sweeps: with Huber's weights, then with Tukey's, at most; and the constants of both.
+_CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
+# How the prior pulls in the first sweep, with the usual torque as noise; leverage that a row
+# has at most is 1 less this.
+_START, _LEAST = 0.1, 0.05
+# The largest change of the scales between sweeps that have settled.
+_SETTLED = 1e-3
+# Share of the samples below a drive's usual torque and speed; no residual is taken to be known
+# better than this share of that torque.
+_LARGE, FLOOR = 0.9, 1e-3
+# The deviation of a normal distribution for its median size.
+_NORMAL = 1.4826
+# Priors are drawn to with so many of their standard deviations, or with what makes this share of
+# the usual torque.
+_PRIOR, _EFFECT = 4.0, 0.1
+# Speeds, in equal parts of the blocks, whose scatter is looked at apart, each of so many at least.
+_SPEEDS, _FEWEST = 8, 4
+
+
+def deviation(x: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, " drives"]:
+    """Standard deviation of each drive's values by their median size, without those that are NaN;
+    zero where none is left."""
+    sizes = (np.abs(row[np.isfinite(row)]) for row in x)
+    return np.array([_NORMAL * np.median(row) if row.size else 0.0 for row in sizes])
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Means over short blocks of time.
+
+    Attributes:
+        Y, rise: active columns of the regressor, and their rise [1/s].
+        friction: columns of the slack.
+        tau, speed: recorded torques, and speeds of the drives.
+        counts: which of a drive's blocks do.
+    """
+
+    slack: Slack
+    Y: Float[np.ndarray, "dof blocks columns"]
+    rise: Float[np.ndarray, "dof blocks columns"]
+    friction: Float[np.ndarray, "dof further blocks"]
+    tau: Float[np.ndarray, "dof blocks"]
+    speed: Float[np.ndarray, "dof blocks"]
+    counts: Bool[np.ndarray, "dof blocks"]
+
+    @property
+    def tells(self) -> bool:
+        """Whether some drive has enough blocks that count."""
+        return bool(np.any(self.counts.sum(axis=1) >= _FEWEST * _SPEEDS))
+
+    def torque_columns(self, p: np.ndarray) -> Float[np.ndarray, "dof further blocks"]:
+        """Columns of the slack that follow from the torques of parameters p."""
+        return self.slack.of_torque(self.Y @ p, self.rise @ p, self.speed)
+
+
+def blocks_of(source: Source, parts: Sequence[Samples], size: int) -> Blocks:
+    """Blocks of so many samples from all parts, evenly thinned where there are many."""
+    kinematics = source.dynamics.kinematics
+    speed = _usual([joint_rates(kinematics, w)[0] for w in parts])
+    slack = Slack(kinematics, speed, _usual([w.tau for w in parts]))
+    every = max(1, sum(len(w.time) // size for w in parts) // _BLOCKS)
+    made = [_of_part(source, w, size, every, slack) for w in parts]
+    axes = (1, 1, 2, 1, 1, 1)
+    return Blocks(
+        slack, *(np.concatenate([one[k] for one in made], axis=axis) for k, axis in enumerate(axes))
+    )
+
+
+def _usual(parts: Sequence[np.ndarray]) -> Float[np.ndarray, " channels"]:
+    """A large size of each channel that is not the push of an event; 1 where all are zero."""
+    size = np.quantile(np.abs(np.concatenate(parts)), _LARGE, axis=0)
+    return np.where(size > 0, size, 1.0)
+
+
+def _of_part(
+    source: Source, w: Samples, size: int, every: int, slack: Slack
+) -> tuple[np.ndarray, ...]:
+    """Blocks of one window: Y, its rise, friction, τ, speeds, and which count."""
+    count = len(w.time) // size
+    w = w.part(slice(0, count * size))
+    rows, at = source.pattern
+
+    def cut(x: np.ndarray) -> np.ndarray:
+        return x.reshape(*x.shape[:-1], count, size)[..., ::every, :]
+
+    values, counted = cut(source.entries(w)), cut(source.counts(w).astype(float))
+    sums = counted.sum(axis=-1)
+    share = counted / np.maximum(sums, 1.0)[..., None]
+    Y = np.zeros((source.dynamics.dof, values.shape[1], len(source.active)))
+    rise = np.zeros_like(Y)
+    Y[rows, :, at] = np.einsum("ebs,ebs->eb", values, share[rows])
+    rise[rows, :, at] = (values[..., -1] - values[..., 0]) * (
+        source.recording.log.rate / max(1, size - 1)
+    )
+    friction = np.einsum("dcbs,dbs->dcb", cut(slack.friction(w)), share)
+    tau = np.einsum("dbs,dbs->db", cut(w.tau.T), share)
+    return Y, rise, friction, tau, cut(w.qd.T).mean(axis=-1), sums > 0.5 * size
+
+
+def fitted(b: Blocks, parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
+    """p, coefficients of friction and of torque, and scatter, by reweighted least squares."""
+    dof, torque, columns = len(b.tau), b.slack.torque, b.Y.shape[2]
+    prior = np.array([one.prior for one in parameters])
+    spread = _PRIOR * np.array([one.std for one in parameters])
+    effect = np.sqrt(np.mean((b.Y / torque[:, None, None]) ** 2, axis=(0, 1)))
+    spread = np.maximum(spread, _EFFECT / np.where(effect > 0, effect, np.inf))
+    spread = np.append(spread, b.slack.deviations)
+    target, p, x = b.tau - b.Y @ prior, prior, np.zeros(len(spread))
+    weights, scale = b.counts.astype(float), np.full(dof, np.nan)
+    root = weights / torque[:, None]
+    for sweep in range(_SWEEPS):
+        further = np.concatenate([b.friction, b.torque_columns(p)], axis=1)
+        A = np.concatenate([b.Y, np.moveaxis(further, 1, 2)], axis=2) * spread
+        y, h = _ridge(A, target, root, 1.0 if sweep else _START)
+        x = spread * y
+        p = prior + x[:columns]
+        judged = (target - A @ y) / np.sqrt(np.maximum(1.0 - h, _LEAST))
+        before, scale = scale, deviation(np.where(b.counts, judged, np.nan))
+        scale = np.maximum(scale, FLOOR * torque)
+        size = np.abs(judged) / scale[:, None]
+        if sweep < _CONVEX:
+            weights = b.counts * np.minimum(1.0, _HUBER / np.maximum(size, _HUBER))
+        else:
+            weights = b.counts * np.clip(1.0 - (size / _TUKEY) ** 2, 0.0, None) ** 2
+        root = np.sqrt(weights) / scale[:, None]
+        if sweep > _CONVEX and np.all(np.abs(scale - before) <= _SETTLED * scale):
+            break
+    friction = columns + b.friction.shape[1]
+    return p, x[columns:friction], x[friction:], scale
+
+
+def _ridge(
+    A: Float[np.ndarray, "dof blocks columns"],
+    target: Float[np.ndarray, "dof blocks"],
+    root: Float[np.ndarray, "dof blocks"],
+    pull: float,
+) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, "dof blocks"]]:
+    """y of min ‖root (A y − target)‖² + pull² ‖y‖², and the leverage h of each row."""
+    n = A.shape[2]
+    rows = (A * root[..., None]).reshape(-1, n)
+    R = np.linalg.qr(np.vstack([rows, pull * np.eye(n)]), mode="r")
+    on_axes = solve_triangular(R, rows.T, trans="T")
+    y = solve_triangular(R, on_axes @ (target * root).ravel())
+    return y, np.sum(on_axes**2, axis=0).reshape(target.shape)
+
+
+def by_speed(
+    b: Blocks, left: Float[np.ndarray, "dof blocks"], scale: Float[np.ndarray, " dof"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of ranges of speed, and scatter in each, no less than that of all.
+
+    What scatters more at some speeds is friction, and no event stands out there. Of a drive of
+    which next to nothing counts, none does.
+    """
+    ends, scales = [], []
+    for one, speed, counts, whole in zip(left, np.abs(b.speed), b.counts, scale, strict=True):
+        if counts.sum() < _FEWEST * _SPEEDS:
+            ends.append(np.zeros(_SPEEDS - 1))
+            scales.append(np.full(_SPEEDS, np.inf))
+            continue
+        edges = np.quantile(speed[counts], np.linspace(0, 1, _SPEEDS + 1)[1:-1])
+        at = np.searchsorted(edges, speed)
+        own = [deviation(one[None, counts & (at == k)])[0] for k in range(_SPEEDS)]
+        ends.append(edges)
+        scales.append(np.maximum(own, whole))
+    return np.array(ends), np.array(scales)

@@ -1,0 +1,96 @@
+"""Stretches of a log in memory that stand for all of it, where no decision needs every row.
+
+What a recording lacks or has too much of (a lag, a law of friction, a gear that gives way) shows in
+a minute of it as in an hour. So a log is read once more for stretches that are spread evenly from
+its beginning to its end, and whoever has to look at rows again and again looks at these.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.columns import Columns
+from deltaid.recording.filter import LowPass
+from deltaid.recording.kept import places_among
+from deltaid.recording.windows import WINDOW, reach
+
+# So many stretches, of so many windows and seconds together; no more than so many windows.
+_STRETCHES, _WINDOWS, _SECONDS, _MOST = 4, 3, 24.0, 32
+# A stretch is so many times as long as the filter at least.
+_LONG = 8
+# A log that is no longer than so many times an excerpt is held as it is.
+_WHOLE = 2.0
+
+Rows = Float[np.ndarray, "_ _"]
+
+
+@dataclass(frozen=True, eq=False)
+class Excerpt:
+    """Evenly spaced rows of a log.
+
+    Attributes:
+        columns: what stands where, as in `Log.segments`; weights follow.
+        stretches: without a gap.
+        whole: whether they are all of it.
+    """
+
+    columns: Columns
+    stretches: tuple[Rows, ...]
+    whole: bool
+
+    def segments(self, columns: Columns) -> Iterator[Iterator[Rows]]:
+        """The stretches with some of their columns."""
+        places, own = places_among(self.columns, columns), len(self.columns.all)
+        for rows in self.stretches:
+            if places is not None:
+                rows = rows[:, [*places, *range(own, rows.shape[1])]]
+            yield iter((rows,))
+
+
+def excerpt(
+    segments: Iterable[Iterable[Rows]],
+    columns: Columns,
+    samples: int,
+    rate: float,
+    low_pass: LowPass | None,
+) -> Excerpt:
+    """Stretches of a log; of a short one all of it.
+
+    Args:
+        segments: of the log, one after the other.
+        columns: what stands where.
+        samples: how many rows there are.
+        rate: rows per second.
+        low_pass: the recording's filter, which takes its length off both ends of a stretch.
+    """
+    lost = reach(low_pass) if low_pass else 0
+    wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * rate)), _MOST * WINDOW)
+    count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
+    length = -(-wanted // count) + lost
+    if samples <= _WHOLE * count * length:
+        parts = (list(one) for one in segments)
+        return Excerpt(columns, tuple(np.concatenate(x) for x in parts if x), whole=True)
+    starts = np.linspace(0, samples - length, count).astype(int)
+    return Excerpt(columns, tuple(_cut(segments, starts.tolist(), length)), whole=False)
+
+
+def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int) -> Iterator[Rows]:
+    """Stretches from some rows on, shorter where a segment ends."""
+    row, waiting = 0, list(starts)
+    for segment in segments:
+        parts: list[Rows] = []
+        for rows in segment:
+            while waiting and rows.size:
+                first = waiting[0] - row
+                part = rows[max(0, first) : max(0, first + length)]
+                if len(part):
+                    parts.append(part.copy())
+                if first + length > len(rows):
+                    break
+                yield np.concatenate(parts)
+                parts, waiting = [], waiting[1:]
+            row += len(rows)
+        if parts:
+            yield np.concatenate(parts)
