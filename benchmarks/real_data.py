@@ -1,9 +1,9 @@
-"""A real axis from its MAT file, against the values of those who recorded it.
+"""A real axis from its MAT files, against the values of those who recorded it.
 
-    python benchmarks/real_data.py DATA_EMPS.mat
+    python benchmarks/real_data.py DATA_EMPS.mat DATA_EMPS_PULSES.mat
 
-Where the file comes from stands in docs/real_data.md. The robot, its Python file and the mapping
-are those of `examples/emps`.
+Where the files come from stands in docs/real_data.md. The robot, its Python file and the mapping
+are those of `examples/emps`; friction is as described there, for that is what the values are of.
 """
 
 import sys
@@ -23,17 +23,29 @@ REFERENCE = {
 }
 
 
-def main(log: Path) -> None:
-    """Identify the axis and compare."""
+def main(logs: list[Path]) -> None:
+    """Identify the axis from each log and compare."""
     deltaid.use_mechanism(EMPS / "mechanism.py")
+    rows = [row for log in logs for row in compared(log)]
+    leave(
+        ("recording", "parameter", "identified", "± (95 %)", "unit", "reference", "difference"),
+        rows,
+        "The EMPS axis, prior, mapping and friction law of `examples/emps`.",
+    )
+
+
+def compared(log: Path) -> list[tuple[str, ...]]:
+    """A row for each parameter that has a reference."""
     columns = deltaid.load_mapping(EMPS / "columns.yaml")
-    result = deltaid.identify(EMPS / "robot.yaml", log, columns=columns)
+    settings = deltaid.Settings(friction="described")
+    result = deltaid.identify(EMPS / "robot.yaml", log, columns=columns, settings=settings)
     found = {parameter.name: parameter for parameter in result.model.parameters}
     rows = []
     for name, reference in REFERENCE.items():
         one = found[name]
         rows.append(
             (
+                log.stem,
                 name,
                 f"{one.value:.4g}",
                 f"{0.5 * (one.high - one.low):.2g}",
@@ -42,15 +54,10 @@ def main(log: Path) -> None:
                 f"{100 * (one.value / reference - 1):+.2f} %",
             )
         )
-    samples = result.recordings[0].log.samples
-    leave(
-        ("parameter", "identified", "± (95 %)", "unit", "reference", "difference"),
-        rows,
-        f"The EMPS axis from {samples} samples, prior and mapping of `examples/emps`.",
-    )
+    return rows
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    if len(sys.argv) < 2:
         sys.exit(__doc__)
-    main(Path(sys.argv[1]))
+    main([Path(one) for one in sys.argv[1:]])

@@ -151,7 +151,7 @@ def more(row: str, own: Sequence[Result], ok: Sequence[Judged]) -> Iterable[str]
     curves = [share for one in ok for share in one.curves]
     if curves:
         yield f"friction curves' intervals hold {np.mean(curves):.0%}"
-    if row in ("clean", "homing", "poor-priors", "closed-loop"):
+    if row in ("clean", "homing", "poor-priors", "closed-loop", "unlogged"):
         yield f"intervals of bodies hold {share(ok, lambda one: one.bodies)}"
         yield f"of base parameters {share(ok, lambda one: one.base)}"
     refused = Counter(one.error for one in own if one.error)

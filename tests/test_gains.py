@@ -115,6 +115,25 @@ def test_without_a_known_load_torques_stay_as_they_are() -> None:
     assert gains(bare, lambda _: None) == bare or gains(bare, lambda _: None).additions == ()
 
 
+def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
+    dynamics, p = moving()
+    gain = np.array([1.06, 0.95, 1.02])
+    model = identify(dynamics.robot, table(1, gain, 0.0), settings=Settings(events=False)).model
+    common = np.exp(np.mean(np.log(gain)))
+    np.testing.assert_allclose(model.gains, gain / common, rtol=2e-3)
+    told = [one for one in model.corrections if one.kind == "gain"]
+    assert [one.subject for one in told] == list(dynamics.robot.drives)
+    for one, true in zip(told, gain / common, strict=True):
+        assert one.low is not None
+        assert one.high is not None
+        assert one.low < true < one.high
+        assert "taken to be right" in one.text
+    assert not [one for one in model.corrections if one.kind != "gain"]
+    q = np.zeros((1, 3))
+    ratio = dynamics.mass_matrix(q, model.p) / dynamics.mass_matrix(q, p)
+    np.testing.assert_allclose(np.diag(ratio[0]), 1 / common, rtol=3e-3)
+
+
 def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:
     dynamics, _ = moving()
     bare = setup(np.array([1.04, 1.04, 1.04]))

@@ -155,6 +155,8 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
     held = ColumnMapping(load=Load.model_validate({"column": "gripper"} | given))
     model = identify(robot()[0].robot, table(1, "cycles"), columns=held, settings=PLAIN).model
     (found,) = model.loads
+    (told,) = [one for one in model.corrections if one.kind == "load"]
+    assert ("its mass is known" in told.text) == (known != "tolerance")
     if known == "tolerance":
         assert found.mass.determined_by == "data"
         assert found.mass.value == pytest.approx(MASS, rel=0.01)
@@ -164,6 +166,16 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
         np.testing.assert_allclose(found.p[1:3], MASS * CENTRE[:2], rtol=0.1)
         assert found.p[6] == pytest.approx(body()[6], rel=0.05)
     assert mass_error(model) < 0.003
+
+
+def test_a_load_that_is_held_all_the_time_is_hardly_told_from_the_tool() -> None:
+    held = ColumnMapping(load=Load(always=True))
+    model = identify(robot()[0].robot, table(1, "always"), columns=held, settings=PLAIN).model
+    (told,) = [one for one in model.corrections if one.kind == "load"]
+    assert told.low is not None
+    assert told.high is not None
+    assert told.low < MASS < told.high
+    assert "hardly tell it from EE itself" in told.text
 
 
 def test_a_platform_shows_the_mass_only() -> None:

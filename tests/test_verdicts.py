@@ -16,10 +16,6 @@ from faults.shown import shown
 SEED = 8
 
 
-# A lag is told as well.
-OPEN = pytest.mark.xfail(reason="open: gaps beside a lag that is none")
-
-
 @cache
 def careful() -> Case:
     return clean(SEED, "linear-delta")
@@ -31,7 +27,7 @@ def careful() -> Case:
         "torque-sign",
         "torque-lag",
         "stribeck",
-        pytest.param("clock-gaps", marks=OPEN),
+        "clock-gaps",
         "torque-limit",
     ],
 )

@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.motion import motion
@@ -180,6 +181,23 @@ def test_tilt() -> None:
     assert "out of level" in verdict.cause
     gravity = dict(verdict.proposals[0].changes)["gravity"]
     assert gravity == pytest.approx([0, 9.81 * 0.03, -9.81], abs=0.05)
+
+
+def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
+    name, columns = "linear-delta", recorded("linear-delta")
+    pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
+    (verdict,) = bad(checked_wiring(seen(name, pushed)))
+    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
+    told = identify(load_robot(name), table(without(pushed, "qd")))
+    assert "offset" in " ".join(one.text for one in told.model.corrections)
+    assert "homing-or-tilt" not in [one.key for one in bad(told.verdicts)]
+    off = columns | {"q": columns["q"] + [0.01, 0.0, 0.0]}
+    told = identify(load_robot(name), table(without(off, "qd")))
+    assert "homing-or-tilt" in [one.key for one in bad(told.verdicts)]
+
+
+def without(columns: Columns, key: str) -> Columns:
+    return {one: x for one, x in columns.items() if one != key}
 
 
 def test_velocities() -> None:

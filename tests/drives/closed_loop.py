@@ -1,7 +1,8 @@
 """Recordings of a robot under control, with noise that the control feeds back.
 
 The encoder's noise is in the recorded angles and, by way of the controller, in the torques; the
-robot moves accordingly. The package's own simulation moves it.
+robot moves accordingly. The package's own simulation moves it. Drives may give another torque than
+they log, which the control then answers.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import polars as pl
+from scipy.signal import lfilter
 
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import ComputedTorque, Controller, Measured
@@ -24,14 +26,18 @@ from oracle.tree import Array
 # Noise of the encoders' readings (rad, or times the lever m), of torque columns as a share of the
 # largest, and where the drive's difference of angles is cut off, as a share of the rate.
 _NOISE, _TORQUE_NOISE, _CUTOFF = 1e-5, 0.005, 0.1
+# Low-pass of the torque that drives give and do not log [Hz].
+_SLOW = 20.0
 
 
 @dataclass(eq=False)
 class Noisy:
-    """A controller whose encoders' readings are noisy; keeps the noise, sample by sample."""
+    """A controller whose encoders' readings are noisy and whose drives give more than it asks for;
+    keeps both, sample by sample."""
 
     law: Controller
     noise: Array
+    more: Array
     rate: float
     sample: int = 0
     last: Array = field(default_factory=lambda: np.zeros(0))
@@ -45,11 +51,19 @@ class Noisy:
         share = 1 - np.exp(-2 * np.pi * _CUTOFF)
         self.slope = self.slope + share * (slope - self.slope) if self.sample else slope
         self.last, self.sample = now, self.sample + 1
-        return self.law.torque(model, Measured(measured.q + now, measured.qd + self.slope), desired)
+        seen = Measured(measured.q + now, measured.qd + self.slope)
+        return self.law.torque(model, seen, desired) + self.more[self.sample - 1]
 
 
-def followed(happening: Happening, rng: np.random.Generator) -> tuple[Happening, pl.DataFrame]:
-    """A recording under computed torque of 10 to 30 Hz."""
+def followed(
+    happening: Happening, rng: np.random.Generator, unlogged: float = 0.0
+) -> tuple[Happening, pl.DataFrame]:
+    """A recording under computed torque of 10 to 30 Hz.
+
+    Args:
+        unlogged: standard deviation of the torque that drives give and do not log, as a share of
+            the largest; noise below 20 Hz.
+    """
     m, truth = happening.machine, happening.truth
     happening = replace(happening, duration=min(happening.duration, 12.0))
     dynamics = compiled(m.robot)
@@ -59,12 +73,17 @@ def followed(happening: Happening, rng: np.random.Generator) -> tuple[Happening,
     noise = _NOISE * rng.standard_normal((len(wanted.q) + 2, m.dof))
     drives = Drives(rate=m.rate, velocity_cutoff=_CUTOFF)
     trajectory = SampledTrajectory(dynamics.kinematics, wanted.time, wanted.q)
-    run = track(
-        plant, Noisy(law, noise, m.rate), ControlModel(m.robot, m.plant.p), trajectory, drives
-    )
     scale = np.abs(truth.tau).max(axis=0)
+    more = np.zeros_like(noise)
+    if unlogged:
+        share = np.exp(-2 * np.pi * _SLOW / m.rate)
+        more = lfilter([1.0], [1.0, -share], rng.standard_normal(noise.shape), axis=0)
+        more *= unlogged * scale / more.std(axis=0)
+    run = track(
+        plant, Noisy(law, noise, more, m.rate), ControlModel(m.robot, m.plant.p), trajectory, drives
+    )
     count = len(run.time)
-    tau = run.tau + _TORQUE_NOISE * scale * rng.standard_normal(run.tau.shape)
+    tau = run.tau - more[:count] + _TORQUE_NOISE * scale * rng.standard_normal(run.tau.shape)
     columns = {"t": run.time}
     for name, values in (("q", run.q + noise[:count]), ("tau", tau)):
         columns |= {f"{name}{i + 1}": column for i, column in enumerate(values.T)}

@@ -279,6 +279,7 @@ ROWS = {
     "poor-priors": Row(_clean, "priors 2 to 20 times off"),
     "gains": Row(_clean, "torque constants ±10 %, recorded empty and with 1 kg", ("known",)),
     "closed-loop": Row(_clean, "noise that control feeds back"),
+    "unlogged": Row(_clean, "the same, and drives give other torques than they log"),
 }  # fmt: skip
 
 
@@ -289,8 +290,8 @@ def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
     m = (production_machine(kind, seed) if row.startswith("production")
          else machine(kind, seed, row == "poor-priors"))  # fmt: skip
     h = Happening(m, float(rng.uniform(14, 20)), int(rng.integers(1 << 31)))
-    if row == "closed-loop":
-        h, log = followed(h, rng)
+    if row in ("closed-loop", "unlogged"):
+        h, log = followed(h, rng, 0.01 if row == "unlogged" else 0.0)
         # A torque is held from its row to the next one: it comes half a row early.
         sensors = Sensors(delay=-0.5 / m.rate)
         return Case(row, kind, seed, m, m.robot, (h,), (sensors,), (log,))

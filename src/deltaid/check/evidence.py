@@ -12,6 +12,7 @@ from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
+from deltaid.identification.warmth import Warmth
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
@@ -57,6 +58,7 @@ class Evidence:
         table, columns: the log and what of it is what.
         source, mapping: as given.
         settings: of the fit that verdicts on the fit rest on.
+        made: that fit, where it has been made already.
     """
 
     dynamics: Dynamics
@@ -65,6 +67,7 @@ class Evidence:
     source: RecordingLike
     mapping: ColumnMapping | None
     settings: Settings
+    made: FittedProblem | None = None
 
     @property
     def robot(self) -> RobotDescription:
@@ -116,11 +119,16 @@ class Evidence:
         """What the residual of this recording looks like; None where it cannot be told."""
         if isinstance(self.surveyed, RecordingError):
             return None
-        return studied(self.dynamics, self.surveyed)
+        if self.made is None:
+            return studied(self.dynamics, self.surveyed)
+        warming = tuple(one for one in self.made.additions if isinstance(one, Warmth))
+        return studied(self.dynamics, self.surveyed, self.made.p, warming)
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
         """The fit to this recording, or why there is none."""
+        if self.made is not None:
+            return self.made
         setup = self._setup
         if isinstance(setup, RecordingError):
             return setup
@@ -150,9 +158,9 @@ def with_fit(
     one: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
 ) -> Evidence:
     """Evidence whose survey, fit and study, if there is one, are those that have been made."""
-    known = replace(one, dynamics=problem.dynamics)
+    known = replace(one, dynamics=problem.dynamics, made=problem)
     vars(known).update({key: vars(one)[key] for key in ("rows", "moved") if key in vars(one)})
-    vars(known).update(surveyed=recording, fitted=problem)  # where cached properties are kept
+    vars(known).update(surveyed=recording)  # where cached properties are kept
     if study is not None:
         vars(known).update(study=study)
     return known

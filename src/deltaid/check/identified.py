@@ -8,13 +8,15 @@ from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdict import KEYS, Grade, Verdict
+from deltaid.check.wiring.confirmed import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
-from deltaid.identification.fit import Progress
+from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, yaml_text
 
@@ -22,6 +24,10 @@ _FIRST = tuple(family for family in OF_RECORDING if family.first)
 _AFTER = tuple(family for family in OF_RECORDING if not family.first)
 # Verdicts on what has been left out, which the table of that tells with its spans.
 _TOLD = {"standing", "saturation"}
+
+# Verdicts on rows as recorded that gears make which wind up; what is left of them when these are
+# turned back is judged with the fit.
+_LIKE_WOUND_GEARS = {"homing-or-tilt"}
 
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
@@ -76,24 +82,37 @@ def identify(
     found = of_robot(description, QUICK_OF_ROBOT)
     if not force:
         _refuse(found, description.name, DescriptionError, description)
-    sources, opened = as_sources(logs), list[Evidence]()
+    sources, opened, wired = as_sources(logs), list[Evidence](), list[tuple[Verdict, ...]]()
     for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"judging {source}")
         one = evidence(description, source, mapping, settings)
         said = asked(one, _FIRST, "rows")
         if not force:
             _refuse(said, str(one.table.path), RecordingError, one)
-        found += named(one, said, several=len(sources) > 1)
+        wired.append(said)
         if len(sources) > 1:
             _ = one.moved
             vars(one).pop("rows", None)  # all of them might not fit into memory
         opened.append(one)
     result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
+    if any(one.kind == "compliance" for one in result.model.corrections):
+        found = tuple(verdict for verdict in found if verdict.key not in _LIKE_WOUND_GEARS)
     progress("judging what it tells")
+    for one, said, recording in zip(opened, wired, result.recordings, strict=True):
+        kept = (v for v in said if not _mended(v, result.problem, recording, description))
+        found += named(one, kept, several=len(sources) > 1)
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_others(result, found)))
     return Judged(model, result.problem, result.recordings, result.studies, found)
+
+
+def _mended(
+    verdict: Verdict, problem: FittedProblem, recording: Recording, described: RobotDescription
+) -> bool:
+    """Whether zeros and gravity, doubted before the fit, go with what it has put right."""
+    doubted = verdict.key == "homing-or-tilt" and verdict.grade is Grade.DOUBTFUL
+    return doubted and not still_seen(problem, recording, described)
 
 
 def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:

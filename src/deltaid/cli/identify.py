@@ -12,6 +12,7 @@ from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
+    ComplianceChoice,
     FrictionLaws,
     Method,
     RegularizerName,
@@ -75,6 +76,12 @@ def identify(
             "each (2,2,2,-1.5)."
         ),
     ] = "estimate",
+    compliance: Annotated[
+        ComplianceChoice,
+        typer.Option(
+            help="Gears that wind up: estimate where the description states no stiffness, or none."
+        ),
+    ] = "estimate",
     keep_all: KeepAll = False,
     events: Annotated[
         bool,
@@ -118,6 +125,7 @@ def identify(
         keep_all=keep_all,
         events=events,
         lag=lag_of(lag),
+        compliance=compliance,
     )
     inputs = [Path(robot), *logs, *([verify] if verify else ()), *(columns or ())]
     require_outputs(inputs, {"--output": output}, report)

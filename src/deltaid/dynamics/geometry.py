@@ -23,6 +23,7 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.vectors import fixed
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.tolerances import Tolerances
 
 # Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by: large against
 # rounding, and so small that no other joint turns round within it.
@@ -47,18 +48,25 @@ class Error:
 
 
 def geometric_errors(
-    dynamics: Dynamics, z: Samples, qd: Samples, qdd: Samples, p: Parameters
+    dynamics: Dynamics,
+    z: Samples,
+    qd: Samples,
+    qdd: Samples,
+    p: Parameters,
+    tolerances: Tolerances | None = None,
 ) -> tuple[Error, ...]:
-    """What each tolerance of a description does to the torques of a motion.
+    """What each tolerance, by default of the description, does to the torques of a motion.
 
     Friction's steps have no slope and are left out, as is friction that depends on load.
     """
     grown, robot = _grown(dynamics.robot.model_dump_json()), dynamics.robot
+    by = tolerances or robot.tolerances
     smooth, layout = p.copy(), dynamics.layout
     smooth[layout.friction] = 0.0
     smooth[layout.viscous] = p[layout.viscous]
     slopes = _Slopes(grown, z, np.hstack([qd, qdd]), smooth, np.array(robot.gravity))
-    found = [*_of_lengths(robot, slopes), *_of_zeros(robot, slopes), *_of_gravity(robot, slopes)]
+    lengths, zeros = _of_lengths(robot, by, slopes), _of_zeros(robot, by, slopes)
+    found = (*lengths, *zeros, *_of_gravity(robot, by, slopes))
     return tuple(one for one in found if one.torques.any())
 
 
@@ -113,11 +121,11 @@ class _Slopes:
         return np.array(self.grown.torque(z.T, self.rates.T, self.p, growth, g))
 
 
-def _of_lengths(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
+def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: _Slopes) -> Iterator[Error]:
     """A number that all limbs share may be wrong, and each limb may differ from it."""
     found: dict[int, Torques] = {}  # base and platform share theirs
     for name, numbers in slopes.grown.numbers.items():
-        size = robot.tolerances.of_length(name)
+        size = by.of_length(name)
         if not size:
             continue
         found |= {k: slopes.of_length(k) for k in numbers if k not in found}
@@ -130,15 +138,15 @@ def _of_lengths(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
                 yield Error(f"{name} of limb {i + 1}", torques)
 
 
-def _of_zeros(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
+def _of_zeros(robot: RobotDescription, by: Tolerances, slopes: _Slopes) -> Iterator[Error]:
     for i, drive in enumerate(robot.drives):
-        size = robot.tolerances.of_drive(drive)
+        size = by.of_drive(drive)
         if size:
             yield Error(f"zero of {drive}", size * slopes.of_zero(i))
 
 
-def _of_gravity(robot: RobotDescription, slopes: _Slopes) -> Iterator[Error]:
-    size = robot.tolerances.mounting
+def _of_gravity(robot: RobotDescription, by: Tolerances, slopes: _Slopes) -> Iterator[Error]:
+    size = by.mounting
     for axis in across(np.array(robot.gravity)) if size else ():
         yield Error(f"tilt about {np.round(axis, 3).tolist()}", size * slopes.of_gravity(axis))
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.additions import Addition, extended
@@ -46,8 +46,9 @@ METRICS: dict[RegularizerName, Metric] = {
     "riemannian": Spectral(AffineInvariant()),
 }
 
-# How often load-dependent friction is fitted again at most, and when its shares have settled.
-_LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-6
+# How often load-dependent friction is fitted again at most, and when its shares have settled; the
+# same where priors are widened on the way.
+_LOAD_ROUNDS, _LOAD_SETTLED, _WIDENED_SETTLED = 30, 1e-6, 1e-4
 
 
 @dataclass(frozen=True)
@@ -128,19 +129,10 @@ def fit(
             drives whose torques and motions contradict each other, if that is why.
     """
     try:
-        gathered, objective, solution = _settled(
-            dynamics, recordings, settings, progress, additions
-        )
-        information = gathered.information
-        base = base_parameters(information, objective.reduction.layout)
-        groups = Groups(gathered.blocks, gathered.places)
-        estimate = estimate_base(base, information, groups=groups)
+        return _settled(dynamics, recordings, settings, progress, additions)
     except IdentificationError as error:
         where = error.where or ", ".join(str(recording.path) for recording in recordings)
         raise IdentificationError(error.what, where=where, cure=error.cure) from error
-    return FittedProblem(
-        dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
-    )
 
 
 def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
@@ -161,18 +153,36 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> Fi
     return replace(problem, estimate=estimate, geometry=found)
 
 
-def with_widened_prior(problem: FittedProblem) -> FittedProblem:
+def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
     """The same fit with priors that the recording contradicts as wide as its evidence asks for.
 
-    A weight γ of the prior that the user has chosen stays. Friction that depends on load keeps the
-    torques that it has seen: these are what both fits explain.
+    A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where
+    friction depends on it the fit is posed again until its shares stay as they are.
+
+    Args:
+        recordings: those that it comes from.
 
     Raises:
         IdentificationError: the solver did not reach its end.
     """
+    wide = _widened(problem)
+    shares = _load_shares(problem.dynamics)
+    if wide is problem or not shares:
+        return wide
+    load, step = wide.p, np.zeros(len(shares))
+    for _ in range(_LOAD_ROUNDS):
+        again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
+        wide = _widened(with_geometry(again, recordings))
+        if np.allclose(wide.p[shares], load[shares], rtol=0, atol=_WIDENED_SETTLED):
+            break
+        load, step = _next_load(load, wide.p, shares, step)
+    return wide
+
+
+def _widened(problem: FittedProblem) -> FittedProblem:
+    """With wider priors and the rows as they are; itself where no prior is contradicted."""
     settings = problem.settings
-    widened = {} if settings.gamma is not None else _against_prior(problem).contradicted()
-    if not widened:
+    if settings.gamma is not None or not (widened := _against_prior(problem).contradicted()):
         return problem
     reduction = replace(problem.reduction, widened=widened)
     objective = pose(problem.information, reduction, settings)
@@ -182,14 +192,14 @@ def with_widened_prior(problem: FittedProblem) -> FittedProblem:
 
 def widened_priors(problem: FittedProblem) -> tuple[Correction, ...]:
     """The priors that were widened, as corrections."""
-    widened = problem.reduction.widened
-    return told_priors(widened, _against_prior(problem), problem.base, problem.estimate)
+    against = _against_prior(problem)
+    return told_priors(problem.reduction.widened, against, problem.base, problem.estimate)
 
 
 def _against_prior(problem: FittedProblem) -> Evidence:
     """What the recordings of a fit say against its prior."""
-    spread = problem.settings.prior_spread
-    return evidence(problem.reduction, spread, problem.base, problem.estimate)
+    reduction, spread = problem.reduction, problem.settings.prior_spread
+    return evidence(reduction, spread, problem.base, problem.estimate)
 
 
 def _settled(
@@ -198,31 +208,61 @@ def _settled(
     settings: Settings,
     progress: Progress,
     additions: Sequence[Addition],
-) -> tuple[Gathered, Objective, Solution]:
+) -> FittedProblem:
     """Friction that depends on load sees the torques of the fit before, beginning with the prior,
     until its coefficients stay as they are."""
-    robot, first = dynamics.robot, dynamics.layout.friction.start
-    shares = [first + k for k, term in enumerate(robot.friction_terms) if term.of_load]
-    load = prior_parameters(robot) if shares else None
-    regressor = extended(dynamics, additions)
-    added = [(one.parameters, one.free) for one in additions]
+    robot, shares = dynamics.robot, _load_shares(dynamics)
+    load, step = prior_parameters(robot) if shares else None, np.zeros(len(shares))
     for _ in range(_LOAD_ROUNDS):
-        gathered = gather_all(regressor, recordings, load, progress)
-        information = gathered.information
-        progress("fitting")
-        reduction = build_reduction(robot, information.columns, added)
-        objective = pose(information, reduction, settings)
-        try:
-            solution = minimise(objective, SOLVERS[settings.method])
-            p = reduction.parameters(solution.x)[: len(dynamics.layout.names)]
-        except IdentificationError as error:
-            raise _explained(error, dynamics, information) from error
-        if load is None or np.allclose(p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
-            return gathered, objective, solution
-        load = p
+        found = _posed(dynamics, recordings, settings, additions, load, progress)
+        if load is None or np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+            return found
+        load, step = _next_load(load, found.p, shares, step)
     raise IdentificationError(
         "friction that depends on load does not settle: the recording cannot tell it from the rest",
         cure=f"leave the load term out of the friction law of {', '.join(robot.load_drives)}",
+    )
+
+
+def _next_load(
+    load: Parameters, found: Parameters, shares: list[int], before: Float[np.ndarray, " shares"]
+) -> tuple[Parameters, Float[np.ndarray, " shares"]]:
+    """Parameters by which gears carry next, and the step of their shares: half of a step back,
+    for |x| bends, and whole ones might go to and fro."""
+    step = found[shares] - load[shares]
+    return (0.5 * (load + found) if step @ before < 0 else found), step
+
+
+def _load_shares(dynamics: Dynamics) -> list[int]:
+    """Which parameters are shares of the load."""
+    first = dynamics.layout.friction.start
+    return [first + k for k, term in enumerate(dynamics.robot.friction_terms) if term.of_load]
+
+
+def _posed(
+    dynamics: Dynamics,
+    recordings: Sequence[Recording],
+    settings: Settings,
+    additions: Sequence[Addition],
+    load: Parameters | None,
+    progress: Progress = lambda _: None,
+) -> FittedProblem:
+    """A fit where gears carry what parameters `load` say."""
+    regressor = extended(dynamics, additions)
+    gathered = gather_all(regressor, recordings, load, progress)
+    information = gathered.information
+    progress("fitting")
+    added = [(one.parameters, one.free) for one in additions]
+    reduction = build_reduction(dynamics.robot, information.columns, added)
+    objective = pose(information, reduction, settings)
+    try:
+        solution = minimise(objective, SOLVERS[settings.method])
+    except IdentificationError as error:
+        raise _explained(error, dynamics, information) from error
+    base = base_parameters(information, reduction.layout)
+    estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
+    return FittedProblem(
+        dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
     )
 
 

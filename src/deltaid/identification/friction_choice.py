@@ -108,6 +108,7 @@ def choose_friction(
     """The robot with the friction laws that its recordings ask for, and how they were chosen."""
     options, robot = Options(rows), rows.dynamics.robot
     steps, first = _extended(rows, options)
+    rows = _carrying(rows, steps)
     kept, laws, left = _refined(rows, steps, progress)
     choice = FrictionChoice(
         folds=BLOCKS,
@@ -160,6 +161,15 @@ def _extended(rows: FrictionRows, options: Options) -> tuple[list[_Tried], tuple
         U = best.directions
         bare, left = bare - U @ (U.T @ bare), left - U @ (U.T @ left)
     return steps, first
+
+
+def _carrying(rows: FrictionRows, steps: Sequence[_Tried]) -> FrictionRows:
+    """Rows whose gears carry what losses by load were seen by."""
+    moved = rows.moved.copy()
+    for one in steps:
+        if one.option.kind == "load":
+            moved[rows.dynamics.robot.drives.index(one.option.joint)] = one.variant.moved
+    return replace(rows, moved=moved)
 
 
 def _simplest(

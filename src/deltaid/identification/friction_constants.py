@@ -5,14 +5,16 @@ is linear; coefficients stay positive by bounded least squares, logarithms of co
 prior, and each step is limited. Rigid bodies and lags are free, and so projected out.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from deltaid.identification.explained import surprise
 from deltaid.identification.friction_options import (
+    FORMS,
     of_load,
     of_slope,
     of_term,
@@ -28,6 +30,8 @@ from deltaid.robot.friction import Friction, FrictionTerm
 
 # Steps at most, the largest of a logarithm, and the one below which constants have settled.
 _STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3
+# Decades by which chance must be unlikely before exponents are none of the usual ones.
+_OTHER = 3.5
 # Standard deviation of a logarithm about where the grid found it.
 _SPREAD = 1.0
 # Stribeck's speed stays within these shares of the joint's fastest.
@@ -55,12 +59,43 @@ class Refined:
 def refined(rows: FrictionRows, laws: Laws) -> Refined:
     """Laws with the constants that fit best.
 
+    The exponents of Stribeck's terms that were added are those of one of its two usual forms, for
+    all joints the same, unless other ones explain more than chance: how the term falls is seen
+    worst of all, and what is left open makes the rest of the curve less certain.
+
     Args:
         rows: of a robot as it is described.
         laws: of the joints whose constants are to be fitted.
     """
+    free = _refined(rows, laws, frozenset())
+    described = rows.dynamics.robot.friction
+    added = frozenset(
+        joint for joint, law in laws.items()
+        if law.stribeck is not None and described[joint].stribeck is None
+    )  # fmt: skip
+    if not added:
+        return free
+    tried = [_refined(rows, _of_form(laws, added, form), added) for form in FORMS]
+    best = min(tried, key=lambda one: float(one.left @ one.left))
+    level = float(free.left @ free.left) / max(len(free.left) - rows.basis.Q.shape[1], 1)
+    more = float(best.left @ best.left - free.left @ free.left) / level
+    return best if surprise(max(more, 0.0), len(added)) < _OTHER else free
+
+
+def _of_form(laws: Laws, joints: Iterable[str], form: float) -> Laws:
+    """Laws with Stribeck's terms of one form."""
+    changed = dict(laws)
+    for joint in joints:
+        term = changed[joint].stribeck
+        if term is not None:
+            changed[joint] = changed[joint].changed(stribeck=term.changed(exponent=form))
+    return changed
+
+
+def _refined(rows: FrictionRows, laws: Laws, usual: frozenset[str]) -> Refined:
+    """Laws with the constants that fit best; Stribeck's exponents of some joints stay."""
     described, gone = rows.dynamics.robot.friction, dict[_Constant, float]()
-    fitted = _fit(rows, laws, gone)
+    fitted = _fit(rows, laws, gone, usual)
     for _ in range(_STEPS):
         if max((abs(step) for step in fitted.steps.values()), default=0.0) < _SETTLED:
             break
@@ -71,7 +106,7 @@ def refined(rows: FrictionRows, laws: Laws) -> Refined:
             gone[one] = gone.get(one, 0.0) + limited
             now[joint] = moved(now[joint], kind, name, limited)
         laws = now
-        fitted = _fit(rows, laws, gone)
+        fitted = _fit(rows, laws, gone, usual)
     found = dict(laws)
     for term in fitted.terms:
         law = found.get(term.joint)
@@ -94,17 +129,24 @@ class _Fit:
     left: Rows
 
 
-def _fit(rows: FrictionRows, laws: Laws, gone: Mapping[_Constant, float]) -> _Fit:
+def _fit(
+    rows: FrictionRows, laws: Laws, gone: Mapping[_Constant, float], usual: frozenset[str]
+) -> _Fit:
     """Coefficients of all terms, and steps of the logarithms of constants.
 
     Args:
         gone: how far these have come.
+        usual: joints whose Stribeck terms keep their exponents.
     """
     described = rows.dynamics.robot
     robot = described.changed(friction=dict(described.friction) | dict(laws))
     terms = robot.friction_terms
     curved = [t for t in terms if t.joint in laws and t.kind in CONSTANTS]
-    constants = [(t.joint, t.kind, name) for t in curved for name in CONSTANTS[t.kind]]
+    open_ = [
+        (t, name) for t in curved for name in CONSTANTS[t.kind]
+        if not (name == "exponent" and t.kind == "stribeck" and t.joint in usual)
+    ]  # fmt: skip
+    constants = [(t.joint, t.kind, name) for t, name in open_]
     columns = rows.rigid.without(_columns(rows, robot))
     tau = rows.rigid.without(rows.tau)
     low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
@@ -114,8 +156,8 @@ def _fit(rows: FrictionRows, laws: Laws, gone: Mapping[_Constant, float]) -> _Fi
     if not constants:
         return _Fit(terms, values, {}, left)
     joints = {joint.name: joint for joint in rows.joints}
-    wanted = [(joints[t.joint], of_slope(t, name)) for t in curved for name in CONSTANTS[t.kind]]
-    sizes = np.array([values[t.name] for t in curved for _ in CONSTANTS[t.kind]])
+    wanted = [(joints[t.joint], of_slope(t, name)) for t, name in open_]
+    sizes = np.array([values[t.name] for t, _ in open_])
     slopes = rows.rigid.without(rows.columns(wanted) * sizes)
     prior = np.hstack([np.zeros((len(constants), len(terms))), np.eye(len(constants)) / _SPREAD])
     A = np.vstack([np.hstack([columns, slopes]), prior])

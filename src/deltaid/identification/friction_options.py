@@ -1,6 +1,6 @@
 """What may be added to a joint's friction law, and the columns that would show it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,11 @@ from deltaid.robot.friction import Friction, FrictionTerm, PowerLaw, Stribeck
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
 _SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
-_FORMS = (1.0, 2.0)
+FORMS = (1.0, 2.0)
 # Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
 _SIZE, _LOAD = 0.3, 0.05
+# Shares of a rotor's inertia that may be its link's; below zero the other way.
+_SHARES = (0.0, -1.0, -0.5, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +27,12 @@ class Variant:
     Attributes:
         columns: positions of its columns among those of all options.
         more: what the law gets: keys of `Friction`.
+        moved: inertia of the rotor that its gear is taken to carry.
     """
 
     columns: tuple[int, ...]
     more: dict[str, Any]
+    moved: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +84,7 @@ class Options:
             both = Variant(way, back)
             found.append(Option(joint.name, "both_ways", (both,), 0, positive=False))
         if joint.drive is not None and law.load is None:
-            load = Variant((self._add(joint, of_load),), {"load": _LOAD})
-            found.append(Option(joint.name, "load", (load,), 0, positive=True))
+            found.append(self._load(joint, rows.rotor(joint)))
         own = {t.kind: t for t in rows.dynamics.robot.friction_terms if t.joint == joint.name}
         forms: dict[AdditionKind, list[dict[str, Any]]] = {
             "power": _powers(joint, c),
@@ -95,6 +98,16 @@ class Options:
                 count = len(CONSTANTS[kind])
                 found.append(Option(joint.name, kind, variants, count, positive=True))
         return found
+
+    def _load(self, joint: FrictionJoint, rotor: float) -> Option:
+        """Losses by load. Torques tell a rotor and what turns behind its gear by their sum only,
+        losses what the gear carries of it."""
+        moved = [share * rotor for share in (_SHARES if rotor else _SHARES[:1])]
+        variants = tuple(
+            Variant((self._add(replace(joint, moved=one), of_load),), {"load": _LOAD}, one)
+            for one in moved
+        )
+        return Option(joint.name, "load", variants, min(len(variants) - 1, 1), positive=True)
 
     def _variant(
         self, joint: FrictionJoint, kind: str, more: dict[str, Any], rows: FrictionRows
@@ -179,5 +192,5 @@ def _stribecks(joint: FrictionJoint, coulomb: float) -> list[dict[str, Any]]:
             )
         }
         for share in _SPEEDS
-        for form in _FORMS
+        for form in FORMS
     ]

@@ -7,7 +7,7 @@ explain.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import surprise
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import Basis, Rows, basis_of, block_sums
+from deltaid.identification.lag import Basis, Rows, basis_of, block_sums, widened_by
 from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
@@ -33,7 +33,6 @@ _WINDOWS, _SECONDS = 6, 20.0
 _CUTOFF = 50.0
 # What is left of a drive's torque at least, as a share of its largest, to be compared with.
 _FLOOR = 1e-5
-_DEPENDENT = 1e-9  # singular values below this share of the largest are zero
 
 Columns = Float[np.ndarray, "rows _"]
 
@@ -48,6 +47,8 @@ class FrictionJoint:
         viscous, coulomb: its entries in the regressor.
         drives: whose rows these are.
         fastest: its largest speed [rad/s or m/s].
+        moved: inertia that its gear carries more than by the parameters of the rows, and its rotor
+            has less.
     """
 
     name: str
@@ -56,6 +57,7 @@ class FrictionJoint:
     coulomb: np.ndarray
     drives: np.ndarray
     fastest: float
+    moved: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +94,7 @@ class FrictionRows:
         basis: what parameters and lags explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
+        moved: of each drive, as `FrictionJoint.moved`.
     """
 
     dynamics: Dynamics
@@ -102,6 +105,7 @@ class FrictionRows:
     basis: Basis
     tau: Rows
     p: Parameters
+    moved: Float[np.ndarray, " dof"]
 
     @cached_property
     def left(self) -> Rows:
@@ -114,12 +118,17 @@ class FrictionRows:
         layout, Y = self.dynamics.layout, self.Y.copy()
         friction = np.arange(len(layout.names))[layout.friction]
         Y[:, :, np.isin(active_columns(self.dynamics), friction)] = 0.0
-        return _extended(basis_of(self.dynamics, Y, self.basis.scale), self.beside)
+        return widened_by(basis_of(self.dynamics, Y, self.basis.scale), self.beside)
 
     def own(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
         at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
         return self.basis.stack(self.Y[:, :, at])
+
+    def rotor(self, joint: FrictionJoint) -> float:
+        """Inertia of a drive's rotor by p; zero without."""
+        names, name = self.dynamics.layout.names, f"rotor.{joint.name}"
+        return float(self.p[names.index(name)]) if name in names else 0.0
 
     def share(self, left: Rows) -> float:
         """Root mean square of rows as a share of the drives' largest torques."""
@@ -171,7 +180,8 @@ class FrictionRows:
             one = FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], 0.0)
             fastest = max(float(_speed(one, entries).max()) for entries in self._motion)
             if fastest > 0:
-                found.append(FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], fastest))
+                moved = 0.0 if drive is None else float(self.moved[drive])
+                found.append(replace(one, fastest=fastest, moved=moved))
         return tuple(found)
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -185,7 +195,7 @@ class FrictionRows:
             speeds = {joint.name: _speed(joint, entries) for joint, _ in wanted}
             return np.concatenate(
                 [
-                    make(speeds[joint.name], entries[joint.coulomb], _of_drive(joint, load))
+                    make(speeds[joint.name], entries[joint.coulomb], _of_drive(joint, load, w))
                     for joint, make in wanted
                 ]
             )
@@ -216,8 +226,10 @@ def _speed(joint: FrictionJoint, entries: np.ndarray) -> np.ndarray:
     return entry_speeds(entries[joint.viscous], entries[joint.coulomb])
 
 
-def _of_drive(joint: FrictionJoint, load: np.ndarray) -> np.ndarray:
-    return np.zeros(len(load)) if joint.drive is None else load[:, joint.drive]
+def _of_drive(joint: FrictionJoint, load: np.ndarray, w: Samples) -> np.ndarray:
+    if joint.drive is None:
+        return np.zeros(len(load))
+    return load[:, joint.drive] + joint.moved * w.qdd[:, joint.drive]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -241,7 +253,7 @@ def friction_rows(
                 dynamics,
                 one,
                 prior,
-                cutoff=_cutoff(one),
+                cutoff=cutoff_of(one),
                 reach=0.0,
                 reversals=False,
                 windows=windows,
@@ -258,8 +270,8 @@ def friction_rows(
     rows = basis.stack(tau)
     p = prior + basis.parameters(rows - basis.stack(Y @ prior[active_columns(dynamics)]))
     beside = _beside(basis, traces, p, additions)
-    basis = _extended(basis, beside)
-    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, basis, rows, p)
+    basis = widened_by(basis, beside)
+    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, basis, rows, p, still)
 
 
 def _beside(
@@ -280,14 +292,7 @@ def _beside(
     return basis.stack(np.concatenate(found, axis=1))
 
 
-def _extended(basis: Basis, columns: Columns) -> Basis:
-    """With further columns, as far as these are not explained yet."""
-    bare = basis.without(columns)
-    U, s, _ = np.linalg.svd(bare, full_matrices=False)
-    return basis.extended(U[:, s > _DEPENDENT * np.linalg.norm(columns)])
-
-
-def _cutoff(recording: Recording) -> float | None:
+def cutoff_of(recording: Recording) -> float | None:
     """Of the rows; None for the recording's own."""
     held = recording.motion_cutoff
     return None if held is None else max(recording.cutoff or 0.0, min(held, _CUTOFF))

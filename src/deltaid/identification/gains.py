@@ -9,7 +9,8 @@ over p and c together (variable projection: p is the conic fit's for every c). A
 are known so far, c_i τ_meas,i = Y_i p − ε_i Y_i p₀ with the torques Y_i p₀ of the *model*: measured
 ones would put the noise on both sides. So gains are further columns of the fit, found by turns, and
 certificate and intervals are the fit's own. Without anything known in N m by itself the common
-scale of all c and p is free, and nothing is corrected.
+scale of all c and p is free. Limbs that are alike tell the ratios of their drives' gains even then;
+where these explain more of a recording than anything else, Σ log c_i = 0 over these drives.
 """
 
 from collections.abc import Sequence
@@ -17,10 +18,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.fit import FittedProblem, fit
+from deltaid.identification.reduction import Free
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Parameter as Judged
@@ -45,6 +48,7 @@ class Gains(Addition):
         values: p₀, and what goes with the other additions.
         others: the other additions, whose torques drives bear as well.
         prior_spread: of the fit, which all scales of parameters are relative to.
+        alike: drives of whose gains only the ratios are told; all gains if empty.
     """
 
     dynamics: Dynamics
@@ -52,6 +56,7 @@ class Gains(Addition):
     values: Parameters
     others: tuple[Addition, ...]
     prior_spread: float
+    alike: tuple[int, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -66,6 +71,21 @@ class Gains(Addition):
         each = np.arange(self.dynamics.dof)
         return each, each
 
+    @property
+    def free(self) -> Free:
+        if not self.alike:
+            return super().free
+        ratios = null_space(np.ones((1, len(self.alike))))
+        A = np.zeros((self.dynamics.dof, ratios.shape[1]))
+        A[list(self.alike)] = ratios
+        scale = SPREAD / self.prior_spread
+        priors = (-A.T @ np.log(self.gain)).tolist()
+        variables = tuple(
+            Parameter("gain", f"ratio{k + 1}", "gain", "", -np.inf, np.inf, prior, scale)
+            for k, prior in enumerate(priors)
+        )
+        return Free(variables, A, np.zeros(len(A)), ())
+
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
         torque, first = w.carried.T.copy(), len(self.dynamics.layout.names)
@@ -79,7 +99,27 @@ class Gains(Addition):
         return -torque
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        return tuple(_told(c, one) for c, one in zip(self.gain, judged, strict=True))
+        pairs = list(zip(self.gain.tolist(), judged, strict=True))
+        if not self.alike:
+            return tuple(_told(c, one) for c, one in pairs)
+        drives = self.dynamics.robot.drives
+        silent = [drive for i, drive in enumerate(drives) if i not in self.alike]
+        return tuple(_told_ratio(*pairs[i], silent) for i in self.alike)
+
+
+def _told_ratio(c: float, judged: Judged, silent: Sequence[str]) -> Correction:
+    """Of a drive of a limb; `silent` are the drives of which no limb tells."""
+    drive, value = judged.name.removeprefix("gain."), c * np.exp(judged.value)
+    low, high = (c * np.exp(np.nan if x is None else x) for x in (judged.low, judged.high))
+    rest = f", {' and '.join(silent)} is taken to be right" if silent else ""
+    text = (
+        f"limbs are alike, so the joint gets {value:.4g} times the torque that {drive} records, "
+        "against the mean of the limbs' drives; what is common to all shows nowhere and is taken "
+        f"to be right{rest}: a second recording with a known load tells these too"
+    )
+    return Correction(
+        kind="gain", subject=drive, value=float(value), low=float(low), high=float(high), text=text
+    )
 
 
 def _told(c: float, judged: Judged) -> Correction:
@@ -89,6 +129,7 @@ def _told(c: float, judged: Judged) -> Correction:
         text = (
             f"the joint gets {value:.4g} times the torque that {drive} records: what the known "
             "load weighs and how it resists say so"
+            + (", which is 1 as far as they can tell" if low <= 1.0 <= high else "")
         )
     else:
         text = (
@@ -102,24 +143,46 @@ def _told(c: float, judged: Judged) -> Correction:
 
 
 def gains(setup: Setup, progress: Progress) -> Setup:
-    """Torque constants, where something among the additions is known in N m by itself."""
+    """Torque constants, where something among the additions is known in N m by itself.
+
+    Else their ratios between the drives of limbs, where recordings are off by these above all.
+    """
     others = tuple(one for one in setup.additions if not isinstance(one, Gains))
     setup = setup.changed(additions=others)
-    if not any(one.is_absolute for one in others):
+    absolute = any(one.is_absolute for one in others)
+    alike = () if absolute else _alike(setup)
+    if not (absolute or alike):
         return setup
-    progress("comparing drives with the known load")
+    progress("comparing drives with the known load" if absolute else "comparing drives")
     dynamics, settings = setup.dynamics, setup.settings
     c = np.ones(dynamics.dof)
     problem = fit(dynamics, _with(setup, c), settings, additions=others)
+
+    def found() -> Gains:
+        values = _values(problem, others)
+        return Gains(dynamics, c, values, others, settings.prior_spread, alike)
+
     for _ in range(_ROUNDS):
-        found = Gains(dynamics, c, _values(problem, others), others, settings.prior_spread)
-        problem = fit(dynamics, _with(setup, c), settings, additions=(*others, found))
+        problem = fit(dynamics, _with(setup, c), settings, additions=(*others, found()))
         step = problem.values[-dynamics.dof :]
         if np.abs(step).max() < _SETTLED:
             break
         c = c * np.exp(step)
-    found = Gains(dynamics, c, _values(problem, others), others, settings.prior_spread)
-    return setup.changed(recordings=_with(setup, c), additions=(*others, found))
+    return setup.changed(recordings=_with(setup, c), additions=(*others, found()))
+
+
+def _alike(setup: Setup) -> tuple[int, ...]:
+    """Drives of limbs that are alike, where factors of theirs explain most of a recording."""
+    limbs = setup.robot.limbs
+    if limbs is None or not limbs.identical:
+        return ()
+    drives = setup.robot.drives[: limbs.count]
+    largest = [one.largest for one in setup.studies if one is not None]
+    uneven = any(
+        one is not None and one.kind == "drive-gain" and one.subject in ("", *drives)
+        for one in largest
+    )
+    return tuple(range(limbs.count)) if uneven else ()
 
 
 def _values(problem: FittedProblem, others: Sequence[Addition]) -> Parameters:

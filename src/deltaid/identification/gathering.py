@@ -24,6 +24,7 @@ from deltaid.identification.information import (
     merge,
     triangle,
 )
+from deltaid.identification.load_slope import LoadSlope
 from deltaid.identification.places import Places, Visits
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
@@ -91,9 +92,9 @@ def gather(
     the rate that the cut-off allows. `merge` puts the blocks together. `places`, if given, takes in
     every sample as well.
 
-    Friction that depends on load sees what gears carry by parameters `load`. Without them it sees
-    the measured torques, whose noise then stands on both sides of the equation, and with it the
-    motors' own friction.
+    Friction that depends on load sees what gears carry by parameters `load`, and is linear about
+    these (`load_slope`). Without them it sees the measured torques, whose noise then stands on both
+    sides of the equation, and with it the motors' own friction.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere.
@@ -199,14 +200,23 @@ def thinned(
 ) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
     """Nonzero regressor entries and torques, weighted, filtered and thinned alike, and z there."""
     drives, _ = regressor.regressor_pattern
+    each = np.arange(regressor.dof)
+    slope = LoadSlope.at(regressor, load) if load is not None else None
 
     def values(w: Samples) -> _Values:
-        carried = w.tau if load is None else regressor.carried(w.z, w.qd, w.qdd, load)
-        carried = carried + w.carried
-        return w.weigh(entries(regressor, w, carried, recording), drives)
+        if load is None or slope is None:
+            return w.weigh(entries(regressor, w, w.tau + w.carried, recording), drives)
+        x = regressor.carried(w.z, w.qd, w.qdd, load) + w.carried
+        own = entries(regressor, w, x, recording)
+        return w.weigh(slope.scaled(own, slope.factor(w, x)), drives)
 
-    tau = window.filtered(lambda w: w.weighted(w.tau.T, np.arange(regressor.dof)))
-    return window.filtered(values), tau, window.own.z[:: window.thinned]
+    def torques(w: Samples) -> _Torques:
+        if load is None or slope is None:
+            return w.weighted(w.tau.T, each)
+        own = regressor.carried(w.z, w.qd, w.qdd, load)
+        return w.weighted(w.tau.T + slope.factor(w, own + w.carried) * own.T, each)
+
+    return window.filtered(values), window.filtered(torques), window.own.z[:: window.thinned]
 
 
 def _cuts(start: int, count: int, length: int) -> Iterator[tuple[int, slice]]:

@@ -26,6 +26,7 @@ from deltaid.identification.information import Information, active_columns
 from deltaid.identification.regularizer import parameter_scale
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Window
+from deltaid.robot.tolerances import Tolerances
 
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.
@@ -48,15 +49,18 @@ class Geometry:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class GeometricRows:
     """Some filtered samples, those of one drive after those of the other.
 
     Attributes:
         Y: active columns, weighted as in the fit.
+        tau: measured torques, weighted alike.
         D: what torques one standard deviation of each quantity makes, weighted alike.
+        names: of the quantities.
     """
 
     Y: Float[np.ndarray, "rows columns"]
+    tau: Float[np.ndarray, " rows"]
     D: Float[np.ndarray, "rows quantities"]
     names: tuple[str, ...]
 
@@ -82,7 +86,7 @@ def geometry(
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
     weights, regressor = np.sqrt(information.drive_weights), extended(dynamics, additions)
-    rows = [_rows(regressor, dynamics, one, p, weights) for one in recordings]
+    rows = [geometric_rows(regressor, dynamics, one, p, weights) for one in recordings]
     columns = [group.representative for group in base.groups]
     at = np.searchsorted(information.columns, columns)
     Y, D = (np.vstack(part) for part in zip(*((one.Y, one.D) for one in rows), strict=True))
@@ -97,30 +101,33 @@ def geometry(
     return Geometry(rows[0].names, shifts / norms[:, None])
 
 
-def _rows(
+def geometric_rows(
     regressor: Dynamics | Extended,
     dynamics: Dynamics,
     recording: Recording,
     p: Parameters,
     weights: Float[np.ndarray, " dof"],
-) -> _Rows:
-    """Samples spread evenly over the beginning of a recording."""
+    tolerances: Tolerances | None = None,
+) -> GeometricRows:
+    """Samples spread evenly over the beginning of a recording, and what tolerances, by default
+    those of the description, do to torques there."""
     rows, columns = regressor.regressor_pattern
     active, dof = active_columns(regressor), dynamics.dof
     parts = []
     for window in _beginning(recording, dynamics):
-        values, _, _ = thinned(regressor, recording, window, p)
+        values, tau, _ = thinned(regressor, recording, window, p)
         own = window.own.part(slice(None, None, window.thinned))
         m = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), np.arange(dof)))
-        parts.append((values, own.z.T, own.qd.T, own.qdd.T, m))
-    values, z, qd, qdd, m = (np.hstack(part) for part in zip(*parts, strict=True))
+        parts.append((values, tau, own.z.T, own.qd.T, own.qdd.T, m))
+    values, tau, z, qd, qdd, m = (np.hstack(part) for part in zip(*parts, strict=True))
     every = slice(None, None, -(-values.shape[1] // _SAMPLES))
-    errors = geometric_errors(dynamics, z.T[every], qd.T[every], qdd.T[every], p)
+    errors = geometric_errors(dynamics, z.T[every], qd.T[every], qdd.T[every], p, tolerances)
     Y = np.zeros((dof, values[:, every].shape[1], len(active)))
     Y[rows, :, np.searchsorted(active, columns)] = values[:, every]
     D = [weights[:, None] * m[:, every] * one.torques for one in errors]
-    return _Rows(
+    return GeometricRows(
         (weights[:, None, None] * Y).reshape(-1, len(active)),
+        (weights[:, None] * tau[:, every]).ravel(),
         np.reshape(D, (len(D), dof * Y.shape[1])).T,
         tuple(one.name for one in errors),
     )

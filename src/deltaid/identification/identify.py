@@ -102,7 +102,7 @@ def identify(
     setup = Setup(robot, tuple(one.excerpted() for one in recordings), settings)
     setup, problem = _fitted(setup, progress)
     robot, recordings = setup.robot, setup.recordings
-    problem = with_widened_prior(with_geometry(problem, recordings))
+    problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged, own = judged_parameters(freed(problem)), len(problem.p)
     loads = found_loads(setup, judged[own:])
     recordings = tuple(unloaded(one, {load.name: load.p for load in loads}) for one in recordings)
@@ -162,8 +162,8 @@ def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
-    """Studies of recordings in which nothing has been put right since."""
-    if setup.corrections or setup.additions or not setup.studies:
+    """Studies of recordings in which nothing has been put right since, nor what gears carry."""
+    if setup.corrections or setup.additions or setup.robot.load_drives or not setup.studies:
         return ()
     return setup.studies
 

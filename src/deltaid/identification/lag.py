@@ -125,6 +125,12 @@ def basis_of(
     return Basis(Q @ U[:, kept], solution, scale)
 
 
+def widened_by(basis: Basis, columns: Columns) -> Basis:
+    """A basis with further columns, as far as these are not explained yet."""
+    U, s, _ = np.linalg.svd(basis.without(columns), full_matrices=False)
+    return basis.extended(U[:, s > _DEPENDENT * np.linalg.norm(columns)])
+
+
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def coarse_lag(trace: Trace, basis: Basis) -> float:
     """The common lag on a grid with which parameters explain the torques best [s]."""

@@ -17,6 +17,7 @@ from deltaid.identification.rows_with_prior import BLOCKS
 # How often it is rejected, if true, that there is no lag or that all drives have the same; and what
 # else is alike or zero by chance only.
 _REJECTED, _UNLIKELY = 1e-3, 0.2
+_SELDOM = 0.01
 # Lags [s] that do no harm, and need not be put right.
 _HARMLESS = 2e-5
 # Drives beyond which only common lags and lags of single drives are told apart.
@@ -67,6 +68,12 @@ def chosen_groups(
             best = (*rank, distance), Choice(groups, tuple(delay.tolist()))
     assert best is not None  # a lag for every drive is never contradicted
     return best[1]
+
+
+def agree(values: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
+    """Whether estimates do not contradict that all are of the same size."""
+    _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
+    return distance <= _limit(len(values) - 1, _SELDOM)
 
 
 def _fitted(

@@ -39,6 +39,8 @@ _SECOND = tuple(entry for entry in PSEUDO_INERTIA_ENTRIES if entry.startswith("S
 _FIRST = ("mcx", "mcy", "mcz")
 # A mass that is known no better than this says less of torques than torque constants do.
 _SURE = 0.02
+# A mass whose interval is wider than so many times itself is hardly known.
+_VAGUE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +185,10 @@ class LoadColumns(Addition):
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         mass = self.whole(judged)[0]
-        known = mass.determined_by == "fixed"
+        known = self.load.mass is not None and not self.load.mass_tolerance
         how = "is known" if known else "was identified with the robot"
         low, high = (None, None) if known else (mass.low, mass.high)
+        vague = low is not None and high is not None and high - low > _VAGUE * mass.value
         return (
             Correction(
                 kind="load",
@@ -195,7 +198,13 @@ class LoadColumns(Addition):
                 high=high,
                 unit="kg",
                 text=f"{self.body} holds it where that is declared, and its mass {how}; the model "
-                "is of the robot without it",
+                "is of the robot without it"
+                + (
+                    f"; torques hardly tell it from {self.body} itself: record a part without it, "
+                    "or give its mass"
+                    if vague
+                    else ""
+                ),
             ),
         )
 

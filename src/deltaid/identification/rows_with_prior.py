@@ -43,13 +43,13 @@ class Sheet:
     A: Float[np.ndarray, "dof samples beside"]
     tau: Float[np.ndarray, "dof samples"]
 
-    def weighted(self) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, " rows"]]:
-        """Rows of all drives, one drive after the other, over the noise of each; and torques."""
-        noise = self._noise()[:, None]
-        columns = np.concatenate([self.X, self.A], axis=2) / noise[:, :, None]
-        return columns.reshape(self.tau.size, -1), (self.tau / noise).ravel()
+    def over(self, noise: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "rows columns"]:
+        """Columns of all drives, one drive after the other, over the noise of each."""
+        columns = np.concatenate([self.X, self.A], axis=2) / noise[:, None, None]
+        return columns.reshape(self.tau.size, -1)
 
-    def _noise(self) -> Float[np.ndarray, " dof"]:
+    @property
+    def noise(self) -> Float[np.ndarray, " dof"]:
         """What each drive's columns leave of its torques, root mean square."""
         noise = []
         for X, A, tau in zip(self.X, self.A, self.tau, strict=True):
@@ -106,21 +106,27 @@ def reduced(trace: Trace, additions: Sequence[Addition]) -> Reduction:
     return build_reduction(trace.dynamics.robot, active_columns(regressor), added)
 
 
-def solved(sheets: Sequence[Sheet], prior: Prior) -> Solution:
-    """Least squares over all recordings.
+def solved(
+    sheets: Sequence[Sheet],
+    prior: Prior,
+    instruments: Sequence[Sequence[Sheet]] | None = None,
+) -> Solution:
+    """Least squares over all recordings; in two stages, where there are instruments.
 
     Args:
         sheets: their rows, with the same columns.
         prior: of x and a.
+        instruments: for each recording, columns that go with those of its rows, and have none of
+            the noise that these share with torques.
     """
-    free = sheets[0].X.shape[2]
-    parts = [one.weighted() for one in sheets]
-    rows = np.vstack([*(columns for columns, _ in parts), prior.D])
-    right = np.concatenate([*(tau for _, tau in parts), prior.known])
-    norms = np.linalg.norm(rows, axis=0)
-    norms[norms == 0] = 1.0
-    Q, R = np.linalg.qr(rows / norms)
-    inverse = np.linalg.pinv(R, rcond=_DEPENDENT)
+    free, noise = sheets[0].X.shape[2], [one.noise for one in sheets]
+    rows = np.vstack([*map(Sheet.over, sheets, noise), prior.D])
+    torques = ((one.tau / each[:, None]).ravel() for one, each in zip(sheets, noise, strict=True))
+    right = np.concatenate([*torques, prior.known])
+    norms = _norms(rows)
+    clean = rows if instruments is None else _beside_each_other(instruments, noise, prior)
+    Q, _ = np.linalg.qr(clean / _norms(clean))
+    inverse = np.linalg.pinv(Q.T @ (rows / norms), rcond=_DEPENDENT)
     x = inverse @ (Q.T @ right) / norms
     left = right - rows @ x
     influence = Q @ inverse[free:].T / norms[free:]
@@ -130,6 +136,25 @@ def solved(sheets: Sequence[Sheet], prior: Prior) -> Solution:
         covariance += _scatter(influence[own], left[own], len(one.tau))
         first += one.tau.size
     return Solution(x[:free], x[free:], covariance + influence[first:].T @ influence[first:])
+
+
+def _beside_each_other(
+    instruments: Sequence[Sequence[Sheet]], noise: Sequence[Float[np.ndarray, " dof"]], prior: Prior
+) -> Float[np.ndarray, "rows columns"]:
+    """All instruments of all recordings; the prior is an instrument for what it knows."""
+    parts = [
+        np.hstack([one.over(each) for one in some])
+        for some, each in zip(instruments, noise, strict=True)
+    ]
+    known = np.zeros((len(prior.D), parts[0].shape[1]))
+    known[:, : prior.D.shape[1]] = prior.D
+    return np.vstack([*parts, known])
+
+
+def _norms(rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, " columns"]:
+    norms = np.linalg.norm(rows, axis=0)
+    norms[norms == 0] = 1.0
+    return norms
 
 
 def stretches(samples: int) -> Int[np.ndarray, " stretches"]:

@@ -7,6 +7,7 @@ from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_put_right
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.sharpness import sharpened
 from deltaid.identification.study import studied
 from deltaid.identification.velocity_stage import late_rates_left_out
 from deltaid.identification.warmth import changing_friction
@@ -25,17 +26,18 @@ STAGES: tuple[Stage, ...] = (
     recordings_studied,
     gains,
     lags_put_right,
+    gears_turned_back,
     changing_friction,
     chosen_friction,
     changing_friction,
-    gears_turned_back,
     lags_put_right,
     gains,
+    sharpened,
 )
 
 
 def prepared(setup: Setup, progress: Progress) -> Setup:
-    """A setup after all stages; one that comes again is left out where nothing has changed."""
+    """A setup after all stages; one that comes again is left out if nothing has changed since."""
     left: dict[Stage, Setup] = {}
     for stage in STAGES:
         if stage in left and setup.poses_as(left[stage]):

@@ -3,7 +3,7 @@
 Corrections ask it which they may trust, and verdicts on a residual rest on it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,9 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.identification.additions import Addition
 from deltaid.identification.explained import SEEN, Account, account, surprise
+from deltaid.identification.information import active_columns
 from deltaid.identification.lag import (
     REACH,
     Basis,
@@ -22,6 +24,7 @@ from deltaid.identification.lag import (
     basis_of,
     coarse_lag,
     estimate_lag,
+    widened_by,
 )
 from deltaid.identification.patterns import Pattern, Scene, missing
 from deltaid.identification.searches import load_steps, ripples
@@ -66,38 +69,59 @@ class Study:
 
         Lags and friction laws then take what they can of it, and mean nothing.
         """
+        return self.largest is not None and self.largest.kind == "load-change"
+
+    @property
+    def largest(self) -> Pattern | None:
+        """The cause that explains most; None if there is none."""
         found = self.account.found
-        return bool(found) and max(found, key=lambda one: one.gain).pattern.kind == "load-change"
+        return max(found, key=lambda one: one.gain).pattern if found else None
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
-    """Look at a recording; None where nothing can be differentiated."""
+def studied(
+    dynamics: Dynamics,
+    recording: Recording,
+    p: Parameters | None = None,
+    beside: Sequence[Addition] = (),
+) -> Study | None:
+    """Look at a recording; None where nothing can be differentiated.
+
+    Args:
+        p: parameters by which friction that depends on load knows what gears carry; the prior's
+            where nothing better is known.
+        beside: what the recording has been fitted with beside the robot: that is explained.
+    """
     log = recording.log
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
+    if recording.repairs.gears is not None and recording.cutoff is not None:
+        # Links behind gears that wind up are known from torques, whose noise they have, the more
+        # of it the faster.
+        cutoff = min(cutoff, recording.cutoff)
     windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
-    load, still = prior_parameters(dynamics.robot), np.zeros(dynamics.dof)
+    load = prior_parameters(dynamics.robot) if p is None else p
+    still = np.zeros(dynamics.dof)
     try:
         record = trace(dynamics, recording, load, cutoff=cutoff, reach=REACH, windows=windows)
     except RecordingError:
         return None
-    rough = record.regressor(between=True)
-    basis = basis_of(dynamics, rough, log.torque_max)
+    rough = record.regressor(beside, between=True)
+    basis = _basis(dynamics, rough, log.torque_max)
     left = basis.without(basis.stack(record.torques(still))).reshape(dynamics.dof, -1)
     share = np.sqrt(np.mean(left**2, axis=1))
     scale = np.maximum(share, _FLOOR) * log.torque_max
-    between = basis_of(dynamics, rough, scale)
+    between = _basis(dynamics, rough, scale)
     start = np.full(dynamics.dof, coarse_lag(record, between))
     common = estimate_lag(record, between, start, common=True)
     each = estimate_lag(record, between, common.values, common=False)
     record = trace(
         dynamics, recording, load, cutoff=cutoff, reach=REACH, reversals=False, windows=windows
     )
-    exact = record.regressor()
-    basis = basis_of(dynamics, exact, scale)
+    exact = record.regressor(beside)
+    basis = _basis(dynamics, exact, scale)
     scene, account = _accounted(record, exact, basis, still)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
@@ -121,9 +145,20 @@ def studied(dynamics: Dynamics, recording: Recording) -> Study | None:
         reversals=False,
         windows=windows,
     )
-    exact = record.regressor()
-    put_back = _accounted(record, exact, basis_of(dynamics, exact, scale), lag.values)
+    exact = record.regressor(beside)
+    put_back = _accounted(record, exact, _basis(dynamics, exact, scale), lag.values)
     return Study(*put_back, common, each, late, alike, plain)
+
+
+def _basis(
+    dynamics: Dynamics,
+    Y: Float[np.ndarray, "dof samples columns"],
+    scale: Float[np.ndarray, " dof"],
+) -> Basis:
+    """What parameters explain, and additions, whose columns follow those of the robot in Y."""
+    own = len(active_columns(dynamics))
+    basis = basis_of(dynamics, Y[:, :, :own], scale)
+    return widened_by(basis, basis.stack(Y[:, :, own:])) if Y.shape[2] > own else basis
 
 
 def _accounted(
@@ -131,7 +166,7 @@ def _accounted(
 ) -> tuple[Scene, Account]:
     """The patterns of a recording whose torques have been put back by some lags."""
     tau = basis.stack(record.torques(delay))
-    scene = Scene(record, Y, basis, tau)
+    scene = Scene(record, Y[:, :, : len(active_columns(record.dynamics))], basis, tau)
 
     def searched(left: Rows) -> Iterator[Pattern]:
         yield from ripples(scene, left)

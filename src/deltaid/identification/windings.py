@@ -9,7 +9,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.identification.traces import Trace
-from deltaid.recording.filter import HIGHEST
+from deltaid.recording.filter import HIGHEST, LowPass
 from deltaid.recording.gears import Gears, convolved
 from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
@@ -54,15 +54,25 @@ class Windings:
     motors: Gears
     carried: tuple[Float[np.ndarray, "3 _ dof"], ...]
 
-    def by_model(self, compliance: Compliance, p: Parameters) -> "tuple[Trace, Windings]":
-        """The links' motion, and how it would wind up gears by the torques of p."""
-        dynamics, turned = self.trace.dynamics, self.turned(compliance)
+    def by_model(self, p: Parameters) -> "Windings":
+        """The same with what gears carry by the torques of p along this motion."""
+        dynamics = self.trace.dynamics
 
         def torque(w: Samples) -> np.ndarray:
             return dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
 
-        found = _along(turned, self.motors, torque)
-        return found.trace, found
+        return _along(self.trace, self.motors, torque)
+
+    def inner(self, low_pass: LowPass) -> "Windings":
+        """The same without the ends that a filter takes."""
+        lost, stretches, carried = low_pass.margin, list[Samples](), list[np.ndarray]()
+        for w, along in zip(self.trace.stretches, self.carried, strict=True):
+            if len(w.time) > 2 * lost:
+                kept = slice(lost, len(w.time) - lost)
+                stretches.append(w.part(kept))
+                carried.append(along[:, kept])
+        trace = replace(self.trace, stretches=tuple(stretches))
+        return Windings(trace, self.motors, tuple(carried))
 
     @property
     def loaded(self) -> np.ndarray:

@@ -6,6 +6,7 @@ Method = Literal["conic", "log-cholesky"]
 RegularizerName = Literal["euclidean", "entropic", "riemannian"]
 FrictionLaws = Literal["described", "choose"]
 LagChoice = Literal["estimate", "none"]
+ComplianceChoice = Literal["estimate", "none"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 # Beyond these the fit only sees the data's rounding, or only the prior.

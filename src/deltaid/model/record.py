@@ -18,6 +18,7 @@ from deltaid.model.options import (
     GAMMA_LIMITS,
     LARGEST_LAG,
     SPREAD_LIMITS,
+    ComplianceChoice,
     FrictionLaws,
     LagChoice,
     Method,
@@ -50,6 +51,7 @@ class Settings(Part):
         keep_all: whether nothing is left out of the recordings.
         lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
             or one a drive.
+        compliance: of gears: estimated where none is stated, or none beside what is stated.
         events: whether contacts, stops, torque spikes and play in gears are found and left out.
     """
 
@@ -61,6 +63,7 @@ class Settings(Part):
     friction: FrictionLaws = "choose"
     keep_all: bool = False
     lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
+    compliance: ComplianceChoice = "estimate"
     events: bool = True
 
 

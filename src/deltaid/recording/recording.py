@@ -25,7 +25,7 @@ from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
 
 _Result = TypeVar("_Result")
-# Windows of which some are chosen: of a recording without an excerpt its beginning.
+# Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
 _FEW = 32
 
 
@@ -150,9 +150,18 @@ class Recording:
         return self.evaluate(kinematics, lambda window: window)
 
     def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:
-        """At most so many windows, evenly spread from the first to the last."""
-        every = list(islice(self._uncut(kinematics), _FEW))
-        chosen = np.unique(np.linspace(0, len(every) - 1, most).round().astype(int))
+        """As many rows as so many full windows have, in windows spread from the first to the last.
+
+        Gaps cut windows short, and it takes more of them then.
+        """
+        every, rows = list[Uncut](), 0
+        for one in self._uncut(kinematics):
+            every.append(one)
+            rows += one.samples
+            if rows >= _FEW * WINDOW:
+                break
+        count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))
+        chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
         return ordered(Uncut.window, [every[k] for k in chosen] if every else [])
 
 

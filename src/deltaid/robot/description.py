@@ -84,6 +84,11 @@ class RobotDescription(Part):
         default_factory=dict,
         description="prior inertia of motor and gear reduced to a drive, kg m², or kg for a rail",
     )
+    gear_stiffness: Positive | dict[str, Positive] = Field(
+        default_factory=dict[str, Positive],
+        description="what gears carry over how far they wind up, where encoders are on the motors, "
+        "N m/rad, or N/m for a rail: of all drives or by drive; looked for where not given",
+    )
     tolerances: Tolerances = Field(
         default=Tolerances(),
         description="how well lengths, zeros of drives and the direction of gravity are known",
@@ -243,6 +248,11 @@ class RobotDescription(Part):
         """Names of the drives with a rotor inertia of their own, in the order of the drives."""
         return tuple(drive for drive in self.drives if drive in self.rotor_inertia)
 
+    def stiffness(self, drive: str) -> float:
+        """Of a drive's gear [N m/rad or N/m]; infinite where none is given."""
+        given = self.gear_stiffness
+        return given.get(drive, np.inf) if isinstance(given, dict) else given
+
     @model_validator(mode="after")
     def _check(self) -> "RobotDescription":
         self._check_drives()
@@ -260,6 +270,8 @@ class RobotDescription(Part):
                 raise ValueError(f"friction.{joint} has a load term, which only drives can have")
         _among("rotor_inertia", self.rotor_inertia, self.drives)
         _among("drive_limits", self.drive_limits, self.drives)
+        if isinstance(self.gear_stiffness, dict):
+            _among("gear_stiffness", self.gear_stiffness, self.drives)
         by_name = self.tolerances.lengths, self.tolerances.homing
         for key, given, known in zip(
             ("lengths", "homing"), by_name, (LENGTHS, self.drives), strict=True

@@ -19,7 +19,7 @@ from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
 
 # Blocks of time, step of the slopes [rad or m], and spread of the prior.
-_BLOCKS, _STEP, _SPREAD = 24, 1e-4, 0.5
+BLOCKS, _STEP, _SPREAD = 24, 1e-4, 0.5
 # Share of the larger one's square below which an angle of gravity does not show.
 _SHOWN = 1e-6
 
@@ -115,7 +115,7 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     D = D - (D @ Y.T @ found.inverse) @ Y
     e = tau - (tau @ Y.T @ found.inverse) @ Y
     count = int(found.keep.sum())
-    edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
+    edges = np.linspace(0, count, BLOCKS + 1).astype(int)
     products = (D * e).reshape(len(D), dof, count).sum(axis=1)
     scores = np.stack([products[:, a:b].sum(axis=1) for a, b in pairwise(edges)])
     return Shifts(D @ D.T, scores, float(e @ e), len(e), dof, angles)

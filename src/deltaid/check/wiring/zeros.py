@@ -34,17 +34,14 @@ def zero_verdicts(
 ) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     told = shifts(evidence.dynamics, motion, best)
-    drives = [i for i in told.homing if _sensible(told, i) and _sure(told, [i]) > 0]
+    drives = _shown(told)
     closes = best.residual.poses.share >= CLOSED
     if not drives:
         if not closes:
             yield _open(best)
         return
     one = max(drives, key=lambda i: told.gain([i]))
-    tilted = _sure(told, told.tilt) if told.tilt else 0.0
-    zeroed = _sure(told, [one])
-    explains = max(told.gain([one]), told.gain(told.tilt) if told.tilt else 0.0)
-    if max(zeroed, tilted) < _SEEN or explains < _LITTLE:
+    if not seen(told):
         if closes:
             yield _good(evidence, told)
         else:
@@ -54,7 +51,7 @@ def zero_verdicts(
         if not closes:
             yield _open(best)
         return
-    beside = _sure(told, [one], told.tilt) if told.tilt else zeroed
+    beside = _sure(told, [one], told.tilt)
     instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
     grade = Grade.DOUBTFUL if closes else Grade.WRONG
     # Zeros of several drives mimic any tilt, so the simpler of both is said where both are left.
@@ -63,6 +60,30 @@ def zero_verdicts(
     rivals = [one, *(i for i in drives if i != one and _rival(told, one, i))]
     way = _zero(evidence, motion, best, told, one)
     yield _verdict(evidence, told, entries, rivals, way, grade=grade, zero=zero, either=either)
+
+
+def seen(told: Shifts) -> bool:
+    """Whether the zero that explains most, or a tilt, is there beyond doubt and explains enough."""
+    causes = _causes(told)
+    sure = max((_sure(told, which) for which in causes), default=0.0)
+    return sure >= _SEEN and max(told.gain(which) for which in causes) >= _LITTLE
+
+
+def likeliest(told: Shifts) -> list[int]:
+    """The zero or the tilt that explains most."""
+    return max(_causes(told), key=told.gain)
+
+
+def _causes(told: Shifts) -> list[list[int]]:
+    """The zero that explains most, and a tilt, as far as the recording shows them."""
+    drives = _shown(told)
+    one = [max(drives, key=lambda i: told.gain([i]))] if drives else []
+    return [which for which in (one, told.tilt) if which]
+
+
+def _shown(told: Shifts) -> list[int]:
+    """Drives whose zeros the recording shows."""
+    return [i for i in told.homing if _sensible(told, i) and _sure(told, [i]) > 0]
 
 
 def _sensible(told: Shifts, i: int) -> bool:
@@ -152,8 +173,8 @@ def _verdict(
     share = told.gain([one]) if zero else told.gain(told.tilt)
     shifted = entries.proposal({"position": {one: entries.shifted(one, way[0])}})
     turned = _gravity(evidence, told) if told.tilt else ()
-    seen = f"torques repeat with the pose what {of_zero if zero else of_tilt} would do"
-    seen += f", which explains {100 * share:.0f} % of what is left of them"
+    words = f"torques repeat with the pose what {of_zero if zero else of_tilt} would do"
+    words += f", which explains {100 * share:.0f} % of what is left of them"
     if either:
         first, second = (of_zero, of_tilt) if zero else (of_tilt, of_zero)
         cause = f"one of both, the motion does not tell which: {first}, or {second}"
@@ -168,7 +189,7 @@ def _verdict(
     return Verdict(
         "homing-or-tilt",
         grade,
-        seen,
+        words,
         ", ".join([name, *others]) if zero else "",
         cause,
         cure,
