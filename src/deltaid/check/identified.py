@@ -25,10 +25,6 @@ _AFTER = tuple(family for family in OF_RECORDING if not family.first)
 # Verdicts on what has been left out, which the table of that tells with its spans.
 _TOLD = {"standing", "saturation"}
 
-# Verdicts on rows as recorded that gears make which wind up; what is left of them when these are
-# turned back is judged with the fit.
-_LIKE_WOUND_GEARS = {"homing-or-tilt"}
-
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
     *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "millimetres",
@@ -95,8 +91,6 @@ def identify(
             vars(one).pop("rows", None)  # all of them might not fit into memory
         opened.append(one)
     result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
-    if any(one.kind == "compliance" for one in result.model.corrections):
-        found = tuple(verdict for verdict in found if verdict.key not in _LIKE_WOUND_GEARS)
     progress("judging what it tells")
     for one, said, recording in zip(opened, wired, result.recordings, strict=True):
         kept = (v for v in said if not _mended(v, result.problem, recording, description))
