@@ -6,6 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.check.identified import identify as checked
+from deltaid.check.verdict import Grade
 from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
@@ -261,6 +263,14 @@ def test_velocities_that_lag_are_left_out(late: float) -> None:
     (told,) = setup.corrections
     assert told.kind == "velocity"
     assert told.value == pytest.approx(late, rel=0.01)
+
+
+def test_columns_that_have_been_left_out_are_not_complained_about() -> None:
+    judged = checked(robot()[0].robot, [recorded(0.0, velocity=2e-3)])
+    (told,) = (one for one in judged.verdicts if one.key == "velocity")
+    assert told.grade is Grade.GOOD
+    assert "left out" in told.seen
+    assert not any("velocit" in text for text in judged.model.warnings)
 
 
 def test_a_model_of_late_velocities_leaves_them_out_of_comparisons() -> None:
