@@ -1,7 +1,7 @@
 """Time and memory of the whole `deltaid identify` command on logs of 10⁴ to 10⁶ or 10⁷ samples.
 
     pip install deltaid
-    python benchmarks/command.py [--largest 10000000]
+    python benchmarks/command.py [--largest 10000000] [--before ../old/src]
 
 The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,
 1 kHz, time, positions and torques only, so the command has to choose a filter, differentiate and
@@ -12,6 +12,9 @@ are kept in the temporary folder, so the first run of all compiles them and the 
 measurement is a process of its own, started by a process that does nothing else. Memory is its peak
 resident set as the operating system counts it. All cores are used, as by default; CPU time is that
 of all of them together and says more than the wall time on a machine that has other work to do.
+
+`--before` names the sources of another version, which is run in turn with this one on every log:
+on a busy machine, two runs differ by what else it does. Only CPU times are compared.
 
 The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
 `progress` callback announces them, in CPU time: without the start of Python and with imports done.
@@ -89,6 +92,10 @@ def main() -> int:
         os.environ["DELTAID_KERNEL_CACHE"] = str(folder / "kernels")
         for size in sizes:
             write_logs(folder, size, arguments.seed)
+        if arguments.before is not None:
+            for size, suffix in itertools.product(sizes, KINDS.values()):
+                _print_before(folder / f"{size}.{suffix}", arguments.before, arguments.repeats)
+            return 0
         for kind, suffix in KINDS.items():
             costs = {size: cost(folder, size, suffix, arguments.repeats) for size in sizes}
             _print_table(kind, costs, folder, suffix)
@@ -125,16 +132,29 @@ def cost(folder: Path, samples: int, suffix: str, repeats: int) -> Cost:
     Raises:
         RuntimeError: the command failed.
     """
-    log, model = folder / f"{samples}.{suffix}", folder / "model.yaml"
-    return _cost(["identify", ROBOT, str(log), "--output", str(model)], repeats)
+    return _cost(_identify(folder / f"{samples}.{suffix}"), repeats)
 
 
-def _cost(arguments: list[str], repeats: int) -> Cost:
-    """Medians over some runs of `deltaid ARGUMENTS`."""
+def _identify(log: Path) -> list[str]:
+    return ["identify", ROBOT, str(log), "--output", str(log.with_name("model.yaml"))]
+
+
+def _print_before(log: Path, sources: Path, repeats: int) -> None:
+    """CPU time of this version and of another one, by turns."""
+    runs = [(_cost(_identify(log), 1, sources), _cost(_identify(log), 1)) for _ in range(repeats)]
+    before, now = (statistics.median(one.cpu for one in side) for side in zip(*runs, strict=True))
+    print(f"{log.name:18} {before:6.2f} CPU s before, {now:6.2f} now, {now / before:.2f} times")
+
+
+def _cost(arguments: list[str], repeats: int, sources: Path | None = None) -> Cost:
+    """Medians over some runs of `deltaid ARGUMENTS`, of other sources if these are given."""
     runs: list[tuple[float, float, float]] = []
+    other = {} if sources is None else {"PYTHONPATH": str(sources)}
     for _ in range(repeats):
         launch = [sys.executable, "-S", "-c", LAUNCHER, *COMMAND, *arguments]
-        out = subprocess.run(launch, check=True, capture_output=True, text=True)
+        out = subprocess.run(
+            launch, check=True, capture_output=True, text=True, env=os.environ | other
+        )
         seconds, cpu, peak, code = json.loads(out.stdout)
         if code != 0:
             raise RuntimeError(f"deltaid {' '.join(arguments)} failed: {out.stderr}")
@@ -217,6 +237,7 @@ def _print_start(repeats: int) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="time and memory of `deltaid identify`")
     parser.add_argument("--largest", type=int, default=USUAL, help="no longer logs than this")
+    parser.add_argument("--before", type=Path, help="sources of a version to compare with")
     parser.add_argument("--repeats", type=int, default=5, help="runs, of which the median counts")
     parser.add_argument("--seed", type=int, default=0, help="of truth, motion and noise")
     return parser.parse_args()

@@ -86,24 +86,25 @@ class _Slopes:
 
     @cached_property
     def _position(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
-        """q and T = J⁻¹ of the described robot."""
+        """q and J of the described robot."""
         q, J = self.grown.position(self.z.T, np.zeros(self.grown.symbols))
         dof = self.z.shape[1]
         blocks = np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
-        return np.array(q).T, np.linalg.inv(blocks)
+        return np.array(q).T, blocks
 
     def of_length(self, number: int) -> Torques:
         """dτ/dg of a symbol of the growth [N m/m]."""
         grown = _STEP * np.eye(self.grown.symbols)[number]
-        q, T = self._position
+        q, J = self._position
         later = np.array(self.grown.position(self.z.T, grown)[0]).T
-        z = self.z - np.einsum("sij,sj->si", T, later - q)
+        z = self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0]
         return (self._torque(z, grown) - self._described) / _STEP
 
     def of_zero(self, drive: int) -> Torques:
         """dτ/dq_i at the same speeds and accelerations [N m/rad]."""
-        _, T = self._position
-        return (self._torque(self.z + _STEP * T[:, :, drive]) - self._described) / _STEP
+        _, J = self._position
+        along = np.linalg.solve(J, np.eye(J.shape[1])[:, [drive]])[:, :, 0]
+        return (self._torque(self.z + _STEP * along) - self._described) / _STEP
 
     def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Torques:
         """Change of torques as gravity turns about an axis [N m/rad]."""
