@@ -14,7 +14,7 @@ from deltaid.identification.fit import fit
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.gears import Gears
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Repairs
 from deltaid.robot.load import load_robot
 
