@@ -10,12 +10,17 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.fit import fit
+from deltaid.identification.setup import Setup
+from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.gears import Gears
 from deltaid.recording.opening import open_log
+from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import Repairs
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
 RATE = 1000.0
@@ -119,6 +124,53 @@ def test_stiff_gears_stay_stiff() -> None:
     assert not [one for one in found.model.corrections if one.kind == "compliance"]
     assert found.recordings[0].repairs.gears is None
     assert model_filtered(found.model, found.recordings[0].log).repairs.gears is None
+
+
+def at_stage(robot: RobotDescription, table: pl.DataFrame, settings: Settings) -> Setup:
+    """What the stage makes of a recording that nothing else is done to."""
+    kinematics = compiled(robot).kinematics
+    recordings = tuple(open_recordings(table.drop("link1", "link2", "link3"), kinematics))
+    return gears_turned_back(Setup(robot, recordings, settings), lambda _: None)
+
+
+def test_a_stiffness_that_is_stated_is_applied() -> None:
+    dynamics, p, table = wound()
+    named = dict(zip(dynamics.robot.drives, STIFFNESS.tolist(), strict=True))
+    robot = dynamics.robot.model_copy(update={"gear_stiffness": named})
+    setup = at_stage(robot, table, Settings(compliance="none"))
+    told = [one for one in setup.corrections if one.kind == "compliance"]
+    np.testing.assert_allclose([one.value or 0.0 for one in told], 1 / STIFFNESS)
+    assert all("as stated" in one.text and one.low is None for one in told)
+    assert mass_error(dynamics, fit(dynamics, setup.recordings, Settings()).p, p) < 0.003
+
+
+def test_nothing_is_looked_for_unless_asked() -> None:
+    dynamics, _, table = wound()
+    setup = at_stage(dynamics.robot, table, Settings(compliance="none"))
+    assert not setup.corrections
+    assert setup.recordings[0].repairs.gears is None
+
+
+def test_a_law_that_is_missing_is_no_compliance() -> None:
+    dynamics, p, table = wound(0.0)
+    coulomb = p[dynamics.layout.coulomb][: dynamics.dof]
+    link = table.select("link1", "link2", "link3").to_numpy()
+    speed = np.gradient(link, 1 / RATE, axis=0)
+    knee = 0.05 * np.abs(speed).max(axis=0)
+    more = coulomb * (0.4 * np.exp(-((speed / knee) ** 2)) * np.sign(speed) + 0.1 * np.abs(speed))
+    tau = table.select("tau1", "tau2", "tau3").to_numpy() + more
+    log = table.with_columns(pl.Series(f"tau{i + 1}", x) for i, x in enumerate(tau.T))
+    assert not at_stage(dynamics.robot, log, Settings()).corrections
+
+
+def test_a_stiffness_is_of_a_drive_that_is_there() -> None:
+    data = load_robot("clavel-delta3").model_dump(mode="json")
+    one = RobotDescription.model_validate(data | {"gear_stiffness": 2e4})
+    assert [one.stiffness(drive) for drive in one.drives] == [2e4, 2e4, 2e4]
+    two = RobotDescription.model_validate(data | {"gear_stiffness": {"drive2": 5e3}})
+    assert [two.stiffness(drive) for drive in two.drives] == [np.inf, 5e3, np.inf]
+    with pytest.raises(ValueError, match="gear_stiffness has unknown drive9; choose from drive1"):
+        RobotDescription.model_validate(data | {"gear_stiffness": {"drive9": 5e3}})
 
 
 @pytest.mark.parametrize("motor", ["viscous", "coulomb", "rotor"])

@@ -33,7 +33,7 @@ _RUN = (
     "forces",
     "simulation",
 )
-RUNNABLE = [DOCS / f"{name}.md" for name in _RUN]
+RUNNABLE = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in _RUN)]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
 _SHELL = ("", "console", "bash", "sh", "shell")

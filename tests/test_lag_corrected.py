@@ -6,6 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.check.identified import identify as checked
+from deltaid.check.verdict import Grade
 from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
@@ -14,7 +16,7 @@ from deltaid.forces.ranges import evidence
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.identify import identify
 from deltaid.identification.lag_columns import slope
-from deltaid.identification.lag_groups import chosen_groups
+from deltaid.identification.lag_groups import agree, chosen_groups
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Setup
 from deltaid.identification.traces import trace
@@ -113,6 +115,13 @@ def test_friction_by_direction_looks_like_a_lag_but_not_where_drives_turn_round(
 def test_a_filter_of_the_drive_counts_as_lag() -> None:
     lags = estimated(recorded(0.0, loop=3e-3))
     np.testing.assert_allclose(lags.values[0], 3e-3, atol=4e-4)
+
+
+def test_estimates_agree_that_do_not_contradict_each_other() -> None:
+    covariance = 1e-4 * np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 4.0]])
+    assert agree(np.array([1.0, 1.0, 1.04]), covariance)
+    assert not agree(np.array([1.0, 1.03, 1.0]), covariance)
+    assert agree(np.array([1.0, 1.03, 1.0]), np.diag(np.diag(covariance)))
 
 
 def test_groups_are_as_few_as_scatter_allows() -> None:
@@ -254,6 +263,14 @@ def test_velocities_that_lag_are_left_out(late: float) -> None:
     (told,) = setup.corrections
     assert told.kind == "velocity"
     assert told.value == pytest.approx(late, rel=0.01)
+
+
+def test_columns_that_have_been_left_out_are_not_complained_about() -> None:
+    judged = checked(robot()[0].robot, [recorded(0.0, velocity=2e-3)])
+    (told,) = (one for one in judged.verdicts if one.key == "velocity")
+    assert told.grade is Grade.GOOD
+    assert "left out" in told.seen
+    assert not any("velocit" in text for text in judged.model.warnings)
 
 
 def test_a_model_of_late_velocities_leaves_them_out_of_comparisons() -> None:

@@ -40,3 +40,17 @@ def test_what_is_known_before_counts_by_its_deviation() -> None:
     np.testing.assert_allclose(found.x, 7.0)
     np.testing.assert_allclose(found.a, 0.5)
     np.testing.assert_allclose(found.covariance, 0.01)
+
+
+def test_instruments_are_not_biased_by_noise_that_columns_share_with_torques() -> None:
+    rng, nothing = np.random.default_rng(4), (np.zeros(1), np.array([np.inf]))
+    prior = Prior(np.array([[1e-6]]), np.zeros(1)).beside(*nothing)
+    clean, noise = rng.standard_normal((1, 4000, 2)), rng.standard_normal((1, 4000))
+    rows = clean + 0.5 * noise[:, :, None]
+    tau = clean @ [2.0, 3.0] + noise
+    one = Sheet(rows[:, :, :1], rows[:, :, 1:], tau)
+    by = [Sheet(clean[:, :, :1], clean[:, :, 1:], tau)]
+    biased, right = solved([one], prior), solved([one], prior, [by])
+    assert abs(right.a[0] - 3.0) < 3 * right.covariance[0, 0] ** 0.5
+    assert abs(biased.a[0] - 3.0) > 5 * biased.covariance[0, 0] ** 0.5
+    np.testing.assert_allclose(right.x, 2.0, atol=0.2)

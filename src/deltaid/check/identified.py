@@ -1,7 +1,7 @@
 """The identification between its checks: what is wrong is refused before, what is doubtful said."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
@@ -13,6 +13,7 @@ from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
+from deltaid.model.corrections import Correction
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
@@ -24,10 +25,6 @@ _FIRST = tuple(family for family in OF_RECORDING if family.first)
 _AFTER = tuple(family for family in OF_RECORDING if not family.first)
 # Verdicts on what has been left out, which the table of that tells with its spans.
 _TOLD = {"standing", "saturation"}
-
-# Verdicts on rows as recorded that gears make which wind up; what is left of them when these are
-# turned back is judged with the fit.
-_LIKE_WOUND_GEARS = {"homing-or-tilt"}
 
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
@@ -95,10 +92,9 @@ def identify(
             vars(one).pop("rows", None)  # all of them might not fit into memory
         opened.append(one)
     result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
-    if any(one.kind == "compliance" for one in result.model.corrections):
-        found = tuple(verdict for verdict in found if verdict.key not in _LIKE_WOUND_GEARS)
     progress("judging what it tells")
     for one, said, recording in zip(opened, wired, result.recordings, strict=True):
+        said = _done(said, recording, result.model.corrections)
         kept = (v for v in said if not _mended(v, result.problem, recording, description))
         found += named(one, kept, several=len(sources) > 1)
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
@@ -113,6 +109,21 @@ def _mended(
     """Whether zeros and gravity, doubted before the fit, go with what it has put right."""
     doubted = verdict.key == "homing-or-tilt" and verdict.grade is Grade.DOUBTFUL
     return doubted and not still_seen(problem, recording, described)
+
+
+def _done(
+    said: Iterable[Verdict], recording: Recording, corrections: Iterable[Correction]
+) -> tuple[Verdict, ...]:
+    """Verdicts on a recording's columns, in other words where these have been left out since."""
+    log = recording.path.name
+    left = any(one.kind == "velocity" and one.log == log for one in corrections)
+    words = "which has been corrected: they are left out, and positions differentiated"
+    return tuple(
+        replace(one, grade=Grade.GOOD, seen=f"{one.seen}, {words}", cause="", cure="")
+        if left and one.key == "velocity" and one.grade is Grade.DOUBTFUL
+        else one
+        for one in said
+    )
 
 
 def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from deltaid.identification.lag_stage import lags_put_right, without_lags
 from deltaid.identification.rows_with_prior import BLOCKS
 from deltaid.identification.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.study import studied
 from deltaid.identification.traces import Trace, trace
 from deltaid.identification.windings import motors_of
 from deltaid.model.corrections import Correction
@@ -39,11 +40,9 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
     bare = setup.told((), "compliance").changed(additions=without_lags(setup.additions))
     seen = [
         (one, found)
-        for k, one in enumerate(bare.recordings)
+        for one in bare.recordings
         # Rows that are not quite where they stand in time are off by their speed, like wound gears.
-        if one.log.laid.steady
-        and not bare.is_disturbed(k)
-        and (found := _traced(bare, one)) is not None
+        if one.log.laid.steady and (found := _traced(bare, one)) is not None
     ]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     looked_for = (stated == 0) & (setup.settings.compliance == "estimate")
@@ -58,7 +57,9 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
             motors = motors_of(bare.robot, found.p, one.low_pass.cutoff, one.log.rate)
             motors = replace(motors, compliance=tuple(found.values.tolist()))
             bare = bare.repaired(one, gears=motors)
-    # Lags that gears imitated are none.
+    # Loads and lags that gears imitated are none.
+    studies = tuple(studied(bare.dynamics, one) for one in bare.recordings)
+    bare = bare.changed(studies=studies)
     return lags_put_right(bare.told(_told(bare, found)), progress)
 
 

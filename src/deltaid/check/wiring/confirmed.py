@@ -2,16 +2,16 @@
 
 Before a fit, rows are as recorded and friction as described: clipped torques, a lag or another law
 of friction may look like a zero that is off; and a zero that is off looks like friction that
-differs by direction, which a fit then finds. So the columns of zeros and tilt are compared with
-what is left of corrected and masked torques, beside all columns of the fit and beside those of the
-description alone.
+differs by direction or like a torque constant, which a fit then finds. So the columns of zeros and
+tilt are compared with what is left of masked torques, beside all that the fit has put right and
+beside the description alone.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.wiring.homing import BLOCKS, Shifts
@@ -37,11 +37,15 @@ _FAR, _CERTAIN = 0.05, 25.0
 def still_seen(problem: FittedProblem, recording: Recording, described: RobotDescription) -> bool:
     """Whether a zero or a tilt still explains what a fit leaves of a recording, or explains as
     much as what the fit has added to the description."""
-    rows = _rows(problem, recording, described)
-    fitted = _shifts(rows, np.ones(rows.Y.shape[1], dtype=bool))
+    fitted = _shifts(_rows(problem, recording, frozenset()))
     if seen(fitted):
         return True
-    plain = _shifts(rows, rows.described)
+    known = {one.name for one in parameter_layout(described).parameters}
+    added = {one.name for one in problem.dynamics.layout.parameters} - known
+    gains = {one.name for one in problem.layout.parameters if one.kind == "gain"}
+    repairs = replace(recording.repairs, gears=None, gain=())
+    described_only = replace(recording, repairs=repairs)
+    plain = _shifts(_rows(problem, described_only, frozenset(added | gains)))
     if not seen(plain):
         return False
     which = likeliest(plain)
@@ -56,22 +60,21 @@ class _Rows:
     """Samples of a fit, one drive after the other.
 
     Attributes:
-        Y: all columns of the fit.
-        described: which of them the fit has not added to the friction of the description.
+        Y: columns of the fit.
         tau: torques.
         D: slopes by zeros [N m/rad or N/m] and tilts; of what torques do not show they are zero.
         drives, angles: how many zeros and tilts.
     """
 
     Y: Float[np.ndarray, "rows columns"]
-    described: Bool[np.ndarray, " columns"]
     tau: Float[np.ndarray, " rows"]
     D: Float[np.ndarray, "rows shifts"]
     drives: int
     angles: int
 
 
-def _rows(problem: FittedProblem, recording: Recording, described: RobotDescription) -> _Rows:
+def _rows(problem: FittedProblem, recording: Recording, without: frozenset[str]) -> _Rows:
+    """Rows of a recording, without the columns of some parameters."""
     dynamics, drives = problem.dynamics, problem.dynamics.robot.drives
     regressor = extended(dynamics, problem.additions)
     rows = geometric_rows(
@@ -86,18 +89,15 @@ def _rows(problem: FittedProblem, recording: Recording, described: RobotDescript
     columns = dict(zip(rows.names, rows.D.T / _SIZE, strict=True))
     none = np.zeros(len(rows.tau))
     D = [columns.get(name, none) for name in (*(f"zero of {one}" for one in drives), *tilts)]
-    known = {one.name for one in parameter_layout(described).parameters}
-    added = {one.name for one in dynamics.layout.parameters} - known
     names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
-    mine = np.array([name not in added for name in names])
-    return _Rows(rows.Y, mine, rows.tau, np.stack(D, axis=1), len(drives), len(tilts))
+    kept = np.array([name not in without for name in names])
+    return _Rows(rows.Y[:, kept], rows.tau, np.stack(D, axis=1), len(drives), len(tilts))
 
 
-def _shifts(rows: _Rows, beside: Bool[np.ndarray, " columns"]) -> Shifts:
-    """What rows say of zeros and gravity beside some columns."""
-    Y = rows.Y[:, beside]
-    norms = np.linalg.norm(Y, axis=0)
-    U, s, _ = np.linalg.svd(Y / np.where(norms > 0, norms, 1.0), full_matrices=False)
+def _shifts(rows: _Rows) -> Shifts:
+    """What rows say of zeros and gravity beside their columns."""
+    norms = np.linalg.norm(rows.Y, axis=0)
+    U, s, _ = np.linalg.svd(rows.Y / np.where(norms > 0, norms, 1.0), full_matrices=False)
     Q = U[:, s > _DEPENDENT * s[0]]
     D, e = (x - Q @ (Q.T @ x) for x in (rows.D, rows.tau))
     count = len(e) // rows.drives

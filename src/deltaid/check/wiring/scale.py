@@ -11,8 +11,9 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.signs import row_at_home
 
-# Below this share of the largest of a drive's torques a component is too small to be compared; of
-# a drive that nothing ties to others, below the other one.
+# Below this share of the largest of a drive's torques a component is too small to be compared, as
+# expected and as told: beside bodies that are far too heavy in the description friction looks
+# small. Of a drive that nothing ties to others, and as expected at least, below the other one.
 _SMALL, _SMALLEST = 0.1, 0.003
 # What an explanation more has to be worth, in natural logarithms of ratios.
 _MORE = 0.3
@@ -41,9 +42,14 @@ def ratios(
         rows = _components(dynamics, i, found.columns, speeds[i], accelerations[i])
         told, expected = rows @ p, rows @ prior
         share = _SMALLEST if best.loose[i] else _SMALL
-        large = np.abs(expected) > share * np.abs(expected).max()
+        large = _large(expected, share) | (_large(told, _SMALL) & _large(expected, _SMALLEST))
         out[i, large] = told[large] / expected[large]
     return out
+
+
+def _large(torques: Float[np.ndarray, " components"], share: float) -> np.ndarray:
+    """Which components make up so much of the largest."""
+    return np.abs(torques) > share * np.abs(torques).max()
 
 
 def overall(found: Float[np.ndarray, "..."]) -> float:
