@@ -40,7 +40,8 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
     bare = setup.told((), "compliance").changed(additions=without_lags(setup.additions))
     seen = [(one, found) for one in bare.recordings if (found := _traced(bare, one)) is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
-    looked_for = (stated == 0) & (setup.settings.compliance == "estimate")
+    disturbed = any(setup.is_disturbed(k) for k in range(len(setup.recordings)))
+    looked_for = (stated == 0) & (setup.settings.compliance == "estimate") & (not disturbed)
     if not seen or not (stated.any() or looked_for.any()):
         return setup
     progress("looking for gears that wind up")

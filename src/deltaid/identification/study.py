@@ -66,11 +66,13 @@ class Study:
 
     @property
     def is_disturbed(self) -> bool:
-        """Whether a load that comes and goes explains more than anything else.
+        """Whether a load that comes and goes explains more than all else together.
 
-        Lags and friction laws then take what they can of it, and mean nothing.
+        Lags, friction laws and gears then take what they can of it, and mean nothing. Gears that
+        wind up may look like a load, and like other things as much.
         """
-        return self.largest is not None and self.largest.kind == "load-change"
+        gains = [(one.pattern.kind == "load-change", one.gain) for one in self.account.found]
+        return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
 
     @property
     def largest(self) -> Pattern | None:
