@@ -23,7 +23,8 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction, HessSoom, PowerLaw, Stribeck, friction_terms
+from deltaid.robot.friction import Friction, HessSoom, PowerLaw, Stribeck
+from deltaid.robot.friction_terms import friction_terms
 from deltaid.robot.joint_units import TURNING
 from deltaid.robot.load import load_robot
 

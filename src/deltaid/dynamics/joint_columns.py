@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import FrictionTerm
+from deltaid.robot.friction_terms import FrictionTerm
 from deltaid.robot.parameter import Parameter
 
 Sign = Callable[[ca.SX], ca.SX]

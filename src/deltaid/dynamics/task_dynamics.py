@@ -19,7 +19,7 @@ from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import FrictionTerm
+from deltaid.robot.friction_terms import FrictionTerm
 
 
 @dataclass(frozen=True)

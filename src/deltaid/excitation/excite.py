@@ -21,6 +21,7 @@ from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
 from deltaid.model.model import ModelLike, load
+from deltaid.robot.friction_terms import at_rest
 
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
 # the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
@@ -248,7 +249,7 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
     arms = [limb.upper_arm or 1.0 for limb in robot.limb_geometry]
     # A passive joint's friction reaches a drive through a lever of about the arm's length.
     passive = sum(
-        law.at_rest / (1.0 if robot.is_linear(joint) else _LEVER)
+        at_rest(law) / (1.0 if robot.is_linear(joint) else _LEVER)
         for joint, law in robot.friction.items()
         if joint not in robot.drives
     )
@@ -256,7 +257,7 @@ def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
     for i, largest in torque_limits(robot).items():
         drive = robot.drives[i]
         law = robot.friction.get(drive)
-        own = law.at_rest + (law.load or 0.0) * largest if law else 0.0
+        own = at_rest(law) + (law.load or 0.0) * largest if law else 0.0
         left[i] = largest - own - (passive * arms[i] if i < len(arms) else 0.0)
         if left[i] <= 0:
             unit, key = robot.units(drive).force, robot.units(drive).effort

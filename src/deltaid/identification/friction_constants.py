@@ -26,7 +26,8 @@ from deltaid.identification.friction_shapes import CONSTANTS, moved
 from deltaid.identification.information import triangle
 from deltaid.identification.lag import Rows
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction, FrictionTerm
+from deltaid.robot.friction import Friction
+from deltaid.robot.friction_terms import FrictionTerm
 
 # Steps at most, the largest of a logarithm, and the one below which constants have settled.
 _STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3

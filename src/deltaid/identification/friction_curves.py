@@ -29,7 +29,7 @@ from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
-from deltaid.robot.friction import FrictionTerm
+from deltaid.robot.friction_terms import FrictionTerm
 from deltaid.robot.parameter import Parameter
 
 # Speeds of a curve each way: so many, from this share of the fastest.

@@ -8,7 +8,8 @@ import numpy as np
 from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.model.friction_record import AdditionKind
-from deltaid.robot.friction import Friction, FrictionTerm, PowerLaw, Stribeck
+from deltaid.robot.friction import Friction, PowerLaw, Stribeck
+from deltaid.robot.friction_terms import FrictionTerm
 
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.robot.friction import EXPONENTS, Friction, FrictionTerm
+from deltaid.robot.friction import EXPONENTS, Friction
+from deltaid.robot.friction_terms import FrictionTerm
 
 Speeds = Float[np.ndarray, " *shape"]
 

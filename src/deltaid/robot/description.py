@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.body import Body
 from deltaid.robot.drive_limits import DriveLimits
-from deltaid.robot.friction import Friction, FrictionTerm, friction_terms
+from deltaid.robot.friction import Friction
+from deltaid.robot.friction_terms import FrictionTerm, friction_terms
 from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.own import OwnMechanism

@@ -1,6 +1,7 @@
 """Friction laws in words, for terminals and reports."""
 
-from deltaid.robot.friction import Friction, friction_terms
+from deltaid.robot.friction import Friction
+from deltaid.robot.friction_terms import friction_terms
 from deltaid.robot.joint_units import TURNING
 
 # Said together, for all laws have them.
