@@ -35,6 +35,8 @@ from deltaid.recording.gears import Gears
 # is so many of them, and that makes the rows of most stretches of time better by so many: for one
 # that is there, these are half as many.
 _SWEEPS, _SETTLED, _SIGNIFICANT, _BETTER = 8, 0.3, 5.0, 2.5
+# One that is not so many of them after a first step is not gone on with.
+_HOPEFUL = 2.0
 # How far gears wind up at most, as a share of a drive's range, to begin with.
 _SHARES = 2e-3 * 2.0 ** np.arange(6)
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
@@ -84,6 +86,8 @@ def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Fo
         return fit.nothing(p)
     start, p = fit.start(free, left, p)
     S = np.eye(len(stated))[:, free]
+    if np.array_equal(start, fit.known) and not _hopeful(fit, S, p):
+        return fit.nothing(p)
     found = fit.swept(S, start, p)
     found = _pooled(fit, found)
     while True:
@@ -99,6 +103,17 @@ def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Fo
 def _shown(found: Found) -> Bool[np.ndarray, " groups"]:
     """Which sizes are none by chance."""
     return found.sizes > _SIGNIFICANT * found.deviation
+
+
+def _hopeful(fit: "_Fit", S: Groups, p: Parameters) -> bool:
+    """Whether one step away from stiff gears, those of identical limbs alike, may come to count."""
+    limbs = fit.setup.robot.limbs
+    if limbs is not None and limbs.identical:
+        alike = S[: limbs.count].any(axis=0)
+        S = np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]])
+        S = S[:, S.any(axis=0)]
+    found = fit.swept(S, fit.known, p, 1)
+    return bool(np.any(found.sizes > _HOPEFUL * found.deviation))
 
 
 def _pooled(fit: "_Fit", found: Found) -> Found:
@@ -177,13 +192,13 @@ class _Fit:
             best, value, p = s, _size(left), own
         return best, p
 
-    def swept(self, S: Groups, start: Compliance, p: Parameters) -> Found:
-        """s = known + S ε with the best ε, from a start on."""
+    def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Found:
+        """s = known + S ε with the best ε, from a start on, in so many sweeps at most."""
         free = S.any(axis=1)
         sizes = np.linalg.lstsq(S, np.where(free, start - self.known, 0.0), rcond=None)[0]
         covariance = np.zeros((0, 0))
         little, count = _LITTLE / (S.T @ self._largest), S.shape[1]
-        for _ in range(_SWEEPS):
+        for _ in range(most):
             s, windings = self.known + S @ sizes, self.windings(p)
             rows = Rows.of([one.trace for one in windings], self.setup)
             sheets = [self._sheet(rows, one, s, S * little, p) for one in windings]

@@ -25,6 +25,7 @@ from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.free_body import Free
 from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -34,6 +35,8 @@ from deltaid.robot.parameter import Parameter
 # Relative standard deviation of torque constants before any recording, and the share of it below
 # which a gain counts as told.
 SPREAD, _TOLD = 0.1, 0.5
+# Zeros that are off look like gains; where it is gains, they explain less than this share as much.
+_ZEROS = 0.5
 # Rounds at most, and the step below which gains have settled.
 _ROUNDS, _SETTLED = 8, 1e-5
 
@@ -177,12 +180,21 @@ def _alike(setup: Setup) -> tuple[int, ...]:
     if limbs is None or not limbs.identical:
         return ()
     drives = setup.robot.drives[: limbs.count]
-    largest = [one.largest for one in setup.studies if one is not None]
-    uneven = any(
-        one is not None and one.kind == "drive-gain" and one.subject in ("", *drives)
-        for one in largest
-    )
+    uneven = any(one is not None and _by_gains(one, drives) for one in setup.studies)
     return tuple(range(limbs.count)) if uneven else ()
+
+
+def _by_gains(study: Study, drives: Sequence[str]) -> bool:
+    """Whether gains of some drives explain most, and zeros much less than they do."""
+    largest = study.largest
+    if largest is None or largest.kind != "drive-gain" or largest.subject not in ("", *drives):
+        return False
+    alone = [(one.pattern.kind, one.gain) for one in study.account.first]
+    gains, zeros = (
+        max((gain for kind, gain in alone if kind == which), default=0.0)
+        for which in ("drive-gain", "homing-or-tilt")
+    )
+    return zeros < _ZEROS * gains
 
 
 def _values(problem: FittedProblem, others: Sequence[Addition]) -> Parameters:
