@@ -42,8 +42,7 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
         (one, found)
         for one in bare.recordings
         # Rows that are not quite where they stand in time are off by their speed, like wound gears.
-        if one.log.laid.steady
-        and (found := _traced(bare, one)) is not None
+        if one.log.laid.steady and (found := _traced(bare, one)) is not None
     ]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     looked_for = (stated == 0) & (setup.settings.compliance == "estimate")
