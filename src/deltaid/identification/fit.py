@@ -46,9 +46,9 @@ METRICS: dict[RegularizerName, Metric] = {
     "riemannian": Spectral(AffineInvariant()),
 }
 
-# How often load-dependent friction is fitted again at most, and when its shares have settled; the
-# same where priors are widened on the way.
-_LOAD_ROUNDS, _LOAD_SETTLED, _WIDENED_SETTLED = 30, 1e-6, 1e-4
+# How often load-dependent friction is fitted again at most, and when its shares have settled: where
+# loads change their sign from one round to the next, they do so to some hundred-thousandths.
+_LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-4
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) 
     for _ in range(_LOAD_ROUNDS):
         again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
         wide = _widened(with_geometry(again, recordings))
-        if np.allclose(wide.p[shares], load[shares], rtol=0, atol=_WIDENED_SETTLED):
+        if np.allclose(wide.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
             break
         load, step = _next_load(load, wide.p, shares, step)
     return wide
