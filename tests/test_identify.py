@@ -127,7 +127,6 @@ def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
     }
 
 
-@pytest.mark.xfail(reason="open: a correction widens intervals of both")
 def test_two_logs_together_are_more_certain_than_one(tmp_path) -> None:
     demonstrate(load_robot("clavel-delta3"), tmp_path)
     robot = load_robot(tmp_path / "robot.yaml")
