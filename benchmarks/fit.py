@@ -65,7 +65,7 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia

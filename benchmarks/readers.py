@@ -185,7 +185,7 @@ def main() -> None:
 def _read(path: Path) -> dict[str, float]:
     """Time, memory and samples of reading one file."""
     import deltaid.recording.recording  # noqa: F401 - loads what every command loads
-    from deltaid.recording.columns import resolve_columns
+    from deltaid.recording.resolution import resolve_columns
     from deltaid.recording.table import open_table, read_batches
 
     before, start = _peak(), time.process_time()

@@ -10,8 +10,8 @@ import numpy as np
 
 from deltaid.errors import DeltaidError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.opening import open_log
 
 _EDGE = 4096
 

@@ -12,8 +12,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
-from deltaid.recording.columns import resolve_columns
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.table import open_table, read_batches
 from deltaid.robot.load import load_robot
 

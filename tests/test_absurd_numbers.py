@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.robot.load import load_robot
 from logs import recorded, refusal, write
 

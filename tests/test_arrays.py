@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 
 import deltaid
-from deltaid.recording.log import open_log
 from deltaid.recording.memory import Recording, as_source, as_sources
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from logs import names, recorded, refusal, write
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.formats import parquet
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.opening import open_log
 from deltaid.recording.units import si_factor
 from logs import recorded, refusal, text, write
 

@@ -16,8 +16,9 @@ import zstandard
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_text
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.words import told_of_holes
 from logs import comma, names, read, recorded, refusal, text, write

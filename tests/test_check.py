@@ -20,7 +20,7 @@ from deltaid.check.verdict import KEYS, Grade, Proposal, Verdict, worst
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.motion.random_motion import random_motion
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from sessions import ROOT
 

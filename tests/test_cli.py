@@ -20,7 +20,7 @@ from deltaid.identification.validation import misfit
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.robot.load import catalogue, catalogue_text
 from json_schema import violations
 from logs import names, recorded, write

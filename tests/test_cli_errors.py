@@ -18,7 +18,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
 from deltaid.model.record import FORMAT, IdentifiedModel
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text
 from logs import names, recorded, text, write

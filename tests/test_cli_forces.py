@@ -12,7 +12,7 @@ from deltaid.forces.constraint_forces import ConstraintForces, motion_of
 from deltaid.forces.study import with_struts
 from deltaid.identification.as_identified import model_filtered
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 
 SPACING, SPRING = 0.12, 60.0
 OPTIONS = ("--strut-spacing", SPACING, "--socket-force", SPRING)

@@ -12,7 +12,8 @@ import deltaid
 from damaged_times import DAMAGE, damaged
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.study import study
 from test_clocks import even

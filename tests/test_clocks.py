@@ -11,7 +11,8 @@ from clocks import Rows
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import Recording as Filtered
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.clock import Clock

@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.recording.columns import resolve_columns
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
+from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.table import open_table, read_batches
 from logs import recorded, refusal, write
 

@@ -17,7 +17,7 @@ from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.gears import Gears
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import Repairs
 from deltaid.robot.description import RobotDescription

@@ -10,7 +10,7 @@ from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
 from deltaid.recording import excerpt, kept
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from logs import recorded as frame_of
 from logs import write

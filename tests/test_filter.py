@@ -16,8 +16,8 @@ from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
 from deltaid.recording.convolution import apply
 from deltaid.recording.filter import design_low_pass
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.windows import Window

@@ -1,6 +1,6 @@
 """Friction right without options: further laws, whole curves with intervals, warmth."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 
 import casadi as ca
@@ -10,13 +10,18 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.friction_choice import choose_friction, chosen_friction
 from deltaid.identification.friction_curves import curve_rows, freed, law_constants
+from deltaid.identification.friction_rows import friction_rows
 from deltaid.identification.friction_shapes import CONSTANTS, moved, shape, slopes
 from deltaid.identification.identify import Identification, identify
+from deltaid.identification.setup import Setup
 from deltaid.identification.uncertainty import uncertainty
+from deltaid.identification.warmth import Course, Warmth, changing_friction
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, HessSoom, PowerLaw, Stribeck, friction_terms
 from deltaid.robot.joint_units import TURNING
@@ -32,11 +37,11 @@ TRUE = {
     "drive3": Friction(viscous=1.0, coulomb=4.0, load=0.08),
 }
 
-Course = Callable[[np.ndarray], np.ndarray]
+Change = Callable[[np.ndarray], np.ndarray]
 
 
 def recorded(
-    robot: RobotDescription, seed: int, *, late: float = 0.0, warm: Course | None = None
+    robot: RobotDescription, seed: int, *, late: float = 0.0, warm: Change | None = None
 ) -> pl.DataFrame:
     """A random motion of a robot with the described parameters; torques with 2 % of noise.
 
@@ -77,11 +82,11 @@ def found() -> Identification:
     return identify(robot, recorded(robot.changed(friction=TRUE), 1, late=8e-4))
 
 
-def terms(model: IdentifiedModel) -> dict[str, set[str]]:
+def further(laws: Mapping[str, Friction]) -> dict[str, set[str]]:
     """What each joint's law has beside viscous and Coulomb friction."""
     return {
         joint: set(law.model_dump(exclude_none=True)) - {"viscous", "coulomb"}
-        for joint, law in model.robot.friction.items()
+        for joint, law in laws.items()
     }
 
 
@@ -91,7 +96,7 @@ def terms(model: IdentifiedModel) -> dict[str, set[str]]:
 def test_each_drive_gets_its_law_and_the_lag_is_no_part_of_it() -> None:
     """0.8 ms of lag, which ±10 % of friction by direction would otherwise be mistaken for."""
     model = found().model
-    assert terms(model) == {
+    assert further(model.robot.friction) == {
         "drive1": {"viscous_back", "coulomb_back"},
         "drive2": {"stribeck"},
         "drive3": {"load"},
@@ -123,11 +128,9 @@ def test_a_plain_recording_gets_no_term_and_nothing_is_told() -> None:
 
 
 def test_described_laws_are_left_alone_where_that_is_asked_for() -> None:
-    robot = load_robot(ROBOT)
-    log = recorded(robot.changed(friction=TRUE), 1)
-    model = identify(robot, log, settings=Settings(friction="described")).model
-    assert model.robot == robot
-    assert model.friction_choice is None
+    setup = Setup(load_robot(ROBOT), (), Settings(friction="described"))
+    assert chosen_friction(setup, print) is setup
+    assert changing_friction(setup, print) is setup
 
 
 def test_described_terms_stay_and_constants_that_are_wrong_are_moved() -> None:
@@ -135,10 +138,12 @@ def test_described_terms_stay_and_constants_that_are_wrong_are_moved() -> None:
     truth = dict(robot.friction) | {"drive2": TRUE["drive2"]}
     off = TRUE["drive2"].changed(stribeck=STRIBECK.changed(speed=1.2))
     power = robot.friction["drive3"].changed(power=PowerLaw(coefficient=0.05, exponent=2.0))
-    described = robot.changed(friction=truth | {"drive2": off, "drive3": power})
-    model = identify(described, recorded(robot.changed(friction=truth), 3)).model
-    assert terms(model) == {"drive1": set(), "drive2": {"stribeck"}, "drive3": {"power"}}
-    law = model.robot.friction["drive2"].stribeck
+    dynamics = compiled(robot.changed(friction=truth | {"drive2": off, "drive3": power}))
+    log = recorded(robot.changed(friction=truth), 3)
+    rows = friction_rows(dynamics, open_recordings(log, dynamics.kinematics))
+    laws = choose_friction(rows)[0].friction
+    assert further(laws) == {"drive1": set(), "drive2": {"stribeck"}, "drive3": {"power"}}
+    law = laws["drive2"].stribeck
     assert law is not None
     assert law.speed == pytest.approx(0.4, rel=0.15)
 
@@ -231,12 +236,26 @@ def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
     told = [one for one in model.corrections if one.kind == "temperature"]
     assert len(told) == 1
     assert told[0].value == pytest.approx(4.0, rel=0.3)
-    assert not any(terms(model).values())
+    assert not any(further(model.robot.friction).values())
     mean = 1 + np.mean(cooling(np.arange(0, SECONDS, 0.001)))
     for drive in robot.drives:
         law = robot.friction[drive]
         assert model.value(f"coulomb.{drive}") == pytest.approx(mean * law.coulomb, rel=0.015)
         assert model.value(f"viscous.{drive}") == pytest.approx(mean * law.viscous, rel=0.015)
+
+
+def test_a_warm_up_changes_both_directions_of_a_law() -> None:
+    dynamics = compiled(load_robot(ROBOT).changed(friction=TRUE))
+    (one,) = open_recordings(recorded(dynamics.robot, 1), dynamics.kinematics)
+    warmth = Warmth(dynamics, (Course(one, 0.0, 4.0, 0.2, -0.9),))
+    names = [one.name for one in warmth.parameters]
+    assert {f"{kind}_change.drive1" for kind in ("viscous_back", "coulomb_back")} < set(names)
+    w = next(one.windows(dynamics.kinematics)).own
+    own = dynamics.sparse_regressor(w.z, w.qd, w.qdd, 0 * w.qd).values
+    drives, columns = warmth.pattern
+    back = (drives == 0) & (columns == names.index("coulomb_back_change.drive1"))
+    expected = -1.0 * (w.qd[:, 0] < 0) * (np.exp(-w.time / 4.0) - 0.2)
+    np.testing.assert_allclose(warmth.entries(w, own, one)[back][0], expected, atol=1e-12)
 
 
 def test_friction_follows_a_temperature_that_is_recorded() -> None:

@@ -11,10 +11,10 @@ from command import run
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.fit import fit
+from deltaid.identification.free_body import Free
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import identify
 from deltaid.identification.judgement import judged_parameters
-from deltaid.identification.reduction import Free
 from deltaid.identification.setup import Setup
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction

@@ -22,7 +22,7 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.robot.load import load_robot
 

@@ -14,7 +14,7 @@ from deltaid.identification.traces import Trace, trace
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import load_robot
 

@@ -27,7 +27,7 @@ from deltaid.model.events import Event
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import LeftSpan
 from deltaid.robot.load import load_robot

@@ -11,9 +11,10 @@ from deltaid.errors import DescriptionError, RecordingError
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.recording.carried import Load
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping, load_mapping, mapping_each
 from deltaid.recording.memory import Recording
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
 

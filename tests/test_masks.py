@@ -14,12 +14,13 @@ from deltaid.identification.gathering import gather
 from deltaid.identification.information import Information, merge
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.left_out import LeftOut, Span
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Mask, Weights, kept
 from deltaid.recording.masks.runs import joined, rolling, runs_of, without
 from deltaid.recording.masks.search import MaskSearch
 from deltaid.recording.masks.stale import bridge
 from deltaid.recording.memory import Recording as RawRecording
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import Recording, open_recordings, with_filter
 from deltaid.recording.time.clock import Clock
 from deltaid.report.left_out import left_out_table, reversals

@@ -13,8 +13,8 @@ import zstandard
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.recording import table
 from deltaid.recording.formats import csv_text, parquet
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import ColumnMapping, load_mapping
+from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table, recut
 from logs import Spelling, comma, names, read, recorded, text, write
 

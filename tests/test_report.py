@@ -20,7 +20,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Settings
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.report.bodies import ellipsoid
 from deltaid.report.comparison import Comparison, compare

@@ -14,11 +14,11 @@ import pytest
 from bags import KINDS, State, states
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import resolve_columns
 from deltaid.recording.formats.ros_messages import Decoder, MessageError
 from deltaid.recording.formats.rosbag import BagTable
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import load_mapping
+from deltaid.recording.opening import open_log
+from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.source import Table
 from deltaid.recording.table import open_table
 

@@ -6,9 +6,9 @@ import polars as pl
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
+from deltaid.recording.opening import open_log
 from logs import comma, read, recorded, refusal, text, write
 
 ROWS = 300

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.recording.log import open_log
 from deltaid.recording.mapping import load_mapping
+from deltaid.recording.opening import open_log
 
 T = np.arange(800) / 1000
 Q = 0.3 + 0.2 * np.sin(9 * T[:, None] + np.arange(3))

@@ -9,7 +9,7 @@ import pytest
 from command import run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.motion.random_motion import random_motion
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

@@ -9,9 +9,9 @@ import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import resolve_columns
 from deltaid.recording.formats.twincat import ScopeTable
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
+from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.source import Table
 from deltaid.recording.table import open_table, read_batches
 from scopes import Curve, scope

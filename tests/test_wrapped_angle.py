@@ -8,7 +8,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
-from deltaid.recording.log import open_log
+from deltaid.recording.opening import open_log
 from deltaid.robot.load import load_robot
 
 

@@ -172,7 +172,7 @@ class Happening:
     def moved(self, time: Array) -> Truth:
         """What happens at times: q and τ of the motors."""
         truth, dof = self.at(time), self.machine.dof
-        rotor, link = self.machine.plant.oracle.rotor_inertia, self._link(truth)
+        rotor, link = self.machine.plant.oracle.rotor_inertia, self.link(truth)
         q, qd, qdd = self._motor(truth, link)
         law, rng = self.friction, np.random.default_rng([self.seed, 3])
         rest = rng.uniform(-0.8, 0.8, dof) * self.machine.coulomb
@@ -185,10 +185,10 @@ class Happening:
     @cached_property
     def carried(self) -> Array:
         """Mean size of what each gear carries, (drives,)."""
-        return np.abs(self._link(self.at(self.time))).mean(axis=0)
+        return np.abs(self.link(self.at(self.time))).mean(axis=0)
 
-    def _link(self, truth: Truth) -> Array:
-        """τ_l."""
+    def link(self, truth: Truth) -> Array:
+        """τ_l: what each gear carries, (samples, drives)."""
         plant = self.machine.plant
         rotor, time = plant.oracle.rotor_inertia, truth.time
         link = truth.tau - rotor * truth.qdd

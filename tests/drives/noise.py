@@ -10,14 +10,16 @@ from drives.rows import Case
 from oracle.tree import Array
 
 # Every how many samples information is summed over, and the share of its largest eigenvalue below
-# which nothing is seen.
-_EVERY, _SEEN = 5, 1e-9
+# which nothing is seen; step of the logarithm of Stribeck's speed.
+_EVERY, _SEEN, _STEP = 5, 1e-9, 1e-4
 
 
 def noise_limit(case: Case, draws: int = 100) -> tuple[float, float]:
-    """Errors of M and friction that the noise alone leaves in 90 % of clean recordings.
+    """Errors of M and friction that the noise alone leaves in 90 % of recordings.
 
-    Of the best unbiased estimate (Cramér–Rao): its covariance along the motion, without faults.
+    Of the best unbiased estimate (Cramér–Rao): its covariance along the motion, for whoever knows
+    which terms the friction of the drives has, and that Stribeck's is Gauss's form, but neither
+    their coefficients nor its speed. Loads and lags are taken as known.
     """
     happening, machine = case.happenings[0], case.machine
     dynamics, p = compiled(case.robot), machine.plant.p
@@ -28,6 +30,13 @@ def noise_limit(case: Case, draws: int = 100) -> tuple[float, float]:
     sparse = dynamics.sparse_regressor(*state, tau)
     Y = np.zeros((machine.dof, len(p), len(tau)))
     np.add.at(Y, (sparse.rows, sparse.columns), sparse.values)
+    link = happening.link(truth)[moving]
+    further = [_further(case, i, state[1][:, i], link[:, i]) for i in range(machine.dof)]
+    own = len(further[0])
+    of_laws = np.zeros((machine.dof, machine.dof * own, len(tau)))
+    for i, columns in enumerate(further):
+        of_laws[i, i * own : (i + 1) * own] = columns
+    Y = np.concatenate([Y, of_laws], axis=1)
     Y /= (case.sensors[0].noise * np.abs(tau).max(axis=0))[:, None, None]
     information = _EVERY * np.einsum("dis,djs->ij", Y, Y)
     scale = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
@@ -39,18 +48,38 @@ def noise_limit(case: Case, draws: int = 100) -> tuple[float, float]:
     q = dynamics.kinematics.inverse(machine.poses)
     true = dynamics.mass_matrix(q, p)
     size = np.sqrt(np.einsum("sii,sjj->sij", true, true))
-    M = [np.max(np.abs(dynamics.mass_matrix(q, p + d) - true) / size) for d in off]
-    friction = [_linear_friction(case, d) for d in off]
+    M = [np.max(np.abs(dynamics.mass_matrix(q, p + d[: len(p)]) - true) / size) for d in off]
+    friction = [_friction(case, d[: len(p)], d[len(p) :].reshape(machine.dof, own)) for d in off]
     return float(np.quantile(M, 0.9)), float(np.quantile(friction, 0.9))
 
 
-def _linear_friction(case: Case, off: Array) -> float:
-    """Error of viscous and Coulomb friction for parameters that are off."""
-    machine, names = case.machine, case.machine.layout.names
-    errors = []
+def _further(case: Case, i: int, v: Array, link: Array) -> Array:
+    """What a drive's law has beside viscous and Coulomb friction: (terms, speeds)."""
+    law, sign = case.happenings[0].friction, np.sign(v)
+    coulomb, columns = float(law.coulomb[i]), list[Array]()
+    if law.stribeck:
+        knee = float(np.broadcast_to(law.knee, len(law.coulomb))[i])
+
+        def near(knee: float) -> Array:
+            return law.stribeck * coulomb * np.exp(-((v / knee) ** 2)) * sign
+
+        columns += [near(knee), (near(knee * (1 + _STEP)) - near(knee * (1 - _STEP))) / (2 * _STEP)]
+    if np.any(law.direction):
+        columns += [np.ones_like(v), np.abs(v)]
+    if law.load:
+        columns.append(sign * np.abs(link))
+    return np.array(columns).reshape(len(columns), len(v))
+
+
+def _friction(case: Case, off: Array, further: Array) -> float:
+    """Error of the drives' curves for coefficients that are off."""
+    machine, happening, names = case.machine, case.happenings[0], case.machine.layout.names
+    v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * machine.largest_speed
+    link = happening.carried
+    true, errors = happening.friction.curve(v, link), []
     for i, drive in enumerate(case.robot.drives):
-        v = SPEEDS * machine.largest_speed[i]
         viscous, coulomb = (off[names.index(f"{kind}.{drive}")] for kind in ("viscous", "coulomb"))
-        largest = machine.viscous[i] * v[-1] + machine.coulomb[i]
-        errors.append(np.max(np.abs(viscous * v + coulomb)) / largest)
+        more = further[i] @ _further(case, i, v[:, i], np.full(len(v), link[i]))
+        error = viscous * v[:, i] + coulomb * np.sign(v[:, i]) + more
+        errors.append(np.max(np.abs(error)) / np.max(np.abs(true[:, i])))
     return float(max(errors))

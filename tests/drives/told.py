@@ -1,6 +1,7 @@
 """The identification of a case, told what the case says is told; else without options."""
 
 from deltaid.check.identified import Judged, identify
+from deltaid.model.record import Settings
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.body import InertiaTensor
@@ -8,14 +9,14 @@ from deltaid.robot.tolerances import Tolerances
 from drives.rows import HOMING, LENGTHS, Case, lever
 
 
-def identified(case: Case) -> Judged:
+def identified(case: Case, settings: Settings | None = None) -> Judged:
     """What `deltaid identify` makes of a case."""
     robot = case.robot
     if "tolerances" in case.tells:
         zeros = dict(zip(robot.drives, (HOMING * lever(case.machine)).tolist(), strict=True))
         tolerances = Tolerances(lengths=LENGTHS, homing=zeros)
         robot = robot.model_copy(update={"tolerances": tolerances})
-    return identify(robot, list(case.logs), columns=_columns(case))
+    return identify(robot, list(case.logs), columns=_columns(case), settings=settings)
 
 
 def _columns(case: Case) -> list[ColumnMapping] | None:

@@ -16,9 +16,9 @@ from deltaid.identification.warmth import Warmth
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
-from deltaid.recording.log import resolved_table
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
+from deltaid.recording.opening import resolved_table
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.recording.source import Table
 from deltaid.recording.table import read_batches

@@ -10,8 +10,9 @@ from typing import Any, Literal
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.errors import DescriptionError
-from deltaid.recording.columns import Columns, si_unit
+from deltaid.recording.columns import Columns
 from deltaid.recording.mapping import QUANTITIES, ColumnMapping
+from deltaid.recording.resolution import si_unit
 from deltaid.recording.source import Table
 from deltaid.robot.load import (
     RobotLike,

@@ -106,7 +106,7 @@ def _cures(
     from deltaid.check.mended import as_written, changes, files_of, mended, written_out
     from deltaid.cli.output import print_note
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.recording.log import resolved_table
+    from deltaid.recording.opening import resolved_table
     from deltaid.robot.load import described
 
     cures: list[Cure] = []

@@ -70,8 +70,8 @@ def forces(
     from deltaid.forces.study import study, with_struts
     from deltaid.identification.as_identified import model_filtered
     from deltaid.model.model import load
-    from deltaid.recording.log import open_log
     from deltaid.recording.mapping import load_mapping
+    from deltaid.recording.opening import open_log
 
     positive("--strut-spacing", strut_spacing, (1e-6, 100.0))
     positive("--socket-force", socket_force, (1e-6, 1e7))

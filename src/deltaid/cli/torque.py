@@ -36,8 +36,8 @@ def torque(
     from deltaid.identification.loads import as_known
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.model.model import load
-    from deltaid.recording.log import open_log
     from deltaid.recording.mapping import load_mapping
+    from deltaid.recording.opening import open_log
 
     require_writable(output, [Path(model), log, *([columns] if columns else [])])
     known = load(model)

@@ -11,8 +11,9 @@ from scipy.interpolate import make_interp_spline
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.motion.surrogate import Motion
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 
 # Through samples, so that q̈ has no corners.

@@ -38,13 +38,7 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
         setup = setup.repaired(one, gears=None)
     # Lags stand here as columns of their own.
     bare = setup.told((), "compliance").changed(additions=without_lags(setup.additions))
-    seen = [
-        (one, found)
-        for one in bare.recordings
-        # Rows that are not quite where they stand in time are off by their speed, like wound gears.
-        if one.log.laid.steady
-        and (found := _traced(bare, one)) is not None
-    ]
+    seen = [(one, found) for one in bare.recordings if (found := _traced(bare, one)) is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     looked_for = (stated == 0) & (setup.settings.compliance == "estimate")
     if not seen or not (stated.any() or looked_for.any()):
@@ -97,7 +91,7 @@ def _evidence(found: Found, k: int) -> str:
     """How the k-th size is known."""
     text = f", {found.sizes[k] / found.deviation[k]:.0f} standard deviations beside a free lag"
     if found.groups[:, k].sum() > 1:
-        text += ", one for all limbs, which do not contradict it"
+        text += ", one for all limbs"
     if found.like_lag[k] > _ALIKE:
         text += (
             f"; this motion hardly tells it from a lag of the torques (correlation "

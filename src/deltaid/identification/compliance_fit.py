@@ -87,7 +87,7 @@ def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Fo
     found = fit.swept(S, start, p)
     found = _pooled(fit, found)
     while True:
-        seen = found.sizes > _SIGNIFICANT * found.deviation
+        seen = _shown(found)
         if seen.all():
             return found if fit.better(found) else fit.nothing(fit.at(fit.known)[1])
         if not seen.any():
@@ -96,14 +96,21 @@ def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Fo
         found = fit.swept(S, S @ found.sizes[seen], found.p)
 
 
+def _shown(found: Found) -> Bool[np.ndarray, " groups"]:
+    """Which sizes are none by chance."""
+    return found.sizes > _SIGNIFICANT * found.deviation
+
+
 def _pooled(fit: "_Fit", found: Found) -> Found:
-    """One size for the drives of identical limbs, if theirs do not contradict that."""
+    """One size for the drives of identical limbs, unless each shows by itself that it has its own:
+    a fault of one drive's torques may look like a compliance that the others lack."""
     limbs, S = fit.setup.robot.limbs, found.groups
     if limbs is None or not limbs.identical:
         return found
     alike = S[: limbs.count].any(axis=0)
     sizes, covariance = found.sizes[alike], found.covariance[np.ix_(alike, alike)]
-    if alike.sum() < 2 or not agree(sizes, covariance):
+    shown = bool(np.all(_shown(found)[alike]))
+    if alike.sum() < 2 or (shown and not agree(sizes, covariance)):
         return found
     weights = np.linalg.solve(covariance, np.ones(len(sizes)))
     common = float(max(weights @ sizes / weights.sum(), 0.0))

@@ -36,8 +36,8 @@ _SHAPES: tuple[Callable[[Speeds], Speeds], ...] = (
     np.abs,
     _falling(0.1),
 )
-# Columns of a drive's friction: these, and one that grows with the load.
-_FREE = len(_SHAPES) + 1
+# Columns of a drive's friction: these, one that grows with the load and two with time.
+_FREE = len(_SHAPES) + 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +115,16 @@ def _slopes(now: Trace, p: Parameters) -> Columns:
 
 
 def _friction(now: Trace, p: Parameters) -> Columns:
-    """Friction of each drive beside Coulomb's and viscous, in columns of its own; the last is that
-    which grows with what its gear carries, by p."""
+    """Friction of each drive beside Coulomb's and viscous, in columns of its own; the last are what
+    grows with what its gear carries, by p, and what changes while it warms up."""
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in now.stretches], axis=0)
+    first, last = now.stretches[0].time[0], now.stretches[-1].time[-1]
 
     def shapes(w: Samples) -> np.ndarray:
         v, carried = w.qd / fastest, now.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
-        of_load = np.sign(v) * np.abs(carried)
-        return np.hstack([*(shape(v) for shape in _SHAPES), of_load]).T
+        of_load, later = np.sign(v) * np.abs(carried), ((w.time - first) / (last - first))[:, None]
+        warmer = [np.sign(v) * later, np.sign(v) * later**2]
+        return np.hstack([*(shape(v) for shape in _SHAPES), of_load, *warmer]).T
 
     dof = now.dynamics.dof
     out = now.filtered(shapes, np.tile(np.arange(dof), _FREE))

@@ -22,9 +22,10 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
+from deltaid.identification.free_body import Block
 from deltaid.identification.information import triangle
 from deltaid.identification.objective import Objective
-from deltaid.identification.reduction import INTERIOR, Block
+from deltaid.identification.reduction import INTERIOR
 from deltaid.identification.regularizer import LogDet, Vector
 from deltaid.identification.solver import Solution
 

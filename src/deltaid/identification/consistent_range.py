@@ -26,9 +26,9 @@ from scipy import sparse
 
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.conic import normalised, svec
+from deltaid.identification.free_body import Block
 from deltaid.identification.information import Information
 from deltaid.identification.objective import NOISE_FLOOR, Objective
-from deltaid.identification.reduction import Block
 from deltaid.identification.scatter import Noise, half_width, quantile
 from deltaid.model.record import Share
 

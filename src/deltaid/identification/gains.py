@@ -23,7 +23,7 @@ from scipy.linalg import null_space
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.reduction import Free
+from deltaid.identification.free_body import Free
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Parameter as Judged

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.additions import Addition, Own, Values
-from deltaid.identification.reduction import Free, free_body
+from deltaid.identification.free_body import Free, free_body
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Parameter as Judged
 from deltaid.recording.carried import Load, carrier

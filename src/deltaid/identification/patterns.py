@@ -286,23 +286,3 @@ _WORDS = {
     "load": "friction that grows with the load",
     "place": "the place of the platform",
 }
-
-
-def missing(scene: Scene) -> Pattern | None:
-    """Viscous and Coulomb friction of drives whose description has none."""
-    robot = scene.trace.dynamics.robot
-    without = [i for i, drive in enumerate(scene.drives) if drive not in robot.friction]
-    if not without:
-        return None
-    drives = np.arange(len(scene.drives))
-    filtered = [scene.trace.filtered(of, drives) for of in (_signs, _speeds)]
-    columns = np.hstack([scene.basis.own(x)[:, without] for x in filtered])
-    return Pattern("friction-missing", "", columns)
-
-
-def _signs(w: Samples) -> np.ndarray:
-    return np.sign(w.qd).T
-
-
-def _speeds(w: Samples) -> np.ndarray:
-    return w.qd.T

@@ -8,8 +8,8 @@ Diagonal entries that are neither free nor visible in any torque are left out of
 completed afterwards, because they can always be made large enough.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -21,47 +21,21 @@ from deltaid.dynamics.parameters import (
     parameter_layout,
 )
 from deltaid.errors import IdentificationError
+from deltaid.identification.free_body import Block, Free, free_body, free_coefficients
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
-    INERTIA_UNITS,
     PSEUDO_INERTIA_ENTRIES,
     consistency,
-    entry_map,
     inertia_parameters,
     pseudo_inertia,
 )
-from deltaid.robot.parameter import Parameter, ParameterKind
+from deltaid.robot.parameter import Parameter
 
 # ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
 # above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
 INTERIOR = 1e-6
 # A completed mass or second moment exceeds the least that keeps its body consistent by this share.
 _COMPLETION_MARGIN = 0.05
-
-
-@dataclass(frozen=True)
-class Block:
-    """A symmetric matrix, affine in x, that must be positive definite.
-
-    Attributes:
-        name: whose it is, such as 'S[x,m]'.
-        index: position in x of each entry, or −1 where the entry is constant.
-        constant: values of the constant entries, 0 elsewhere.
-        prior: the matrix at the prior, positive definite.
-    """
-
-    name: str
-    index: Int[np.ndarray, "k k"]
-    constant: Float[np.ndarray, "k k"]
-    prior: Float[np.ndarray, "k k"]
-
-    def matrix(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
-        """M_b(x)."""
-        return self.constant + np.where(self.index >= 0, x[self.index], 0.0)
-
-    def moved(self, first: int) -> "Block":
-        """The same where the variables that it counts from 0 begin at `first`."""
-        return replace(self, index=np.where(self.index >= 0, self.index + first, -1))
 
 
 @dataclass(frozen=True)
@@ -143,31 +117,6 @@ class Reduction:
         return p
 
 
-@dataclass(frozen=True, eq=False)
-class Free:
-    """What a fit may change of some consecutive entries of p: p = A x + p_0.
-
-    Attributes:
-        variables, A, p_0, blocks: as of `Reduction`, of these entries and their variables alone;
-            blocks count both from 0.
-    """
-
-    variables: tuple[Parameter, ...]
-    A: Float[np.ndarray, "entries n"]
-    p_0: Float[np.ndarray, " entries"]
-    blocks: tuple[Block, ...]
-
-
-def free_coefficients(parameters: Sequence[Parameter]) -> Free:
-    """Coefficients that are free one by one, positive unless they are signed."""
-    blocks = tuple(
-        Block(one.name, np.array([[k]]), np.zeros((1, 1)), one.prior * np.eye(1))
-        for k, one in enumerate(parameters)
-        if not one.signed
-    )
-    return Free(tuple(parameters), np.eye(len(parameters)), np.zeros(len(parameters)), blocks)
-
-
 def build_reduction(
     robot: RobotDescription,
     visible: Int[np.ndarray, " columns"],
@@ -232,72 +181,6 @@ def _of_body(
             cure="free the first moments of its centre of mass, or change the prior",
         )
     return free_body("inertia", body, p_reg, robot.bodies[body].free, is_visible)
-
-
-def free_body(
-    kind: ParameterKind,
-    body: str,
-    p_reg: Float[np.ndarray, " 10"],
-    free: Collection[str],
-    is_visible: Bool[np.ndarray, " 10"],
-) -> tuple[Free, tuple[int, ...]]:
-    """What is free of ten parameters about a consistent prior, and rows of M̄ to complete.
-
-    Args:
-        kind, body: of its parameters.
-        p_reg: the prior; entries of M̄ that are not free keep its values.
-        free: entries of M̄.
-        is_visible: which of the ten a torque shows.
-    """
-    M, to_p = pseudo_inertia(p_reg), entry_map()
-    variables, columns, hidden = list[Parameter](), list[np.ndarray](), list[int]()
-    index, p_0 = np.full((4, 4), -1), np.zeros(10)
-    for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
-        if entry in free:
-            index[i, j] = index[j, i] = len(variables)
-            variables.append(_entry(kind, body, entry, M))
-            columns.append(to_p[:, k])
-        else:
-            p_0 += to_p[:, k] * M[i, j]
-            if i == j and not is_visible[np.abs(to_p[:, k]) > 0].any():
-                hidden.append(i)
-    completed = tuple(sorted(hidden))
-    A = np.reshape(columns, (len(columns), 10)).T
-    return Free(tuple(variables), A, p_0, tuple(_body_blocks(body, index, M, completed))), completed
-
-
-def _entry(kind: ParameterKind, body: str, entry: str, M: Float[np.ndarray, "4 4"]) -> Parameter:
-    """One entry of a body's M̄ as a free variable."""
-    i, j = PSEUDO_INERTIA_ENTRIES[entry]
-    unit = INERTIA_UNITS[tuple(PSEUDO_INERTIA_ENTRIES).index(entry)]
-    low, scale = (0.0 if i == j else -np.inf), float(np.sqrt(M[i, i] * M[j, j]))
-    return Parameter(kind, body, entry, unit, low, np.inf, float(M[i, j]), scale)
-
-
-def _body_blocks(
-    body: str,
-    index: Int[np.ndarray, "4 4"],
-    M: Float[np.ndarray, "4 4"],
-    completed: tuple[int, ...],
-) -> list[Block]:
-    """The smallest independent blocks of a body's M̄ without the completed rows."""
-    rows = np.array([i for i in range(4) if i not in completed], dtype=int)
-    if not rows.size:
-        return []
-    inner = np.ix_(rows, rows)
-    linked = (index[inner] >= 0) | (M[inner] != 0) | np.eye(len(rows), dtype=bool)
-    together = np.linalg.matrix_power(linked.astype(int), len(rows)) > 0
-    blocks = []
-    for i, part in enumerate(together):
-        if part[:i].any():
-            continue  # has been seen with its first row
-        members = rows[part]
-        ix = np.ix_(members, members)
-        if np.all(index[ix] < 0):
-            continue  # constant and consistent, since the prior is
-        name = f"{body}[{','.join('xyzm'[i] for i in members)}]"
-        blocks.append(Block(name, index[ix], np.where(index[ix] < 0, M[ix], 0.0), M[ix]))
-    return blocks
 
 
 def _complete(p: Float[np.ndarray, " 10"], completed: tuple[int, ...]) -> Float[np.ndarray, " 10"]:

@@ -37,10 +37,12 @@ STAGES: tuple[Stage, ...] = (
 
 
 def prepared(setup: Setup, progress: Progress) -> Setup:
-    """A setup after all stages; one that comes again is left out if nothing has changed since."""
-    left: dict[Stage, Setup] = {}
+    """A setup after all stages; one that found nothing is left out until something has changed."""
+    idle: dict[Stage, Setup] = {}
     for stage in STAGES:
-        if stage in left and setup.poses_as(left[stage]):
+        if stage in idle and setup.poses_as(idle[stage]):
             continue
-        setup = left[stage] = stage(setup, progress)
+        before, setup = setup, stage(setup, progress)
+        if setup.poses_as(before):
+            idle[stage] = setup
     return setup

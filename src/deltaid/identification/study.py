@@ -26,7 +26,8 @@ from deltaid.identification.lag import (
     estimate_lag,
     widened_by,
 )
-from deltaid.identification.patterns import Pattern, Scene, missing
+from deltaid.identification.missing_friction import missing
+from deltaid.identification.patterns import Pattern, Scene
 from deltaid.identification.searches import load_steps, ripples
 from deltaid.identification.traces import Delay, Trace, trace
 from deltaid.recording.recording import Recording

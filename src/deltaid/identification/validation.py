@@ -7,9 +7,10 @@ from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.loads import as_known
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
+from deltaid.recording.opening import open_log
 
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.

@@ -36,6 +36,8 @@ _FINER, _NEAR = (1.4, 1.08), 9
 # As for terms of friction laws: how seldom chance does as much, and how much it must be.
 _SEEN, _LEAST = 4.5, 3e-4
 _DEPENDENT = 1e-6
+# Coefficients that change; backwards they have others in a law for each direction.
+_CHANGING = ("viscous", "coulomb", "viscous_back", "coulomb_back")
 
 Further = Float[np.ndarray, "further samples"]
 
@@ -102,7 +104,7 @@ class Warmth(Addition):
                 scale=one.scale / self.span,
             )
             for one in own
-            if one.symbol in ("viscous", "coulomb")
+            if one.symbol in _CHANGING
         )
 
     @property
@@ -154,9 +156,11 @@ class Warmth(Addition):
     @property
     def _own(self) -> np.ndarray:
         """Which parameters of the robot are viscous and Coulomb friction."""
-        layout = self.dynamics.layout
-        every = np.arange(len(layout.names))
-        return np.concatenate([every[layout.viscous], every[layout.coulomb]])
+        parameters = self.dynamics.layout.parameters
+        return np.array(
+            [k for k, one in enumerate(parameters)
+             if one.kind == "friction" and one.symbol in _CHANGING]
+        )  # fmt: skip
 
     @property
     def _entries(self) -> np.ndarray:

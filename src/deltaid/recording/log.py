@@ -1,7 +1,6 @@
-"""A log as a whole: surveyed once for what it holds and what is wrong with it, then read again."""
+"""A surveyed log: what it holds, what is wrong with it, and its rows, read again."""
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,31 +8,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import Doubt, RecordingError
-from deltaid.mechanism.kinematics import Kinematics
-from deltaid.parallel import ordered
-from deltaid.recording.address import listing
-from deltaid.recording.columns import Columns, extra_drives, resolve_columns
+from deltaid.errors import Doubt
+from deltaid.recording.columns import Columns
 from deltaid.recording.excerpt import Excerpt
 from deltaid.recording.kept import Kept
-from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.masks.masks import Mask, Weights, require_rest
-from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.masks.masks import Mask, Weights
 from deltaid.recording.masks.stale import bridged
-from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.source import Table
-from deltaid.recording.spectrum import SpectrumEstimate, power_of
-from deltaid.recording.survey import Survey
-from deltaid.recording.table import Batch, open_table, read_batches
-from deltaid.recording.time.clock import Clock, require_rate
+from deltaid.recording.table import Batch, read_batches
+from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.segments import longest_hole, segments
-from deltaid.recording.time.study import study
-from deltaid.recording.time.unwrap import Unwrapping
 from deltaid.recording.time.words import told_of_holes
 
-# Holes that are bridged while the cut-off is not known yet, and the longest stretch of stale rows
-# in whose place a motion is put [s].
-_BRIDGED, _HELD = 0.005, 0.1
+# The longest stretch of stale rows in whose place a motion is put [s].
+_HELD = 0.1
 # The rule of `Log.suggested_cutoff`: multiple of the bandwidth, Hz, and periods in a segment.
 _ABOVE, _AT_LEAST, _LEAST_PERIODS = 2.0, 12.0, 100.0
 
@@ -168,146 +156,3 @@ class Log:
         told = told_of_holes(self.laid, self.table, self.bridged(cutoff), shortest)
         told = [text for text in told if text not in self.warnings]
         return replace(self, warnings=(*self.warnings, *told))
-
-
-def open_log(
-    source: RecordingLike,
-    kinematics: Kinematics,
-    mapping: ColumnMapping | None = None,
-    *,
-    need_torque: bool = True,
-    keep_all: bool = False,
-) -> Log:
-    """Survey a recording: read every row once and check it, before anything is computed from it.
-
-    Args:
-        source: a file of any kind in `FORMATS`, or a recording in memory.
-        kinematics: of the robot that was recorded.
-        mapping: names and units of the columns, if not the default ones; arrays with units of
-            their own keep these.
-        need_torque: if false, the log may be a planned motion, and torque columns are not read.
-        keep_all: leave nothing out (`masks`).
-
-    Raises:
-        RecordingError: a column is missing; a value is missing or not finite; time runs backwards
-            or has gaps; a torque is constant; angles look like degrees; velocities are not the
-            positions' derivatives; a sample is out of reach.
-    """
-    table, columns, mapping = resolved_table(source, kinematics, mapping)
-    if not need_torque:
-        columns = replace(columns, torque=())
-    elif not columns.torque:
-        raise RecordingError(
-            f"has no torque columns; its columns are {listing(table.fields)}",
-            where=table.header_place,
-            cure=table.cure_without_torque,
-        )
-    survey = Survey(table, columns, kinematics)
-    survey.warnings += table.warnings
-    if extra := extra_drives(table, columns, kinematics.dof):
-        survey.warnings.append(
-            Doubt(
-                f"has columns of another drive ({', '.join(extra)}), but the robot has "
-                f"{kinematics.dof}",
-                cause="the log is of another robot, or of an axis beside it as well",
-                cure="give the robot that was recorded; an axis beside it does no harm",
-            )
-        )
-    with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(table.checksum, [one.column for one in columns.recorded])
-        unwrapping, kept = Unwrapping(columns), Kept(columns)
-        batches = kept.taking(read_batches(table, columns, unwrapping))
-        for seen in ordered(survey.look, batches):
-            survey.add(seen)
-        survey.warnings += unwrapping.told(table)
-        clock = _clock(survey)
-        survey.finish(clock)
-    masks = _masks(survey, clock) if not keep_all else ()
-    require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
-    log = Log(
-        table=table,
-        columns=columns,
-        sha256=digest.result(),
-        samples=survey.samples,
-        clock=clock,
-        torque_max=survey.torque_max,
-        position_noise=survey.spectrum.noise,
-        reach=np.array([survey.nearest, survey.farthest]),
-        motion_cutoff=survey.spectrum.cutoff(clock.rate),
-        bandwidth=survey.spectrum.bandwidth(clock.rate),
-        masks=masks,
-        keep_all=keep_all,
-        warnings=tuple(survey.warnings),
-        kept=kept if kept.whole else None,
-    )
-    return _with_cutoff_between_stops(log)
-
-
-def resolved_table(
-    source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
-) -> tuple[Table, Columns, ColumnMapping]:
-    """A recording's table, which of its columns are what, and the mapping that decided it.
-
-    Raises:
-        RecordingError: it cannot be read, or a column is missing.
-    """
-    mapping, source = mapping or ColumnMapping(), as_source(source)
-    if isinstance(source, Recording):
-        source.require_drives(kinematics.dof)
-        if source.mapping is not None:
-            mapping = source.mapping.changed(load=mapping.load)
-        table = source.table
-    else:
-        table = open_table(source, mapping)
-    robot = kinematics.robot
-    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    return table, resolve_columns(table, linear, mapping), mapping
-
-
-def _masks(survey: Survey, clock: Clock) -> tuple[Mask, ...]:
-    """All that is left out, in the order of rows."""
-    found = (*(survey.search.masks(clock) if survey.search else ()), *survey.loads.masks(clock))
-    return tuple(sorted(found, key=lambda mask: (mask.first, mask.drives)))
-
-
-def _with_cutoff_between_stops(log: Log) -> Log:
-    """Brakes stop a robot with a jerk, whose spectrum is no motion's: without it, the cut-off."""
-    stops = tuple(mask for mask in log.masks if mask.reason == "emergency stop")
-    if not stops:
-        return log
-    q = slice(1, 1 + len(log.columns.position))
-    spectrum = SpectrumEstimate(len(log.columns.position))
-    for segment in replace(log, masks=stops).segments(None):
-        for rows in segment:
-            for first, last in runs_of(rows[:, -1] > 0):
-                spectrum.add(power_of(rows[first : last + 1, q]))
-    cutoff = spectrum.cutoff(log.rate)
-    if cutoff is None:
-        return log
-    return replace(
-        log,
-        motion_cutoff=cutoff,
-        bandwidth=spectrum.bandwidth(log.rate),
-        position_noise=spectrum.noise,
-    )
-
-
-def _clock(survey: Survey) -> Clock:
-    """The clock of a surveyed log. Where rows are not steady, what compares neighbours in the
-    survey is begun again, now over segments."""
-    survey.require_time()
-    if survey.clock.steady:
-        return survey.clock.clock
-    table, columns, dof = survey.table, survey.columns, survey.kinematics.dof
-
-    def rows() -> Iterator[Float[np.ndarray, "_ _"]]:
-        return (batch.values for batch in read_batches(table, columns))
-
-    # Before any row is placed by such a step.
-    require_rate(table, columns.time.column, survey.clock.usual_rate, differentiated=False)
-    clock = study(rows(), dof)
-    require_rate(table, columns.time.column, clock.rate, differentiated=False)
-    survey.begin_again()
-    for segment in segments(rows(), clock, int(_BRIDGED * clock.rate), 0):
-        survey.add_even(segment)
-    return clock

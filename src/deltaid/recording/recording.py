@@ -14,11 +14,12 @@ from deltaid.parallel import ordered
 from deltaid.recording.burden import Burden
 from deltaid.recording.excerpt import Excerpt, excerpt
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
-from deltaid.recording.log import Log, open_log
+from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport

@@ -6,8 +6,8 @@ import numpy as np
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.verdict import Proposal
-from deltaid.recording.columns import si_unit
 from deltaid.recording.mapping import AllDrives, DriveColumn, Quantity
+from deltaid.recording.resolution import si_unit
 
 # What a unit becomes by a factor of its numbers.
 _UNITS = {

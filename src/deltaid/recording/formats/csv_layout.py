@@ -1,7 +1,6 @@
 """How a CSV file is laid out: where its names stand, what separates them, where the data begins."""
 
 import csv
-import io
 import re
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -10,14 +9,22 @@ from pathlib import Path
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.formats.csv_end import NO_LINE_BREAK, find_end, is_marked_row, is_number
+from deltaid.recording.formats.csv_head import (
+    COMMENT,
+    SEPARATORS,
+    HeadLines,
+    as_text,
+    cells_of,
+    decoded,
+    is_comment,
+    names_in,
+    separator_of,
+)
 from deltaid.recording.formats.stream import content
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.units import is_unit
 
-LONGEST_LINE = 1 << 20
 _SEARCHED_LINES = 200
-_SEPARATORS = ("\t", ";", ",")
-_COMMENT = re.compile(r"\A\s*(?:#|%|//|;(?=[^;]*$))+")
 _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
 
@@ -97,24 +104,6 @@ class _Header:
     holds_numbers: bool = False
 
 
-class HeadLines:
-    """The lines from the start of a file, read as they are asked for."""
-
-    def __init__(self, file: io.BufferedReader, path: Path) -> None:
-        self._file, self._path = file, path
-        self._lines: list[bytes] = []
-
-    def __getitem__(self, row: int) -> bytes:
-        """A line, counted from 1; nothing behind the end of the file."""
-        while len(self._lines) < row:
-            self._lines.append(_line(self._file, self._path, len(self._lines) + 1))
-        return self._lines[row - 1]
-
-    def size(self, rows: int) -> int:
-        """Of the first lines together [bytes]."""
-        return sum(map(len, self._lines[:rows]))
-
-
 def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
     """The layout of a CSV file.
 
@@ -173,11 +162,6 @@ def open_csv(path: Path, mapping: ColumnMapping) -> CsvLayout:
     )
 
 
-def is_comment(line: bytes) -> bool:
-    """Whether a line near the head of a file says nothing but remarks."""
-    return bool(_COMMENT.match(line.decode("latin-1")))
-
-
 def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[Doubt]]:
     given = bool({"header_row", "data_row"} & mapping.model_fields_set)
     needed = mapping.needed
@@ -187,13 +171,13 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Head
         row = _row_of_names(lines, needed)
     if row is None:
         row = _after_comments(lines, 1)
-    text = _decoded(lines[row], f"{path}, row {row}")
-    bare = _COMMENT.sub("", text, count=1)
+    text = decoded(lines[row], f"{path}, row {row}")
+    bare = COMMENT.sub("", text, count=1)
     # A mark that has a field of its own is the name of a column.
-    if _holds(bare, needed) and not bare.lstrip(" ").startswith(_SEPARATORS):
+    if _holds(bare, needed) and not bare.lstrip(" ").startswith(SEPARATORS):
         text = bare
-    separator = _separator(text)
-    names = _names(text, separator, f"{path}, row {row}")
+    separator = separator_of(text)
+    names = names_in(text, separator, f"{path}, row {row}")
     holds_numbers = all(is_number(name) for name in names)
     if holds_numbers and not numbered:
         raise RecordingError(
@@ -223,14 +207,14 @@ def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int 
         if not lines[row]:
             return None
         text = as_text(lines[row])
-        if _holds(text, needed) or _holds(_COMMENT.sub("", text, count=1), needed):
+        if _holds(text, needed) or _holds(COMMENT.sub("", text, count=1), needed):
             return row
     return None
 
 
 def _holds(text: str, needed: tuple[tuple[str, ...], ...]) -> bool:
     try:
-        return _are_among(needed, _cells(text, _separator(text)))
+        return _are_among(needed, cells_of(text, separator_of(text)))
     except csv.Error:
         return False
 
@@ -249,85 +233,10 @@ def _after_comments(lines: HeadLines, row: int) -> int:
     return row
 
 
-def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
-    line = file.readline(LONGEST_LINE)
-    if len(line) == LONGEST_LINE:
-        raise RecordingError(
-            "is too long for a line of CSV",
-            where=f"{path}, row {row}",
-            cure="export the log as CSV with a line break after every sample, or as Parquet",
-        )
-    return line
-
-
-def as_text(line: bytes) -> str:
-    """A line as text. What is not UTF-8 comes from Windows, where ° is one byte."""
-    try:
-        text = line.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = line.decode("cp1252", errors="replace")
-    return text.rstrip("\r\n")
-
-
-def _decoded(line: bytes, place: str) -> str:
-    """The header as text."""
-    text = as_text(line)
-    if "\r" in text:
-        raise RecordingError(
-            "has carriage returns alone as line breaks", where=place, cure="convert them to LF"
-        )
-    if any(ord(c) < 32 and c != "\t" for c in text):
-        raise RecordingError(
-            "is not text", where=place, cure="export the log as CSV in UTF-8 or as Parquet"
-        )
-    if not text.strip():
-        raise RecordingError(
-            "is an empty line where the column names are expected",
-            where=place,
-            cure="delete it, or give --columns a mapping with header_row",
-        )
-    return text
-
-
-def _separator(header: str) -> str:
-    """The separator of a header: tab before semicolon before comma, since names may hold commas.
-
-    One that only follows another (`t,<tab>q1`) is padding. Where there is none of them, or numbers
-    with decimal commas stand apart, it is runs of blanks.
-    """
-    unquoted = re.sub(r'"[^"]*"', "", header)
-    for mark in _SEPARATORS[:-1]:
-        fields = unquoted.split(mark)
-        if len(fields) > 1 and not any(f.rstrip().endswith(_SEPARATORS) for f in fields):
-            return mark
-    words = unquoted.split()
-    apart = len(words) > 1 and all(is_number(w) and not w.endswith(",") for w in words)
-    if apart or (len(words) > 1 and "," not in unquoted):
-        return " "
-    return _SEPARATORS[-1]
-
-
-def _cells(text: str, separator: str) -> list[str]:
-    text = text.strip() if separator == " " else text
-    fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
-    return [field.strip() for field in fields]
-
-
-def _names(text: str, separator: str, place: str) -> tuple[str, ...]:
-    try:
-        return tuple(_cells(text, separator))
-    except csv.Error as error:
-        raise RecordingError(
-            f"is not a row of column names: {error}",
-            where=place,
-            cure="mend it, or say with --columns MAPPING.yaml (header_row) where the names are",
-        ) from None
-
-
 def _units(line: bytes, header: _Header, mapping: ColumnMapping) -> dict[str, str]:
     """The unit of each column that may be used, if the line under the names is a row of units."""
     try:
-        cells = _cells(as_text(line), header.separator)
+        cells = cells_of(as_text(line), header.separator)
     except csv.Error:
         return {}
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):

@@ -15,7 +15,8 @@ from jaxtyping import Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.formats.csv_end import is_marked_row
-from deltaid.recording.formats.csv_layout import LONGEST_LINE, CsvLayout
+from deltaid.recording.formats.csv_head import LONGEST_LINE
+from deltaid.recording.formats.csv_layout import CsvLayout
 from deltaid.recording.formats.stream import content, skip
 from deltaid.recording.source import Rows
 from deltaid.recording.time.seconds import is_clock

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.formats.csv_end import find_end, is_number
-from deltaid.recording.formats.csv_layout import HeadLines, as_text
+from deltaid.recording.formats.csv_head import HeadLines, as_text
 from deltaid.recording.formats.stream import content
 
 _SEARCHED_LINES, _SHOWING_LINES = 500, 50

@@ -1,0 +1,232 @@
+"""Which columns of a table are what: by the mapping that a user writes, or by default names."""
+
+import math
+from collections import Counter
+
+from deltaid.errors import RecordingError
+from deltaid.recording.address import Pick, find, listing
+from deltaid.recording.columns import Channel, Columns, TimeChannel
+from deltaid.recording.mapping import (
+    DATES,
+    QUANTITIES,
+    TIMES,
+    AllDrives,
+    ColumnMapping,
+    DriveColumn,
+    Quantity,
+)
+from deltaid.recording.source import Table
+from deltaid.recording.units import si_factor
+
+_SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
+_TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
+_SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
+# Scale and zero of temperatures in degrees Celsius.
+_CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, 273.15), "degF": (5 / 9, 32.0)}
+
+
+def resolve_columns(
+    table: Table, linear: tuple[bool, ...], mapping: ColumnMapping | None = None
+) -> Columns:
+    """Match what a log holds with a mapping, or with the default names.
+
+    These are t (or time), and q1…, qd1…, qdd1…, tau1… or arrays q, qd, qdd, tau, in s, rad, rad/s,
+    rad/s² and N m at the joint, or in m, m/s, m/s² and N. Where the mapping gives no unit, that of
+    the log holds, if it states one.
+
+    Args:
+        table: the log.
+        linear: for each drive whether it is a linear one.
+
+    Raises:
+        RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
+            a list has the wrong length.
+    """
+    mapping = mapping or ColumnMapping()
+    time = _time(table, mapping)
+    channels = {
+        quantity: _declared(quantity, linear, given, mapping.source)
+        if (given := getattr(mapping, quantity)) is not None
+        else _under_default_names(quantity, table, linear)
+        for quantity in QUANTITIES
+    }
+    beside = dict.fromkeys(load.column for load in mapping.loads if load.column is not None)
+    warm = mapping.temperature
+    if warm is not None:
+        beside[warm.column] = None
+    extra = tuple(Channel(name, 1.0, 0.0) for name in beside)
+    degrees = Channel(warm.column, *_CELSIUS[warm.unit]) if warm is not None else None
+    columns = Columns(time, **channels, extra=extra, loads=mapping.loads, temperature=degrees)
+    names = [channel.column for channel in columns.recorded]
+    if not columns.position:
+        names += _default_names("position", len(linear))
+    _require_once(names, table, mapping.source)
+    picks = table.picks(names)[not time.is_absent :]
+    _require_no_dates(picks, str(table.path))
+    _require_no_truths(picks[: len(picks) - len(extra)], str(table.path))
+    return columns
+
+
+def si_unit(quantity: Quantity, *, linear: bool) -> str:
+    """The unit that a column has if none is declared, of a drive that slides or turns."""
+    return (_SLIDING if linear else _TURNING)[quantity]
+
+
+def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
+    """Columns with default names of a drive that the robot does not have."""
+    used = {channel.column for channel in columns.all}
+    names = [f"{_SHORT[quantity]}{dof + 1}" for quantity in QUANTITIES]
+    found = [name for name in names if name in table.header and name not in used]
+    arrays = [f"{short}[{dof}]" for short in _SHORT.values() if f"{short}[0]" in used]
+    return found + [name for name in arrays if _is_there(table, columns.time.column, name)]
+
+
+def _is_there(table: Table, *names: str) -> bool:
+    try:
+        table.picks(names)
+    except RecordingError:
+        return False
+    return True
+
+
+def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:
+    name, unit, place = mapping.time.column, mapping.time.unit, f"{mapping.source}, time.unit"
+    declared, rate = mapping.time.model_fields_set, mapping.time.rate
+    if rate is not None and mapping.time.is_absent:
+        return TimeChannel("time", 1 / rate, 0.0, is_absent=True)
+    if "column" not in declared:
+        name = next((one for one in TIMES if find(table.fields, one)), name)
+    found = find(table.fields, name)
+    positions = (any(find(table.fields, one) for one in names) for names in mapping.needed[1:])
+    if found is None and "column" not in declared and all(positions):
+        raise RecordingError(
+            f"has no time: no column {' or '.join(TIMES)}; its columns are {listing(table.fields)}",
+            where=table.header_place,
+            cure="name its column in a mapping (--columns MAPPING.yaml) by the line "
+            "`time: {column: NAME, unit: s}`, or if there is none, give the sampling rate by the "
+            "line `time: {rate: 1000}`",
+        )
+    is_date = found is not None and found[0].is_clock
+    if is_date and (rate is not None or ("unit" in declared and unit not in ("s", *DATES))):
+        raise RecordingError(
+            f"column {name} holds dates or times of day, which have no unit and no rate",
+            where=f"{mapping.source}, time",
+            cure="leave the unit of time and the rate out",
+        )
+    if rate is not None:
+        return TimeChannel(name, 1 / rate, 0.0, counts=True)
+    if unit in DATES:
+        return TimeChannel(name, 1.0, 0.0)
+    if "unit" not in declared and name in table.units:
+        place, unit = f"{table.header_place}, unit of {name}", table.units[name]
+    return TimeChannel(name, si_factor(unit, "s", where=place), 0.0)
+
+
+def _default_names(quantity: Quantity, dof: int) -> list[str]:
+    return [f"{_SHORT[quantity]}{i + 1}" for i in range(dof)]
+
+
+def _under_default_names(
+    quantity: Quantity, table: Table, linear: tuple[bool, ...]
+) -> tuple[Channel, ...]:
+    names, short = _default_names(quantity, len(linear)), _SHORT[quantity]
+    if not any(name in table.header for name in names):
+        array = find(table.fields, short)
+        if not (find(table.fields, f"{short}[0]") and (not array or len(array[0].shape) > 1)):
+            return ()
+        names = [f"{short}[{i}]" for i in range(len(linear))]
+    # Some but not all: keep them all, so that the missing ones are named.
+    targets = [si_unit(quantity, linear=slides) for slides in linear]
+    where, units = table.header_place, table.units
+    scales = [
+        si_factor(units.get(name, si), si, where=f"{where}, unit of {name}")
+        for name, si in zip(names, targets, strict=True)
+    ]
+    return tuple(
+        Channel(name, scale, 0.0, turn=2 * math.pi / scale if si == "rad" else 0.0)
+        for name, scale, si in zip(names, scales, targets, strict=True)
+    )
+
+
+def _declared(
+    quantity: Quantity,
+    linear: tuple[bool, ...],
+    given: AllDrives | tuple[DriveColumn, ...],
+    source: str,
+) -> tuple[Channel, ...]:
+    dof = len(linear)
+    if isinstance(given, AllDrives):
+        given = given.entries(dof, f"{source}, {quantity}")
+    if len(given) != dof:
+        raise RecordingError(
+            f"lists {len(given)} columns, but the robot has {dof} drives",
+            where=f"{source}, {quantity}",
+            cure="list one column a drive, in order of q, or leave the list out",
+        )
+    return tuple(
+        _channel(quantity, column, slides, f"{source}, {quantity}[{i}]")
+        for i, (column, slides) in enumerate(zip(given, linear, strict=True))
+    )
+
+
+def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) -> Channel:
+    if quantity != "torque" and column.torque_constant is not None:
+        raise RecordingError(
+            "belongs to torque columns only",
+            where=f"{where}.torque_constant",
+            cure="leave it out",
+        )
+    if column.lead is not None and not linear:
+        raise RecordingError(
+            "belongs to linear drives only", where=f"{where}.lead", cure="leave it out"
+        )
+    motor = not linear or column.lead is not None
+    target = (_TURNING if motor else _SLIDING)[quantity]
+    unit = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)
+    travel = column.lead / (2 * math.pi) if column.lead is not None else 1.0
+    factor = unit * (column.gear / travel if quantity == "torque" else travel / column.gear)
+    if not 0 < factor < math.inf:
+        raise RecordingError(
+            f"unit and gear together make a factor of {factor:g}, which is no number to go on with",
+            where=where,
+            cure="check unit, gear and torque_constant; gear is motor revolutions per joint's",
+        )
+    turn = 2 * math.pi / unit if target == "rad" else 0.0
+    return Channel(column.column, column.sign * factor, column.zero, turn)
+
+
+def _require_no_dates(picks: list[Pick], where: str) -> None:
+    for pick in picks:
+        if pick.field.is_clock:
+            raise RecordingError(
+                f"column {pick.field.name} holds dates or times of day, which no drive measures",
+                where=where,
+                cure="map another column",
+            )
+
+
+def _require_no_truths(picks: list[Pick], where: str) -> None:
+    for pick in picks:
+        if pick.field.is_truth:
+            raise RecordingError(
+                f"column {pick.field.name} holds truth values, not numbers",
+                where=where,
+                cure=pick.field.cure,
+            )
+
+
+def _require_once(names: list[str], table: Table, source: str) -> None:
+    for name in names:
+        if table.header.count(name) > 1:
+            raise RecordingError(
+                f"has {table.header.count(name)} columns called {name}",
+                where=table.header_place,
+                cure="rename one",
+            )
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise RecordingError(
+            f"column {name} is declared {count} times",
+            where=source,
+            cure="give every drive and every quantity a column of its own",
+        )
