@@ -29,7 +29,7 @@ from deltaid.report.identification import Verification, identification_page
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.parameters import parameter_section
-from deltaid.report.put_right import put_right_sections
+from deltaid.report.put_right_section import put_right_sections
 from deltaid.report.torques import torque_blocks
 from deltaid.report.validation import validation_page
 from deltaid.robot.joint_units import TURNING
