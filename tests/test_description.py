@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from pydantic import RootModel
 from ruamel.yaml import YAML
@@ -308,8 +308,13 @@ def test_whatever_is_written_gives_one_message(text: str, inside: bool) -> None:
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@given(st.recursive(st.none() | st.booleans() | st.integers() | FINITE | st.text(), st.lists))
+SCALARS = st.none() | st.booleans() | st.integers() | FINITE | st.text()
+
+
+@given(st.recursive(SCALARS, lambda v: st.lists(v) | st.dictionaries(st.sampled_from("ab"), v)))
 @settings(max_examples=100, deadline=None)
+@example(["?0", ":0", "-0", "? 0", ": 0", "- 0"])
+@example({"a": "?0", "b": ":0"})
 def test_what_is_saved_is_read_again(tmp_path_factory, value: object) -> None:
     """The writer is the library's, the meaning of what is read is our own."""
     path = tmp_path_factory.getbasetemp() / "saved.yaml"
