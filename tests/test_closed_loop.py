@@ -20,6 +20,9 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.memory import Recording
 from deltaid.robot.load import load_robot
+from drives import case, closed_loop
+from drives.judge import judge
+from drives.told import identified
 
 RATE, SECONDS = 1000.0, 5.0
 
@@ -80,3 +83,14 @@ def test_noise_that_does_not_come_back_is_no_feedback() -> None:
     log = Recording.from_arrays(q=noisy, tau=quiet.rows.tau, rate=RATE)
     one = evidence(quiet.robot, log, settings=Settings(lag="none", friction="described"))
     assert all(verdict.grade is Grade.GOOD for verdict in checked_feedback(one))
+
+
+def test_a_lag_that_noise_hides_is_allowed_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torques are half a row early, and noise that comes back leaves no way to know it."""
+    monkeypatch.setattr(closed_loop, "_NOISE", 3e-4)
+    made = case("closed-loop", "linear", 0)
+    found = identified(made)
+    assert found.recordings[0].repairs.delay == ()
+    assert min(judge(made, found).curves) > 0.9
+    (lag,) = [one for one in found.verdicts if one.key == "torque-lag"]
+    assert lag.grade is Grade.CANNOT_TELL

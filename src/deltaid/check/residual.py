@@ -20,6 +20,7 @@ from deltaid.check.unexplained import largest_torques, longest, unexplained, whi
 from deltaid.check.verdict import Grade, Proposal, Verdict
 from deltaid.check.words import listed, percent
 from deltaid.errors import RecordingError
+from deltaid.identification.lag_columns import UnknownLag
 from deltaid.identification.patterns import Pattern
 from deltaid.identification.study import Study
 from deltaid.recording.recording import Recording
@@ -44,7 +45,10 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     study, recording = evidence.study, evidence.surveyed
     if study is None or isinstance(recording, RecordingError):
         return
-    yield from lag_verdicts(study)
+    added = () if evidence.made is None else evidence.made.additions
+    yield from lag_verdicts(
+        study, unknown=any(isinstance(one, UnknownLag) and one.is_of(recording) for one in added)
+    )
     ringing = tuple(_of_resonance(study))
     yield from ringing
     rings = any(v.grade is not Grade.GOOD for v in ringing)

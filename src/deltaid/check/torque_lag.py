@@ -19,8 +19,12 @@ _LARGE, _HARMS = 2e-4, 0.003
 _UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
 
 
-def lag_verdicts(study: Study) -> Iterator[Verdict]:
-    """Whether torques and positions are of the same instant, as far as that can be told."""
+def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
+    """Whether torques and positions are of the same instant, as far as that can be told.
+
+    Args:
+        unknown: whether the fit had to leave a lag open.
+    """
     common, each, drives = study.common, study.each, study.scene.drives
     lag, half = 1e3 * common.values[0], 1e3 * common.interval[0]
     if study.hidden:
@@ -44,6 +48,19 @@ def lag_verdicts(study: Study) -> Iterator[Verdict]:
                 f"the lag of torques behind positions is known to ±{half:.2g} ms only",
                 cause="the motion is too slow, or the torque too noisy, to see it",
                 cure="record a faster motion with more reversals",
+                number=half,
+                unit="ms",
+            )
+            return
+        if unknown:
+            yield Verdict(
+                "torque-lag",
+                Grade.CANNOT_TELL,
+                f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms; "
+                "none has been put right, and intervals allow for it",
+                cause="noise that a controller feeds back, or gears that wind up, hide the "
+                "steps of friction that tell a lag best",
+                cure="give the lag if it is known (--lag), or record with lower gains",
                 number=half,
                 unit="ms",
             )

@@ -63,6 +63,11 @@ class Addition(ABC):
         return free_coefficients(self.parameters)
 
     @property
+    def is_held(self) -> bool:
+        """Whether the fit holds what whoever judges it counts as unknown."""
+        return False
+
+    @property
     def is_absolute(self) -> bool:
         """Whether it is known in kg or N m by itself, so that it tells how large torques are."""
         return False

@@ -66,6 +66,12 @@ def free_coefficients(parameters: Sequence[Parameter]) -> Free:
     return Free(tuple(parameters), np.eye(len(parameters)), np.zeros(len(parameters)), blocks)
 
 
+def held_coefficients(parameters: Sequence[Parameter]) -> Free:
+    """Coefficients that stay zero."""
+    n = len(parameters)
+    return Free((), np.zeros((n, 0)), np.zeros(n), ())
+
+
 def free_body(
     kind: ParameterKind,
     body: str,

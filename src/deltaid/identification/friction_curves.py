@@ -20,7 +20,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.additions import Addition, Values
 from deltaid.identification.fit import METRICS, FittedProblem
-from deltaid.identification.free_body import Free, free_coefficients
+from deltaid.identification.free_body import Free, free_coefficients, held_coefficients
 from deltaid.identification.friction_rows import entry_speeds
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.identification.objective import data_term
@@ -86,8 +86,11 @@ class LawConstants(Addition):
     @property
     def free(self) -> Free:
         """Nothing: the constants are those of the law."""
-        n = len(self.constants)
-        return Free((), np.zeros((n, 0)), np.zeros(n), ())
+        return held_coefficients(self.parameters)
+
+    @property
+    def is_held(self) -> bool:
+        return True
 
     def _coulomb(self, joint: str) -> np.ndarray:
         return self._entries(f"coulomb.{joint}")
@@ -104,12 +107,11 @@ def law_constants(additions: Sequence[Addition]) -> LawConstants | None:
 
 
 def freed(problem: FittedProblem) -> FittedProblem:
-    """A fit to be judged: its result, with the constants of its friction laws unknown."""
-    if law_constants(problem.additions) is None:
+    """A fit to be judged: its result, with what it holds unknown, such as constants of laws."""
+    if not any(one.is_held for one in problem.additions):
         return problem
     free = [
-        free_coefficients(one.parameters) if isinstance(one, LawConstants) else one.free
-        for one in problem.additions
+        free_coefficients(one.parameters) if one.is_held else one.free for one in problem.additions
     ]
     added = [(one.parameters, own) for one, own in zip(problem.additions, free, strict=True)]
     information = problem.information

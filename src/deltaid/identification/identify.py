@@ -162,10 +162,19 @@ def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
-    """Studies of recordings in which nothing has been put right since, nor what gears carry."""
+    """Studies of recordings in which nothing has been put right since, nor what gears carry.
+
+    They were studied with the lags to begin with, which may have been given up since.
+    """
     if setup.corrections or setup.additions or setup.robot.load_drives or not setup.studies:
         return ()
-    return setup.studies
+    pairs = zip(setup.studies, setup.recordings, strict=True)
+    return tuple(one if one and _is_of(one, recording) else None for one, recording in pairs)
+
+
+def _is_of(study: Study, recording: Recording) -> bool:
+    """Whether a recording was studied as it has been put right by now."""
+    return study.scene.trace.recording.repairs == recording.repairs
 
 
 def _told(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.additions import Addition, Own, Values, extended
+from deltaid.identification.free_body import Free, held_coefficients
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -97,10 +98,14 @@ class LagColumns(Addition):
         columns = [k for k, group in enumerate(self._free) for _ in group.drives]
         return np.array(drives, dtype=int), np.array(columns, dtype=int)
 
+    def is_of(self, recording: Recording) -> bool:
+        """Whether these are lags of a recording."""
+        return recording.log.sha256 == self.recording.log.sha256
+
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """−τ̇ of each drive that lags."""
         drives, _ = self.pattern
-        if recording.log.sha256 != self.recording.log.sha256:
+        if not self.is_of(recording):
             return np.zeros((len(drives), own.shape[1]))
         values = np.vstack([own, *(one.entries(w, own, recording) for one in self.beside)])
         rows, columns = extended(self.dynamics, self.beside).regressor_pattern
@@ -153,6 +158,25 @@ class LagColumns(Addition):
         for k in np.flatnonzero(np.isin(columns, viscous)):
             turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
         return turned
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownLag(LagColumns):
+    """A lag that may be none and is hardly known: the fit has none, and intervals allow for it."""
+
+    @property
+    def free(self) -> Free:
+        """Nothing."""
+        return held_coefficients(self.parameters)
+
+    @property
+    def is_held(self) -> bool:
+        return True
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        """Nothing has been put right."""
+        del judged
+        return ()
 
 
 def alone(dof: int) -> tuple[LagGroup, ...]:

@@ -76,6 +76,13 @@ def agree(values: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"])
     return distance <= _limit(len(values) - 1, _SELDOM)
 
 
+def common_deviation(covariance: Float[np.ndarray, "dof dof"]) -> float:
+    """Standard deviation of a lag that all drives have, (1ᵀ C⁻¹ 1)^−½ [s]."""
+    scale = np.sqrt(np.diag(covariance))
+    root = np.linalg.cholesky(covariance / np.outer(scale, scale))
+    return float(1.0 / np.linalg.norm(np.linalg.solve(root, 1.0 / scale)))
+
+
 def _fitted(
     values: Float[np.ndarray, " dof"],
     covariance: Float[np.ndarray, "dof dof"],

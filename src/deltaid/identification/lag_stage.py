@@ -9,8 +9,8 @@ import numpy as np
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.additions import Addition
-from deltaid.identification.lag_columns import LagColumns, LagGroup, subjects
-from deltaid.identification.lag_groups import chosen_groups
+from deltaid.identification.lag_columns import LagColumns, LagGroup, UnknownLag, subjects
+from deltaid.identification.lag_groups import chosen_groups, common_deviation
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.traces import Trace, trace
@@ -23,8 +23,9 @@ from deltaid.recording.windows import WINDOW
 _UNKNOWN = 1e-3
 # Windows of a recording that are looked at, and seconds; more hardly say more.
 _WINDOWS, _SECONDS = 8, 12.0
-# Half of an interval beyond which a lag is not put right [s].
-_UNKNOWN = 1e-3
+# Standard deviation beyond which a lag that may be none is allowed for by intervals [s]; it is 5 to
+# 20 µs where a motion shows lags.
+_HARDLY = 5e-5
 
 
 def lags_put_right(setup: Setup, progress: Progress) -> Setup:
@@ -63,8 +64,11 @@ def lags_put_right(setup: Setup, progress: Progress) -> Setup:
         for group in groups:
             delay[list(group.drives)] = group.delay
         setup = setup.repaired(one, delay=tuple(delay.tolist()) if groups else ())
+        kind = LagColumns
+        if not groups and common_deviation(lags.covariance[k]) > _HARDLY:
+            kind, groups = UnknownLag, (LagGroup(tuple(range(setup.dynamics.dof)), 0.0),)
         if groups:
-            columns = LagColumns(setup.dynamics, beside, lags.p, one, groups, several)
+            columns = kind(setup.dynamics, beside, lags.p, one, groups, several)
             setup = setup.changed(additions=(*setup.additions, columns))
     return setup
 
@@ -83,7 +87,7 @@ def doubtful_lags_left(setup: Setup, judged: Sequence[Judged]) -> Setup:
             continue
         setup = setup.changed(additions=tuple(x for x in setup.additions if x is not one))
         for recording in setup.recordings:
-            if recording.log.sha256 == one.recording.log.sha256:
+            if one.is_of(recording):
                 setup = setup.repaired(recording, delay=())
     return setup
 
