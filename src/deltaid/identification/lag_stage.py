@@ -23,9 +23,9 @@ from deltaid.recording.windows import WINDOW
 _UNKNOWN = 1e-3
 # Windows of a recording that are looked at, and seconds; more hardly say more.
 _WINDOWS, _SECONDS = 8, 12.0
-# Standard deviation beyond which a lag that may be none is allowed for by intervals [s]; it is 5 to
-# 20 µs where a motion shows lags.
-_HARDLY = 5e-5
+# Standard deviation beyond which intervals allow for a lag that may be none [s]: twice as much does
+# harm. It is 5 to 20 µs in good recordings of 15 s, and up to 0.1 ms in those of a few seconds.
+_HARDLY = 1.5e-4
 
 
 def lags_put_right(setup: Setup, progress: Progress) -> Setup:
