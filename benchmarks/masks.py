@@ -4,7 +4,7 @@
     python benchmarks/masks.py [SEEDS]
 
 Each recording is identified twice, as usual and with all rows kept. Leaves `tables/masks.md`. The
-tests run some seeds of it (`tests/test_masks.py`).
+tests run some seeds of it (`tests/test_mask_results.py`).
 """
 
 import os

@@ -10,7 +10,8 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.robot.description import RobotDescription
-from oracle.composed import ComposedOracle, Kind, LimbShape
+from oracle.composed import ComposedOracle, Kind
+from oracle.limb import LimbShape
 from oracle.tree import Body, random_body
 from support import body_parameters, explicit_body
 

@@ -79,3 +79,11 @@ def irb360() -> deltaid.Dynamics:
 @pytest.fixture(scope="session")
 def clavel() -> deltaid.Dynamics:
     return deltaid.Dynamics(deltaid.load_robot("clavel-delta3"))
+
+
+@pytest.fixture(scope="session")
+def opened(clavel: deltaid.Dynamics):
+    """Opens a log, with a mapping if one is given, as one of Clavel's robot."""
+    from deltaid.recording.opening import open_log  # only now: its checks are in place
+
+    return lambda path, mapping=None: open_log(path, clavel.kinematics, mapping)

@@ -25,7 +25,8 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
-from oracle.composed import ComposedOracle, LimbShape
+from oracle.composed import ComposedOracle
+from oracle.limb import LimbShape
 from oracle.tree import Array, Body
 
 # Points of a path, of which the oracle gets as many as it takes, and points that the Fourier series

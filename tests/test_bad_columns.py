@@ -8,22 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.formats import parquet
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.opening import open_log
 from deltaid.recording.units import si_factor
 from logs import recorded, refusal, text, write
 
 ROWS = 300
 FRAME = recorded(ROWS)
 GOOD = text(FRAME)
-
-
-@pytest.fixture(scope="module")
-def opened(clavel: Dynamics):
-    return lambda path, mapping=None: open_log(path, clavel.kinematics, mapping)
 
 
 def parquet_of(frame: pl.DataFrame) -> bytes:

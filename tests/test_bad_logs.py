@@ -1,63 +1,22 @@
 """A log that cannot be used gets one message: what is wrong, in which file, row and column."""
 
-import errno
-import gzip
-import io
-import os
 import random
-import re
-import sys
-from pathlib import Path
 
 import polars as pl
 import pytest
-import zstandard
 
-from deltaid.dynamics.dynamics import Dynamics
+from bad_logs import GOOD, ROWS, changed, with_field, with_line, without_rows
 from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_text
-from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.words import told_of_holes
-from logs import comma, names, read, recorded, refusal, text, write
-
-ROWS = 300
-GOOD = text(recorded(ROWS))
-COLUMNS = names("t", "q", "tau")
-
-
-def with_field(row: int, column: str, value: str, source: str = GOOD) -> str:
-    """A log with another text in one field; the row counts as in messages."""
-    lines = source.split("\n")
-    separator = ";" if ";" in lines[0] else ","
-    fields = lines[row - 1].split(separator)
-    fields[COLUMNS.index(column)] = value
-    lines[row - 1] = separator.join(fields)
-    return "\n".join(lines)
-
-
-def with_line(row: int, line: str) -> str:
-    lines = GOOD.split("\n")
-    lines[row - 1] = line
-    return "\n".join(lines)
-
-
-def without_rows(first: int, last: int) -> str:
-    lines = GOOD.split("\n")
-    return "\n".join(lines[: first - 1] + lines[last:])
-
-
-def changed(**expressions: pl.Expr) -> str:
-    return text(recorded(ROWS).with_columns(**expressions))
-
+from logs import comma, read, recorded, refusal, text, write
 
 SEMICOLONS = text(recorded(ROWS), ";")
 COMMAS = text(recorded(ROWS), ";", number=comma)
 LINE_150 = GOOD.split("\n")[149]
 FIELDS_150 = LINE_150.split(",")
-
 # What is in the file, and what the message must say besides the file's name.
 BAD_TEXT = {
     "NaN": (with_field(150, "q2", "NaN"), "row 150: column q2 is 'NaN'"),
@@ -167,14 +126,6 @@ BAD_TEXT = {
 }
 
 
-@pytest.fixture(scope="module")
-def opened(clavel: Dynamics):
-    def open_(path: Path, mapping: ColumnMapping | None = None) -> Log:
-        return open_log(path, clavel.kinematics, mapping)
-
-    return open_
-
-
 @pytest.mark.parametrize("name", BAD_TEXT)
 @pytest.mark.parametrize("size", [1 << 22, 700])
 def test_bad_csv(tmp_path, opened, monkeypatch, name: str, size: int) -> None:
@@ -189,69 +140,6 @@ def test_bad_csv(tmp_path, opened, monkeypatch, name: str, size: int) -> None:
 
 def test_good_csv(tmp_path, opened) -> None:
     assert not opened(write(tmp_path / "log.csv", GOOD)).warnings
-
-
-FOREIGN = {
-    "binary": (bytes(range(256)) * 8, "row 1: is not text"),
-    "zeros": (bytes(5000), "row 1: is not text"),
-    "endless line": (b"t" * (2 << 20), "row 1: is too long"),
-    "UTF-16 with a bad field": (
-        with_field(150, "q2", "x").encode("utf-16"),
-        "row 150: column q2 is 'x'",
-    ),
-    "UTF-16 cut off": (GOOD.encode("utf-16")[:-41], f"row {ROWS + 1}: "),
-    "Excel": (b"PK\x03\x04" + bytes(100), "is an Excel workbook"),
-    "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a damaged MATLAB file"),
-    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is a damaged HDF5 file"),
-    "gzip damaged": (b"\x1f\x8b\x07" + bytes(100), "is a damaged gzip file"),
-    "gzip cut off": (gzip.compress(GOOD.encode())[:-20], "is a gzip file that is cut off"),
-    "gzip with a wrong checksum": (
-        gzip.compress(GOOD.encode())[:-8] + bytes(8),
-        "is a damaged gzip file",
-    ),
-    "gzip of MATLAB": (
-        gzip.compress(b"MATLAB 5.0 MAT-file" + bytes(200)),
-        "is a MATLAB file inside gzip\n  → unpack it",
-    ),
-    "gzip with a bad field": (
-        gzip.compress(with_field(150, "q2", "x").encode()),
-        "row 150: column q2 is 'x'",
-    ),
-    "zstd cut off": (zstandard.compress(GOOD.encode())[:-20], "is a zstd file that is cut off"),
-    "zstd damaged": (zstandard.compress(GOOD.encode())[:9] + bytes(90), "zstd file"),
-    "endless line of data": (
-        b"t,q1,q2,q3,tau1,tau2,tau3\n" + b"1" * (6 << 20),
-        "row 2: is too long",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", FOREIGN)
-def test_files_that_are_no_csv(tmp_path, opened, name: str) -> None:
-    content, fragment = FOREIGN[name]
-    path = write(tmp_path / "log.csv", content)
-    message = refusal(opened, path)
-    assert message.startswith(str(path))
-    assert fragment in message
-
-
-def test_zstd_without_its_library(tmp_path, opened, monkeypatch) -> None:
-    path = write(tmp_path / "log.csv.zst", zstandard.compress(GOOD.encode()))
-    monkeypatch.setitem(sys.modules, "zstandard", None)
-    assert "pip install 'deltaid[formats]'" in refusal(opened, path)
-
-
-def test_damaged_compressed_logs_are_refused(tmp_path, opened) -> None:
-    rng = random.Random(3)
-    for compress in (gzip.compress, zstandard.ZstdCompressor(write_checksum=True).compress):
-        whole = compress(GOOD.encode())
-        for _ in range(30):
-            data = bytearray(whole)
-            data[rng.randrange(12, len(data) - 8)] ^= 1 << rng.randrange(8)
-            path = write(tmp_path / "log.csv", bytes(data))
-            message = refusal(opened, path)
-            assert message.startswith(str(path))
-            assert "→" in message
 
 
 def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
@@ -323,84 +211,6 @@ def test_damaged_spellings_give_one_message(tmp_path, opened) -> None:
         except DeltaidError as error:
             message = str(error)
         assert not message or (message.startswith(str(path)) and "→" in message)
-
-
-def test_no_file(tmp_path, opened, monkeypatch) -> None:
-    assert "no such file" in refusal(opened, tmp_path / "nothing.csv")
-    assert "is a folder" in refusal(opened, tmp_path)
-    assert "cannot be read" in refusal(opened, tmp_path / ("x" * 300))
-    os.mkfifo(tmp_path / "pipe")
-    assert "is no regular file" in refusal(opened, tmp_path / "pipe")
-
-
-def test_no_permission(tmp_path, opened, monkeypatch) -> None:
-    path = write(tmp_path / "log.csv", GOOD)
-
-    def denied(*_: object, **__: object) -> None:
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-
-    monkeypatch.setattr(io, "open", denied)  # as root, no permission stops anyone
-    message = refusal(opened, path)
-    reason = f"{path}: cannot be read: Permission denied"
-    assert message == f"{reason}\n  → check its name and permissions"
-
-
-SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
-
-
-@pytest.mark.parametrize(
-    ("content", "warning"),
-    [
-        (changed(q1=pl.lit(0.1)), "column q1 is constant"),
-        ("Scope\n" + GOOD, "row 2 is taken for the column names"),
-        (GOOD + "END\n", r"ends with text after its data \('END'\)"),
-        (
-            GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1),
-            r"row 2 is taken for units \(s, rad, ",
-        ),
-        (GOOD.rstrip("\n"), "the last line has no line break"),
-        (with_field(150, "t", "0.1484"), "stamps of t jitter by .* positions are even, so rows"),
-        (
-            GOOD.replace("tau3", "tau3,q4,tau4").replace("\n", ",0,0\n"),
-            r"\(q4, tau4\), but the robot",
-        ),
-        (
-            text(recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})),
-            "qd1 hardly goes with .* q1",
-        ),
-    ],
-)
-def test_doubts_are_warned_of(tmp_path, opened, content: str, warning: str) -> None:
-    if ",0,0\n" in content:
-        content = content.replace("tau4,0,0\n", "tau4\n")
-    log = opened(write(tmp_path / "log.csv", content))
-    assert any(re.search(warning, text) for text in log.warnings), log.warnings
-
-
-def test_leaving_the_workspace_is_warned_of(tmp_path, clavel: Dynamics) -> None:
-    robot = clavel.robot
-    small = robot.workspace.changed(radius=1e-3)
-    narrow = Dynamics(robot.changed(workspace=small))
-    log = open_log(write(tmp_path / "log.csv", GOOD), narrow.kinematics)
-    pattern = rf"{ROWS} of {ROWS} samples lie outside .* first in row 2 at \[.*\] m; likeliest"
-    assert re.match(pattern, log.warnings[0])
-
-
-def test_planned_motions_need_no_torques(tmp_path, clavel: Dynamics) -> None:
-    for frame in (
-        recorded(ROWS).drop(names("tau")),
-        recorded(ROWS).with_columns(tau1=pl.lit(0.0), tau2=None),
-    ):
-        path = write(tmp_path / "log.csv", frame)
-        assert not open_log(path, clavel.kinematics, need_torque=False).columns.torque
-
-
-def test_files_that_change_between_two_passes(tmp_path, opened) -> None:
-    path = write(tmp_path / "log.csv", GOOD)
-    log = opened(path)
-    path.unlink()
-    with pytest.raises(DeltaidError, match="no such file"):
-        list(log.batches())
 
 
 def test_row_numbers_in_large_files(tmp_path) -> None:

@@ -1,85 +1,19 @@
-"""`deltaid check`: verdicts on descriptions and on what recordings tell, exit codes, cures."""
+"""Verdicts of the checks on descriptions and on what recordings tell."""
 
-import json
-import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 import deltaid
-from command import run
+from checked import Data, moved, of, scaled, written
 from deltaid.check.evidence import evidence
 from deltaid.check.information import checked_information
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import as_written, changes, mended
 from deltaid.check.run import OF_ROBOT, of_robot, verdicts
-from deltaid.check.verdict import KEYS, Grade, Proposal, Verdict, worst
-from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.parameters import prior_parameters
-from deltaid.motion.random_motion import random_motion
-from deltaid.recording.opening import open_log
+from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
-from sessions import ROOT
-
-Data = dict[str, Any]
-
-
-def scaled(data: Data, factor: float, part: str = "") -> Data:
-    """A description with all lengths, or those of one part, multiplied."""
-    lengths = {
-        "limbs": ("base_radius", "platform_radius", "upper_arm", "strut", "base_points",
-                  "platform_points"),
-        "workspace": ("radius", "z"),
-        "telescope": ("stroke",),
-        "platform": ("half_length", "length"),
-    }  # fmt: skip
-
-    def times(value: Any) -> Any:
-        return [times(one) for one in value] if isinstance(value, list) else value * factor
-
-    result = json.loads(json.dumps(data))
-    for name, keys in lengths.items():
-        for key in keys if name.startswith(part) else ():
-            if key in (result.get(name) or {}):
-                result[name][key] = times(result[name][key])
-    if not part:
-        for limits in result["drive_limits"].values():
-            if "position" in limits:
-                limits["position"] = times(limits["position"])
-        for body in result["bodies"].values():
-            for shape in body["prior"]:
-                for key in {"length", "outer_radius", "inner_radius", "centre"} & set(shape):
-                    shape[key] = times(shape[key])
-    return result
-
-
-def written(data: Data, path: Path) -> Path:
-    path.write_text(yaml_text(data), encoding="utf-8")
-    return path
-
-
-def of(found: tuple[Verdict, ...], key: str) -> Verdict:
-    matches = [one for one in found if one.key == key]
-    assert len(matches) == 1, found
-    return matches[0]
-
-
-def moved(name: str, pace: float = 1.0, which: tuple[int, ...] = (0, 1, 2, 3)) -> deltaid.Recording:
-    """Ten seconds of a random motion, slowed down, of some of the task coordinates."""
-    dynamics, rng = compiled(load_robot(name)), np.random.default_rng(3)
-    time = np.arange(2500) / 250
-    z, zd, zdd = random_motion(dynamics.kinematics, rng).evaluate(pace * time)
-    chosen = np.isin(np.arange(dynamics.dof), which)
-    z = np.where(chosen, z, dynamics.kinematics.home)
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, pace * zd * chosen, pace**2 * zdd * chosen)
-    tau = dynamics.torque(z, qd, qdd, 1.1 * prior_parameters(dynamics.robot))
-    tau += 0.02 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape) + 1e-6 * rng.normal(
-        size=tau.shape
-    )
-    return deltaid.Recording.from_arrays(t=time, q=q, qd=qd, qdd=qdd, tau=tau)
 
 
 @pytest.mark.parametrize("name", catalogue())
@@ -306,123 +240,3 @@ def test_what_a_fit_contradicts_is_not_said_where_a_verdict_tells_why() -> None:
     assert (
         sum("contradict" in text or "no robot has" in text for text in forced.model.warnings) == 0
     )
-
-
-# The command.
-
-
-def test_exit_codes(tmp_path: Path) -> None:
-    assert run("check", "clavel-delta3").code == 0
-    data = as_written("clavel-delta3")
-    doubtful = written(mended(data, {"friction.drive1": None}), tmp_path / "doubtful.yaml")
-    assert run("check", doubtful).code == 3
-    wrong = written(scaled(data, 1000), tmp_path / "wrong.yaml")
-    assert run("check", wrong).code == 4
-    broken = written({"name": "nothing"}, tmp_path / "broken.yaml")
-    outcome = run("check", broken)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert run("check", "clavel-delta3", tmp_path / "no.csv").code == 2
-
-
-def test_what_is_written_loads_and_is_better(tmp_path: Path) -> None:
-    data = scaled(mended(as_written("clavel-delta3"), {"friction.drive1": None}), 1000)
-    robot = written(data, tmp_path / "robot.yaml")
-    first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
-    outcome = run("check", robot, "--write", first)
-    assert outcome.code == 4
-    assert f"wrote {first}" in outcome.out.replace("\n", "")
-    assert run("check", first, "--write", second).code == 3  # the friction is left
-    assert run("check", second).code == 0
-    assert load_robot(second).limbs == load_robot("clavel-delta3").limbs
-
-
-def test_nothing_proposed_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "fixed.yaml"
-    outcome = run("check", "clavel-delta3", "--write", path)
-    assert "nothing was written" in outcome.out
-    assert not path.exists()
-
-
-def test_json_has_all_fields(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
-    outcome = run("check", written(data, tmp_path / "robot.yaml"), "--json")
-    value = json.loads(outcome.out)
-    assert (value["robot"], value["grade"]) == ("clavel-delta3", "wrong")
-    verdict = next(one for one in value["verdicts"] if one["key"] == "prior-scale")
-    assert set(verdict) == {
-        "key", "grade", "subject", "seen", "number", "unit", "cause", "cure", "proposals"
-    }  # fmt: skip
-    assert verdict["proposals"] == [{"file": "robot", "changes": {"bodies.P.prior[0].mass": 1.0}}]
-
-
-@pytest.mark.parametrize("width", [80, 200])
-def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
-    outcome = run("check", written(data, tmp_path / "robot.yaml"), width=width)
-    lines = outcome.out.split("into the robot file:\n")[1]
-    from ruamel.yaml import YAML
-
-    pasted = YAML(typ="safe", pure=True).load(lines)
-    assert pasted == {
-        "bodies": {"P": {"prior": as_written("clavel-delta3")["bodies"]["P"]["prior"]}}
-    }
-    assert max(map(len, outcome.out.splitlines())) <= width
-
-
-def test_report_holds_verdicts_and_lines(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
-    path = tmp_path / "check.html"
-    run("check", written(data, tmp_path / "robot.yaml"), "--report", path)
-    page = path.read_text(encoding="utf-8")
-    assert "a mass in grams" in page
-    assert "<pre" in page
-
-
-def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -> None:
-    """Proposals for both files, as several checks may make them."""
-    log = tmp_path / "log.csv"
-    rows = evidence(load_robot("clavel-delta3"), moved("clavel-delta3")).rows
-    names = ["t", *(f"{kind}{i}" for kind in ("q", "tau") for i in (1, 2, 3))]
-    columns = np.column_stack([rows.time, rows.q, rows.tau])
-    np.savetxt(log, columns, delimiter=",", header=",".join(names), comments="")
-    wrong = Verdict(
-        "torque-sign", Grade.WRONG, "seen", proposals=(
-            Proposal("mapping", (("torque[1].sign", -1),)),
-            Proposal("robot", (("friction.drive1.coulomb", 6.0),)),
-        ),
-    )  # fmt: skip
-    monkeypatch.setattr("deltaid.check.run.of_recording", lambda *_: (wrong,))
-    outcome = run("check", "clavel-delta3", log, "--write", tmp_path / "fixed.yaml")
-    assert outcome.code == 4
-    mapping = deltaid.load_mapping(tmp_path / "fixed-columns.yaml")
-    assert mapping.torque is not None
-    assert [column.sign for column in mapping.torque] == [1, -1, 1]
-    assert mapping.position is not None
-    assert mapping.position[0].unit == "rad"
-    robot = load_robot(tmp_path / "fixed-robot.yaml")
-    assert robot.friction["drive1"].coulomb == 6.0
-    assert open_log(log, compiled(robot).kinematics, mapping).samples == len(rows.time)
-
-
-# The page.
-
-
-CODE = "\n".join(
-    path.read_text(encoding="utf-8") for path in (ROOT / "src/deltaid/check").rglob("*.py")
-    if path.name != "verdict.py"
-)  # fmt: skip
-
-
-def test_the_page_lists_every_key_and_no_other() -> None:
-    page = (ROOT / "docs" / "check.md").read_text(encoding="utf-8")
-    keys = [key for group in KEYS.values() for key in group]
-    assert re.findall(r"^### `([a-z-]+)`", page, re.M) == keys
-    assert re.findall(r"^## About (.*)$", page, re.M) == list(KEYS)
-    for section in page.split("\n### ")[1:]:
-        assert "```" in section, f"no example: {section[:30]}"
-
-
-def test_every_key_is_said_somewhere_and_no_other() -> None:
-    keys = {key for group in KEYS.values() for key in group}
-    assert set(re.findall(r'Verdict\(\s*"([a-z-]+)"', CODE)) <= keys
-    assert {key for key in keys if f'"{key}"' not in CODE} == set()

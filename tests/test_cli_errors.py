@@ -1,6 +1,5 @@
 """What goes wrong on the command line: one message on standard error, code 2, nothing written."""
 
-import ast
 import errno
 import os
 import re
@@ -11,9 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import deltaid
 from command import refused, run
-from deltaid import errors
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
@@ -22,9 +19,9 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text
 from logs import names, recorded, text, write
+from random_damage import apply_damages, damages
 
 ROBOT = "clavel-delta3"
-ERRORS = [name for name in vars(errors) if name.endswith("Error")]
 
 
 @pytest.fixture(scope="module")
@@ -253,35 +250,6 @@ def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["link.yaml", "model.yaml"]
 
 
-SNIPPETS = [b'"', b",", b";", b"\n", b"\r\n", b"\x00", b"e", b"-", b".", b"\xef\xbb\xbf", b"nan"]
-SNIPPETS += [b"1e308", b"\n\n", b": ", b"[", b"{", b"&a ", b"*a", b"!!x ", b"\t", b"#", b"'"]
-
-
-@st.composite
-def damages(draw: st.DrawFn) -> list[tuple[str, float, bytes]]:
-    """A few changes: what, where (as a share of the length), with which bytes."""
-    kinds = st.sampled_from(["truncate", "flip", "insert", "delete", "double"])
-    new = st.one_of(st.sampled_from(SNIPPETS), st.binary(min_size=1, max_size=6))
-    return draw(st.lists(st.tuples(kinds, st.floats(0, 0.999), new), min_size=1, max_size=3))
-
-
-def apply_damages(content: bytes, changes: list[tuple[str, float, bytes]]) -> bytes:
-    for kind, share, new in changes:
-        i = int(share * len(content))
-        head, tail = content[:i], content[i:]
-        if kind == "truncate":
-            content = head
-        elif kind == "flip":
-            content = head + new[:1] + tail[1:]
-        elif kind == "insert":
-            content = head + new + tail
-        elif kind == "delete":
-            content = head + tail[7 * len(new) :]
-        else:
-            content = head + tail[: 9 * len(new)] + tail
-    return content
-
-
 FEW = settings(deadline=None, suppress_health_check=list(HealthCheck), max_examples=300)
 
 
@@ -324,28 +292,3 @@ def test_damaged_files_on_the_command_line(folder: Path, in_model: bool, changes
     assert outcome.errors == (outcome.code == 2)
     assert out.exists() == (outcome.code == 0)
     out.unlink(missing_ok=True)
-
-
-def _raised() -> list[tuple[str, set[str], str]]:
-    """Place, keywords and text of all errors that reading, writing and commands may raise."""
-    found, package = [], Path(deltaid.__file__).parent
-    for path in sorted(package.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ERRORS and node.args:
-                keywords = {keyword.arg or "" for keyword in node.keywords}
-                found.append((f"{path.name}:{node.lineno}", keywords, ast.unparse(node.args[0])))
-    return found
-
-
-OF_A_FIT = ("base_parameters.py", "conic.py", "fit.py")
-
-
-def test_every_error_says_where_and_how_to_mend_it() -> None:
-    """The cure may be in the sentence itself: what must be, or what to give instead."""
-    raised = _raised()
-    assert len(raised) > 80
-    for place, keywords, what in raised:
-        named = "where" in keywords or "called '" in what
-        # `fit` tells the recordings of what goes wrong in it.
-        assert named or place.split(":")[0] in OF_A_FIT, place
-        assert "cure" in keywords or "must " in what or "give " in what, place

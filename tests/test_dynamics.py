@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +11,7 @@ from scipy.integrate import simpson
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
-from deltaid.robot.telescope import Telescope
+from generic_robots import Case, case, every_case, generic_states
 from recordings import stored_oracle, stored_rows
 from support import assert_close, random_states, random_twin, slope, twin
 from test_oracle import _inward_solution_from_pi
@@ -38,33 +35,6 @@ def test_torques_and_mass_matrix_of_any_robot(seed: int, telescope: bool, clockw
 
 
 # --- identities at generic points -----------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A robot with generic bodies and friction at generic states inside its workspace."""
-
-    dynamics: Dynamics
-    p: np.ndarray
-    z: np.ndarray
-    q: np.ndarray
-    qd: np.ndarray
-    qdd: np.ndarray
-
-
-@cache
-def case(name: str) -> Case:
-    """Three drives, four drives, and four with a bar that hangs off the axis at both ends."""
-    twin = random_twin(7, telescope=name != "three drives")
-    robot, states = twin.robot, random_states(twin.oracle, np.random.default_rng(8), 20)
-    if name == "offset bar":
-        bar = Telescope(base_joint=(0.04, -0.03, 0.1), platform_joint=(-0.02, 0.03, 0.05))
-        robot = robot.changed(telescope=bar)
-    return Case(Dynamics(robot), twin.p, *states)
-
-
-CASES = ("three drives", "four drives", "offset bar")
-every_case = pytest.mark.parametrize("name", CASES)
 
 
 @every_case
@@ -213,121 +183,6 @@ def test_work_of_the_drives_is_the_energy_gained_without_friction(name: str) -> 
     gained = np.diff(kinetic + potential_energy(c, q[ends]))[0]
     assert np.abs(gained) > 0.01 * simpson(np.abs(power), x=time)
     assert simpson(power, x=time) == pytest.approx(gained, rel=1e-8)
-
-
-# --- regressor ------------------------------------------------------------------------------------
-
-
-@every_case
-def test_torque_is_linear_in_the_parameters(name: str) -> None:
-    c = case(name)
-    a, b = np.random.default_rng(11).standard_normal((2, c.p.size))
-    of = [c.dynamics.inverse_dynamics(c.q, c.qd, c.qdd, p) for p in (a, b, 2.5 * a - b)]
-    assert_close(of[2], 2.5 * of[0] - of[1], 1e-12)
-    Y = c.dynamics.regressor(c.q, c.qd, c.qdd)
-    column = np.random.default_rng(12).integers(c.p.size)
-    unit = c.dynamics.inverse_dynamics(c.q, c.qd, c.qdd, np.eye(c.p.size)[column])
-    assert_close(Y[:, :, column], unit, 1e-12)
-
-
-@every_case
-def test_friction_columns_of_a_drive(name: str) -> None:
-    c = case(name)
-    names, Y = c.dynamics.layout.names, c.dynamics.regressor(c.q, c.qd, c.qdd)
-    for i in range(c.dynamics.dof):
-        only = np.eye(c.dynamics.dof)[i]
-        viscous = Y[:, :, names.index(f"viscous.drive{i + 1}")]
-        coulomb = Y[:, :, names.index(f"coulomb.drive{i + 1}")]
-        np.testing.assert_allclose(viscous, c.qd * only, rtol=1e-14, atol=0)
-        np.testing.assert_array_equal(coulomb, np.sign(c.qd) * only)
-        rotor = Y[:, :, names.index(f"rotor.drive{i + 1}")]
-        np.testing.assert_allclose(rotor, c.qdd * only, rtol=1e-14, atol=0)
-
-
-@pytest.mark.parametrize("name", ["four drives", "offset bar"])
-def test_friction_columns_of_the_slide(name: str) -> None:
-    """Force times the partial derivatives of the bar's length."""
-    c = case(name)
-    bar = c.dynamics.robot.telescope
-
-    def length(q: np.ndarray) -> np.ndarray:
-        point = c.dynamics.kinematics.forward(q)[:, :3]
-        return np.linalg.norm(point + bar.platform_joint - bar.base_joint, axis=1)
-
-    partial = np.transpose([slope(length, c.q, axis) for axis in np.eye(4)])
-    speed = np.einsum("si,si->s", partial, c.qd)[:, None]
-    names, Y = c.dynamics.layout.names, c.dynamics.regressor(c.q, c.qd, c.qdd)
-    assert_close(Y[:, :, names.index("viscous.slide")], partial * speed, 1e-9)
-    assert_close(Y[:, :, names.index("coulomb.slide")], partial * np.sign(speed), 1e-9)
-
-
-def test_friction_opposes_the_motion(irb360: Dynamics) -> None:
-    _, q, qd, _ = generic_states(irb360, 50)
-    f = irb360.terms(q, qd, prior_parameters(irb360.robot)).f
-    assert np.einsum("si,si->s", f, qd).min() > 0
-
-
-def test_friction_is_of_the_described_joints_only() -> None:
-    """In the joints' order, whatever the order in the description."""
-    robot = random_twin(13, telescope=True).robot
-    some = {joint: robot.friction[joint] for joint in ("slide", "drive2")}
-    robot = robot.model_copy(
-        update={"friction": some, "rotor_inertia": {"drive4": 1e-3, "drive1": 2e-2}}
-    )
-    dynamics, p = Dynamics(robot), prior_parameters(robot)
-    names = ["viscous.drive2", "viscous.slide", "coulomb.drive2", "coulomb.slide"]
-    names += ["rotor.drive1", "rotor.drive4"]
-    assert list(dynamics.layout.names[60:]) == names
-    slide, drive = some["slide"], some["drive2"]
-    values = [drive.viscous, slide.viscous, drive.coulomb, slide.coulomb, 2e-2, 1e-3]
-    np.testing.assert_array_equal(p[60:], values)
-    c = case("four drives")
-    Y = dynamics.regressor(c.q[:1], c.qd[:1], c.qdd[:1])[0]
-    np.testing.assert_array_equal(Y[:, 64], c.qdd[0] * [1, 0, 0, 0])
-    np.testing.assert_array_equal(Y[:, 65], c.qdd[0] * [0, 0, 0, 1])
-
-
-@every_case
-def test_sparse_regressor_holds_the_nonzero_entries(name: str) -> None:
-    c = case(name)
-    Y = c.dynamics.regressor(c.q, c.qd, c.qdd)
-    sparse = c.dynamics.sparse_regressor(c.z, c.qd, c.qdd)
-    rest = Y.copy()
-    rest[:, sparse.rows, sparse.columns] = 0.0
-    assert not rest.any()
-    assert_close(sparse.values.T, Y[:, sparse.rows, sparse.columns], 1e-12)
-    assert (np.diff(sparse.rows) >= 0).all()
-
-
-def generic_states(dynamics: Dynamics, n: int) -> tuple[np.ndarray, ...]:
-    """z, q, q̇, q̈ of n random samples within reach of the catalogue's robots."""
-    rng, dof = np.random.default_rng(14), dynamics.dof
-    z = [0.02, -0.05, -0.98, 0.4] + [0.35, 0.35, 0.12, 3.0] * rng.uniform(-1, 1, (n, 4))
-    zd, zdd = ([1, 1, 1, 5] * rng.standard_normal((n, 4)) * scale for scale in (2, 30))
-    z, zd, zdd = (x[:, :dof] for x in (z, zd, zdd))
-    return z, *dynamics.kinematics.drive_motion(z, zd, zdd)
-
-
-@pytest.mark.parametrize(
-    ("robot", "rotor", "columns", "nonzero", "rank"),
-    [("irb360", True, 71, 48, 37), ("irb360", False, 70, 47, 37), ("clavel", False, 36, 20, 18)],
-)
-def test_regressor_counts(
-    robot: str, rotor: bool, columns: int, nonzero: int, rank: int, request: pytest.FixtureRequest
-) -> None:
-    """Columns, columns not identically zero, and rank at generic motions, as in the paper."""
-    dynamics: Dynamics = request.getfixturevalue(robot)
-    if dynamics.robot.rotor_inertia and not rotor:
-        dynamics = Dynamics(dynamics.robot.model_copy(update={"rotor_inertia": {}}))
-    _, q, qd, qdd = generic_states(dynamics, 300)
-    Y = dynamics.regressor(q, qd, qdd).reshape(-1, len(dynamics.layout.names))
-    lengths = np.linalg.norm(Y, axis=0)
-    seen = lengths > 1e-12 * lengths.max()
-    assert lengths[seen].min() > 1e-6 * lengths.max()  # nothing is doubtful
-    values = np.linalg.svd(Y[:, seen] / lengths[seen], compute_uv=False)
-    assert (Y.shape[1], seen.sum()) == (columns, nonzero)
-    assert values[rank - 1] > 1e-5 * values[0]
-    assert values[rank] < 1e-12 * values[0]
 
 
 # --- recordings of known truth --------------------------------------------------------------------

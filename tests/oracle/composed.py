@@ -15,11 +15,8 @@ half-way between the half platforms (a pinion that rolls on a rack of each); a g
 gives it the rate k times that of the hinge or slide.
 
 Frames, in metres and radians (body frames are the link frames in which `Body` is written):
-world    z up; limb i leaves in direction e_r at its azimuth, e_t = e_z x e_r
-U        at `base`, y the motor axis e_t cos(tilt) + e_z sin(tilt), x along the arm; angle 0 along
-         e_r, positive about y
-C        at `base` + q rail with rail = e_r sin(tilt) - e_z cos(tilt); axes e_r, e_t, e_z
-S        at the arm's tip or at C, x along the strut, z = unit(x cross y), y of U or C
+world    z up
+U, C, S  of the limbs, see `oracle.limb`
 P, SB, MP, HP   at the part's point, parallel to the world
 MB, R    at the middle between the parts' points (rod: and its corner), turned by theta about z
 TU, TL   R = Rz(psi) Rx(a) Ry(b), z from platform to base; origins at the two universal joints
@@ -39,67 +36,13 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from oracle.tree import Array, Body, TreeOracle, rot_z
+from oracle.limb import LimbShape
+from oracle.tree import EX, EY, EZ, HINGE, SLIDE, Array, Body, TreeOracle, add_joints, rot_z
 
 Kind = Literal["rigid", "h4", "par4", "i4"]
 
-_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
-_EX, _EY, _EZ = np.eye(3)
 # Half the distance of the two struts of a limb (m). No torque depends on it.
 _APART = 0.3
-
-
-@dataclass(frozen=True, eq=False)
-class LimbShape:
-    """One limb: angles in rad, points in the world (`seat` from its part's point), lengths in m.
-
-    `arm` is None for a linear drive. `driven` and `strut_body` name bodies.
-    """
-
-    azimuth: float
-    tilt: float
-    base: Array
-    seat: Array
-    arm: float | None
-    strut: float
-    outwards: bool
-    driven: str
-    strut_body: str
-
-    @property
-    def axes(self) -> Array:
-        """Columns x, y, z: of U at angle 0, or of C."""
-        R = rot_z(self.azimuth)
-        if self.arm is None:
-            return R
-        y = np.cos(self.tilt) * R[:, 1] + np.sin(self.tilt) * _EZ
-        return np.column_stack([R[:, 0], y, np.cross(R[:, 0], y)])
-
-    @property
-    def rail(self) -> Array:
-        """Direction of a positive q."""
-        return np.sin(self.tilt) * rot_z(self.azimuth)[:, 0] - np.cos(self.tilt) * _EZ
-
-    def position(self, point: Array) -> float:
-        """Drive coordinate that holds a point (world); NaN out of reach."""
-        way = point - self.base
-        with np.errstate(invalid="ignore"):
-            if self.arm is None:
-                along = way @ self.rail
-                rest = np.sqrt(self.strut**2 - np.sum((way - along * self.rail) ** 2))
-                return along - rest if self.outwards else along + rest
-            x, y, z = self.axes.T @ way
-            square = x**2 + y**2 + z**2 + self.arm**2 - self.strut**2
-            swing = np.arccos(square / (2 * self.arm * np.hypot(x, z)))
-        angle = np.arctan2(-z, x) - (swing if self.outwards else -swing)
-        middle = 0.0 if self.outwards else 0.5 * np.pi  # an arm folded inwards passes 180°
-        return float(middle + np.arctan2(np.sin(angle - middle), np.cos(angle - middle)))
-
-    def tip(self, q: float) -> Array:
-        """Upper end of the strut in the world."""
-        if self.arm is None:
-            return self.base + q * self.rail
-        return self.base + self.axes @ [self.arm * np.cos(q), 0.0, -self.arm * np.sin(q)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,13 +142,8 @@ class ComposedOracle(TreeOracle):
         ties = [{f"cut{name}": 1.0, f"seat{name}": -1.0} for name in names]
         ties += [{"cut_bar": 1.0, "seat_bar": -1.0}] if self.telescope else []
         ties += [{"rod": 1.0, "corner": -1.0}] if self.kind == "par4" else []
-        places: dict[Kind, tuple[str, ...]] = {
-            "h4": ("middle",),
-            "par4": ("middle",),
-            "i4": ("point0", "point1"),
-        }
         if self.kind != "rigid":
-            place = places[self.kind]
+            place = ("point0", "point1") if self.kind == "i4" else ("middle",)
             ties += [{"tool": 1.0} | {name: -1.0 / len(place) for name in place}]
         return tuple(ties)
 
@@ -237,74 +175,71 @@ class ComposedOracle(TreeOracle):
         mujoco.mju_mat2Quat(quat, limb.axes.ravel())
         driven = self._add(world, f"driven{i}", limb.driven, pos=limb.base, quat=quat)
         if limb.arm is None:
-            driven.add_joint(name=f"q{i}", type=_SLIDE, axis=limb.axes.T @ limb.rail)
+            driven.add_joint(name=f"q{i}", type=SLIDE, axis=limb.axes.T @ limb.rail)
         else:
-            driven.add_joint(name=f"q{i}", type=_HINGE, axis=_EY)
+            driven.add_joint(name=f"q{i}", type=HINGE, axis=EY)
         for side in self._sides:
-            name, aside = f"{i}{side:+.0f}", side * _APART * _EY
+            name, aside = f"{i}{side:+.0f}", side * _APART * EY
             strut = self._add(
-                driven, f"strut{name}", limb.strut_body, pos=aside + (limb.arm or 0.0) * _EX
+                driven, f"strut{name}", limb.strut_body, pos=aside + (limb.arm or 0.0) * EX
             )
-            strut.add_joint(name=f"alpha{name}", type=_HINGE, axis=_EY)
-            strut.add_joint(name=f"beta{name}", type=_HINGE, axis=_EZ)
-            strut.add_site(name=f"cut{name}", pos=limb.strut * _EX)
+            strut.add_joint(name=f"alpha{name}", type=HINGE, axis=EY)
+            strut.add_joint(name=f"beta{name}", type=HINGE, axis=EZ)
+            strut.add_site(name=f"cut{name}", pos=limb.strut * EX)
             part.add_site(name=f"seat{name}", pos=limb.seat + limb.axes @ aside)
 
     def _add_platform(self, world: Any) -> tuple[Any, Any]:
         """The platform's bodies in the pose z = 0; returns what the limbs hold."""
         name = {"rigid": "P", "h4": "SB", "par4": "MP", "i4": "HP"}[self.kind]
         first = self._add(world, "part0", name)
-        for joint, axis in (("px", _EX), ("py", _EY), ("pz", _EZ)):
-            first.add_joint(name=joint, type=_SLIDE, axis=axis)
-        for joint, axis in (("rx", _EX), ("ry", _EY), ("rz", _EZ)):
-            first.add_joint(name=joint, type=_HINGE, axis=axis)
+        add_joints(first, SLIDE, ("px", "py", "pz"))
+        add_joints(first, HINGE, ("rx", "ry", "rz"))
         first.add_site(name="point0", pos=[0, 0, 0])
         if self.kind == "rigid":
             return first, first
         second = self._add_second(first, name)
         second.add_site(name="point1", pos=[0, 0, 0])
         tool = self._add(world, "EE", "EE")
-        for joint, axis in (("tx", _EX), ("ty", _EY), ("tz", _EZ)):
-            tool.add_joint(name=joint, type=_SLIDE, axis=axis)
+        add_joints(tool, SLIDE, ("tx", "ty", "tz"))
         tool.add_site(name="tool", pos=[0, 0, 0])
-        tool.add_joint(name="ee", type=_HINGE, axis=_EZ)
+        tool.add_joint(name="ee", type=HINGE, axis=EZ)
         return first, second
 
     def _add_second(self, first: Any, name: str) -> Any:
         """The second part on what joins it to the first."""
         if self.kind == "i4":
             second = self._add(first, "part1", name)
-            second.add_joint(name="s", type=_SLIDE, axis=-rot_z(self.direction)[:, 0])
+            second.add_joint(name="s", type=SLIDE, axis=-rot_z(self.direction)[:, 0])
             return second
-        arm = self.half * _EX
+        arm = self.half * EX
         if self.kind == "h4":
             middle = self._add(first, "bar", "MB", pos=-arm)
-            middle.add_joint(name="theta", type=_HINGE, axis=_EZ, pos=arm)
+            middle.add_joint(name="theta", type=HINGE, axis=EZ, pos=arm)
             middle.add_site(name="middle", pos=[0, 0, 0])
             second = self._add(middle, "part1", name, pos=-arm)
-            second.add_joint(name="back", type=_HINGE, axis=_EZ)
+            second.add_joint(name="back", type=HINGE, axis=EZ)
             return second
         corners = np.asarray(self.corners, float)
         rods = []
         for k, joint in enumerate(("theta", "theta1")):
             rods.append(self._add(first, f"rod{k}", "R", pos=corners[k] - arm))
-            rods[k].add_joint(name=joint, type=_HINGE, axis=_EZ, pos=arm)
+            rods[k].add_joint(name=joint, type=HINGE, axis=EZ, pos=arm)
         rods[0].add_site(name="middle", pos=[0, 0, 0])
         rods[1].add_site(name="rod", pos=-arm)
         second = self._add(rods[0], "part1", name, pos=-arm - corners[0])
-        second.add_joint(name="back", type=_HINGE, axis=_EZ, pos=corners[0])
+        second.add_joint(name="back", type=HINGE, axis=EZ, pos=corners[0])
         second.add_site(name="corner", pos=corners[1])
         return second
 
     def _add_telescope(self, world: Any, platform: Any, top: Array, bottom: Array) -> None:
         bar = self._add(world, "TU", "TU", pos=top)
-        for joint, axis in (("psi", _EZ), ("a", _EX), ("b", _EY)):
-            bar.add_joint(name=joint, type=_HINGE, axis=axis)
+        for joint, axis in (("psi", EZ), ("a", EX), ("b", EY)):
+            bar.add_joint(name=joint, type=HINGE, axis=axis)
         lower = self._add(bar, "TL", "TL")
-        lower.add_joint(name="length", type=_SLIDE, axis=-_EZ)
+        lower.add_joint(name="length", type=SLIDE, axis=-EZ)
         lower.add_site(name="cut_bar", pos=[0, 0, 0])
         platform.add_site(name="seat_bar", pos=bottom)
-        self._add(platform, "EE", "EE").add_joint(name="ee", type=_HINGE, axis=_EZ)
+        self._add(platform, "EE", "EE").add_joint(name="ee", type=HINGE, axis=EZ)
 
     def _tree_positions(self, pose: Array) -> Array:
         first, held = self.parts(pose)[0], self.held(pose)

@@ -19,8 +19,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from oracle.composed import _EX, _EY, _EZ, _HINGE, _SLIDE, ComposedOracle
-from oracle.tree import Array
+from oracle.composed import ComposedOracle
+from oracle.tree import EZ, HINGE, SLIDE, Array, add_joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +44,11 @@ class ForceOracle(ComposedOracle):
         if self.kind == "rigid":
             return super()._add_platform(world)
         first = self._add(world, "part0", "SB")
-        for joint, axis in (("px", _EX), ("py", _EY), ("pz", _EZ)):
-            first.add_joint(name=joint, type=_SLIDE, axis=axis)
-        for joint, axis in (("rx", _EX), ("ry", _EY), ("rz", _EZ)):
-            first.add_joint(name=joint, type=_HINGE, axis=axis)
+        add_joints(first, SLIDE, ("px", "py", "pz"))
+        add_joints(first, HINGE, ("rx", "ry", "rz"))
         second = self._add_second(first, "SB")
         tool = self._add(second.parent, "EE", "EE", pos=self.tool)
-        tool.add_joint(name="ee", type=_HINGE, axis=_EZ)
+        tool.add_joint(name="ee", type=HINGE, axis=EZ)
         return first, second
 
     def _tree_positions(self, pose: Array) -> Array:

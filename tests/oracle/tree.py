@@ -19,6 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+# Axes, and MuJoCo's joints about or along one.
+EX, EY, EZ = np.eye(3)
+HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -56,6 +60,12 @@ def rot_z(angle: float) -> Array:
     """Rotation about the third axis."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def add_joints(body: Any, kind: Any, names: tuple[str, str, str]) -> None:
+    """Let a body turn about, or slide along, its three axes, one after the other."""
+    for name, axis in zip(names, np.eye(3), strict=True):
+        body.add_joint(name=name, type=kind, axis=axis)
 
 
 class TreeOracle(ABC):

@@ -165,12 +165,16 @@ def yaml_text(data: dict[str, Any]) -> str:
 
 
 def _quoted(value: Any) -> Any:
-    """Text with line breaks or control characters between quotes, where nothing gets lost."""
+    """Text between quotes where something of it would be lost without.
+
+    Line breaks and control characters; and a question mark or colon at its beginning, which the
+    writer leaves plain and the parser takes for the mark of a key or a value.
+    """
     if isinstance(value, dict):
         return {key: _quoted(entry) for key, entry in value.items()}
     if isinstance(value, list):
         return [_quoted(entry) for entry in value]
-    special = isinstance(value, str) and not value.isprintable()
+    special = isinstance(value, str) and (not value.isprintable() or value[:1] in ("?", ":"))
     return DoubleQuotedScalarString(value) if special else value
 
 

@@ -1,0 +1,95 @@
+"""Rotary Deltas of several geometries, with poses within their reach."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.robot.limbs import Limbs
+from deltaid.robot.telescope import Telescope
+from support import random_twin
+
+# Lengths like a 1.6 m robot's, unless a name says otherwise.
+PLAIN = {"base_radius": 0.21, "platform_radius": 0.05, "upper_arm": 0.49, "strut": 1.13}
+GEOMETRIES = {
+    "even": {**PLAIN, "azimuth_deg": (0, 120, 240)},
+    "clockwise": {**PLAIN, "azimuth_deg": (10, 250, 130)},
+    "uneven": {**PLAIN, "azimuth_deg": (25, 120, 270)},
+    "uneven clockwise": {**PLAIN, "azimuth_deg": (-70, 200, 95)},
+    "wide platform": {
+        "base_radius": 0.1,
+        "platform_radius": 0.2,
+        "upper_arm": 0.3,
+        "strut": 0.8,
+        "azimuth_deg": (5, 120, 240),
+    },
+    "elbows turned over": {
+        "base_radius": 0.1,
+        "platform_radius": 0.18,
+        "upper_arm": 0.5,
+        "strut": 0.705,
+        "azimuth_deg": (5, 120, 240),
+    },
+    "random": {},
+    "telescope": {},
+    "offset telescope": {},
+}
+RANDOM = {"random": False, "telescope": True, "offset telescope": True}
+
+
+@cache
+def kinematics(name: str) -> Kinematics:
+    robot = random_twin(list(GEOMETRIES).index(name), telescope=RANDOM.get(name, False)).robot
+    robot = robot.changed(name=name)
+    if name not in RANDOM:
+        robot = robot.changed(limbs=Limbs(**GEOMETRIES[name]))
+    if name == "offset telescope":
+        bar = Telescope(base_joint=(0.03, -0.02, 0.1), platform_joint=(-0.01, 0.025, 0.04))
+        robot = robot.changed(telescope=bar)
+    return Kinematics(robot)
+
+
+# Where poses are taken: middle and half width of boxes for z, as shares of arm + strut, and for the
+# arm angles. Far off the axis of a wide platform, the elbows' triangle turns over.
+ELSEWHERE = {"z": ((0.03, -0.02, -0.62), (0.18, 0.18, 0.1)), "q": ((0.4, 0.4, 0.4), 0.3)}
+WHERE = {
+    "elbows turned over": {
+        "z": ((-0.253, -0.487, -0.695), 0.005),
+        "q": ((1.6, 1.6, 0.4), 0.01),
+    }
+}
+
+
+def box(name: str, variable: str, rng: np.random.Generator, n: int) -> np.ndarray:
+    middle, half = WHERE.get(name, ELSEWHERE)[variable]
+    return middle + half * rng.uniform(-1, 1, (n, 3))
+
+
+def poses_within_reach(k: Kinematics, n: int = 100) -> np.ndarray:
+    """Random task coordinates in a box below the base, ψ over more than a revolution."""
+    rng, size = np.random.default_rng(1), k.robot.limbs.upper_arm + k.robot.limbs.strut
+    psi = rng.uniform(-9, 9, (n, k.dof - 3))
+    return np.hstack([size * box(k.robot.name, "z", rng, n), psi])
+
+
+def elbows(limbs: Limbs, q: np.ndarray) -> np.ndarray:
+    """Elbows (limbs, 3) for the arm angles of one q, from the conventions alone."""
+    phi = np.deg2rad(limbs.azimuth_deg)
+    radius = limbs.base_radius + limbs.upper_arm * np.cos(q[:3])
+    height = -limbs.upper_arm * np.sin(q[:3])
+    return np.column_stack([radius * np.cos(phi), radius * np.sin(phi), height])
+
+
+def platform_joints(limbs: Limbs, z: np.ndarray) -> np.ndarray:
+    """Ends of the struts (limbs, 3) at one z."""
+    phi = np.deg2rad(limbs.azimuth_deg)
+    return z[:3] + limbs.platform_radius * np.column_stack([np.cos(phi), np.sin(phi), 0 * phi])
+
+
+def rotation(axis: str, angle: float) -> np.ndarray:
+    """Rotation about a coordinate axis, by Rodrigues' formula."""
+    e = np.eye(3)["xyz".index(axis)]
+    K = np.array([np.cross(e, v) for v in np.eye(3)]).T
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K

@@ -1,0 +1,110 @@
+"""A file that is no log, is damaged or cannot be read gets one message."""
+
+import errno
+import gzip
+import io
+import os
+import random
+import sys
+
+import pytest
+import zstandard
+
+from bad_logs import GOOD, ROWS, with_field
+from deltaid.errors import DeltaidError
+from deltaid.recording import kept
+from logs import refusal, write
+
+FOREIGN = {
+    "binary": (bytes(range(256)) * 8, "row 1: is not text"),
+    "zeros": (bytes(5000), "row 1: is not text"),
+    "endless line": (b"t" * (2 << 20), "row 1: is too long"),
+    "UTF-16 with a bad field": (
+        with_field(150, "q2", "x").encode("utf-16"),
+        "row 150: column q2 is 'x'",
+    ),
+    "UTF-16 cut off": (GOOD.encode("utf-16")[:-41], f"row {ROWS + 1}: "),
+    "Excel": (b"PK\x03\x04" + bytes(100), "is an Excel workbook"),
+    "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a damaged MATLAB file"),
+    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is a damaged HDF5 file"),
+    "gzip damaged": (b"\x1f\x8b\x07" + bytes(100), "is a damaged gzip file"),
+    "gzip cut off": (gzip.compress(GOOD.encode())[:-20], "is a gzip file that is cut off"),
+    "gzip with a wrong checksum": (
+        gzip.compress(GOOD.encode())[:-8] + bytes(8),
+        "is a damaged gzip file",
+    ),
+    "gzip of MATLAB": (
+        gzip.compress(b"MATLAB 5.0 MAT-file" + bytes(200)),
+        "is a MATLAB file inside gzip\n  → unpack it",
+    ),
+    "gzip with a bad field": (
+        gzip.compress(with_field(150, "q2", "x").encode()),
+        "row 150: column q2 is 'x'",
+    ),
+    "zstd cut off": (zstandard.compress(GOOD.encode())[:-20], "is a zstd file that is cut off"),
+    "zstd damaged": (zstandard.compress(GOOD.encode())[:9] + bytes(90), "zstd file"),
+    "endless line of data": (
+        b"t,q1,q2,q3,tau1,tau2,tau3\n" + b"1" * (6 << 20),
+        "row 2: is too long",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_files_that_are_no_csv(tmp_path, opened, name: str) -> None:
+    content, fragment = FOREIGN[name]
+    path = write(tmp_path / "log.csv", content)
+    message = refusal(opened, path)
+    assert message.startswith(str(path))
+    assert fragment in message
+
+
+def test_zstd_without_its_library(tmp_path, opened, monkeypatch) -> None:
+    path = write(tmp_path / "log.csv.zst", zstandard.compress(GOOD.encode()))
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    assert "pip install 'deltaid[formats]'" in refusal(opened, path)
+
+
+def test_damaged_compressed_logs_are_refused(tmp_path, opened) -> None:
+    rng = random.Random(3)
+    for compress in (gzip.compress, zstandard.ZstdCompressor(write_checksum=True).compress):
+        whole = compress(GOOD.encode())
+        for _ in range(30):
+            data = bytearray(whole)
+            data[rng.randrange(12, len(data) - 8)] ^= 1 << rng.randrange(8)
+            path = write(tmp_path / "log.csv", bytes(data))
+            message = refusal(opened, path)
+            assert message.startswith(str(path))
+            assert "→" in message
+
+
+def test_no_file(tmp_path, opened, monkeypatch) -> None:
+    assert "no such file" in refusal(opened, tmp_path / "nothing.csv")
+    assert "is a folder" in refusal(opened, tmp_path)
+    assert "cannot be read" in refusal(opened, tmp_path / ("x" * 300))
+    os.mkfifo(tmp_path / "pipe")
+    assert "is no regular file" in refusal(opened, tmp_path / "pipe")
+
+
+def test_no_permission(tmp_path, opened, monkeypatch) -> None:
+    path = write(tmp_path / "log.csv", GOOD)
+
+    def denied(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(io, "open", denied)  # as root, no permission stops anyone
+    message = refusal(opened, path)
+    reason = f"{path}: cannot be read: Permission denied"
+    assert message == f"{reason}\n  → check its name and permissions"
+
+
+def test_files_that_change_between_two_passes(tmp_path, opened, monkeypatch) -> None:
+    """A log too long to be kept in memory is read again; any other one is not."""
+    path = write(tmp_path / "log.csv", GOOD)
+    short = opened(path)
+    monkeypatch.setattr(kept, "_MOST", 0)
+    long = opened(path)
+    path.unlink()
+    assert sum(len(batch.values) for batch in short.batches()) == ROWS
+    with pytest.raises(DeltaidError, match="no such file"):
+        list(long.batches())
