@@ -72,7 +72,7 @@ def _line(
     peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
     for i in peaks[np.argsort(-power[peaks])]:
         near = np.abs(frequency / frequency[i] - 1) < _NEAR
-        level = float(np.median(power[near]))
+        level = _median(power[near])
         if power[i] < max(_STANDS * level, 1e-300):
             continue
         high = np.flatnonzero(near & (power > 0.5 * power[i]))
@@ -82,3 +82,9 @@ def _line(
         total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
         return float(frequency[i]), total
     return None
+
+
+def _median(x: Float[np.ndarray, " values"]) -> float:
+    """`np.median` of some finite values, whose checks take ten times as long as its work."""
+    middle = [(len(x) - 1) // 2, len(x) // 2]
+    return float(np.partition(x, middle)[middle].mean())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from deltaid.cli.imports import uncollected
 from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
 from deltaid.errors import DeltaidError
 from deltaid.model.options import (
@@ -95,22 +96,23 @@ def identify(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
-    from deltaid.check.identified import identify as run
-    from deltaid.cli.output import (
-        console,
-        lag_of,
-        positive,
-        print_json,
-        print_note,
-        print_warnings,
-        progress,
-        require_outputs,
-    )
-    from deltaid.files import together
-    from deltaid.identification.validation import remarks, validate
-    from deltaid.model.model import load
-    from deltaid.model.record import Settings
-    from deltaid.recording.source import opened
+    with uncollected():
+        from deltaid.check.identified import identify as run
+        from deltaid.cli.output import (
+            console,
+            lag_of,
+            positive,
+            print_json,
+            print_note,
+            print_warnings,
+            progress,
+            require_outputs,
+        )
+        from deltaid.files import together
+        from deltaid.identification.validation import remarks, validate
+        from deltaid.model.model import load
+        from deltaid.model.record import Settings
+        from deltaid.recording.source import opened
 
     positive("--gamma", gamma, GAMMA_LIMITS)
     positive("--prior-spread", prior_spread, SPREAD_LIMITS)

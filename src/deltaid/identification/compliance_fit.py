@@ -17,6 +17,7 @@ it carries: a law that the description lacks would be taken for a compliance, an
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -149,6 +150,11 @@ class _Fit:
     setup: Setup
     known: Compliance
 
+    @cached_property
+    def rows(self) -> Rows:
+        """What rows are made for."""
+        return Rows.of(self.traces, self.setup)
+
     def windings(self, p: Parameters) -> list[Windings]:
         """What gears carry in each trace, with the motors of p."""
         motors = (self._motors(one, p) for one in self.traces)
@@ -170,10 +176,9 @@ class _Fit:
             p: by which it is known what motors take; of stiff gears if not given.
         """
         if p is None:
-            rows = Rows.of(self.traces, self.setup)
-            _, p = rows.fitted(self.traces)
+            _, p = self.rows.fitted(self.traces)
         turned = [one.turned(s) for one in self.windings(p)]
-        return Rows.of(turned, self.setup).fitted(turned)
+        return self.rows.fitted(turned)
 
     def start(
         self, free: Bool[np.ndarray, " dof"], left: list[np.ndarray], p: Parameters
@@ -202,12 +207,11 @@ class _Fit:
         little, count = _LITTLE / (S.T @ self._largest), S.shape[1]
         for _ in range(most):
             s, windings = self.known + S @ sizes, self.windings(p)
-            rows = Rows.of([one.trace for one in windings], self.setup)
-            sheets = [self._sheet(rows, one, s, S * little, p) for one in windings]
-            clean = [self._clean(rows, one, s, S * little, p) for one in windings]
-            solution = rows.solved(sheets, clean)
+            sheets = [self._sheet(one, s, S * little, p) for one in windings]
+            clean = [self._clean(one, s, S * little, p) for one in windings]
+            solution = self.rows.solved(sheets, clean)
             moved = np.maximum(sizes + solution.a[:count], 0.0) - sizes
-            sizes, p = sizes + moved, rows.parameters(sheets, clean)
+            sizes, p = sizes + moved, self.rows.parameters(sheets, clean)
             covariance = solution.covariance
             if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
                 break
@@ -216,9 +220,7 @@ class _Fit:
             _like_lag(covariance, S), p,
         )  # fmt: skip
 
-    def _sheet(
-        self, rows: "Rows", one: Windings, s: Compliance, steps: Groups, p: Parameters
-    ) -> Sheet:
+    def _sheet(self, one: Windings, s: Compliance, steps: Groups, p: Parameters) -> Sheet:
         """Rows of the links' motion by measured torques, beside slopes over each size."""
         low_pass = one.motors.low_pass(one.trace.low_pass.rate)
 
@@ -226,11 +228,11 @@ class _Fit:
             return one.inner(low_pass).inner(low_pass).turned(s)
 
         now = at(s)
-        return rows.sheet(now, p, _slopes_over(now, [at(s + step) for step in steps.T], steps, p))
+        return self.rows.sheet(
+            now, p, _slopes_over(now, [at(s + step) for step in steps.T], steps, p)
+        )
 
-    def _clean(
-        self, rows: "Rows", one: Windings, s: Compliance, steps: Groups, p: Parameters
-    ) -> list[Sheet]:
+    def _clean(self, one: Windings, s: Compliance, steps: Groups, p: Parameters) -> list[Sheet]:
         """The same columns by torques of the model, without the noise that measured ones bring into
         the links' motion: along that of the motors, and along this turned back by the model's
         torques, which is that of the links below the frequency at which gear and inertia resonate.
@@ -240,7 +242,7 @@ class _Fit:
         link = replace(motor, trace=motor.turned(s)).by_model(p)
         motor = motor.inner(low_pass)
         return [
-            rows.sheet(
+            self.rows.sheet(
                 along.trace, p,
                 _slopes_over(along.trace, [along.turned(step) for step in steps.T], steps, p),
             )

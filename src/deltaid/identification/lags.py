@@ -12,6 +12,7 @@ without a prior they take up what the lag explains (±0.7 ms for drive 4 of a 4-
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -123,6 +124,10 @@ class _Fit:
     additions: Sequence[Addition]
     spread: float
 
+    @cached_property
+    def _reduction(self) -> Reduction:
+        return reduced(self.traces[0], self.additions)
+
     def swept(self, start: Delays, centre: Delays, deviation: Delays) -> "_Found":
         """The lags from a start on, given that they are near a centre.
 
@@ -130,7 +135,7 @@ class _Fit:
             start: lags to begin with [s].
             centre, deviation: what is known of them [s].
         """
-        reduction = reduced(self.traces[0], self.additions)
+        reduction = self._reduction
         prior = Prior.of(reduction, self.spread)
         delays, p = start, None
         for sweep in range(_SWEEPS):

@@ -5,6 +5,7 @@ those of `docs/conventions.md`.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -221,7 +222,7 @@ class RobotDescription(Part):
         """Names of the joints with friction, in the order of the joints."""
         return tuple(joint for joint in self.joints if joint in self.friction)
 
-    @property
+    @cached_property
     def friction_terms(self) -> tuple[FrictionTerm, ...]:
         """All terms of all friction laws in the order of p: by kind, then by joint."""
         laws = {joint: (self.friction[joint], self.units(joint)) for joint in self.friction_joints}
@@ -239,7 +240,7 @@ class RobotDescription(Part):
             return spring.rest or 0.0
         return float(np.deg2rad(spring.rest_deg or 0.0))
 
-    @property
+    @cached_property
     def load_drives(self) -> tuple[str, ...]:
         """Names of the drives whose friction depends on their own torque."""
         return tuple(term.joint for term in self.friction_terms if term.of_load)
