@@ -35,8 +35,9 @@ from deltaid.recording.gears import Gears
 # is so many of them, and that makes the rows of most stretches of time better by so many: for one
 # that is there, these are half as many.
 _SWEEPS, _SETTLED, _SIGNIFICANT, _BETTER = 8, 0.3, 5.0, 2.5
-# One that is not so many of them after a first step is not gone on with.
-_HOPEFUL = 2.0
+# One that is not so many of them after a first step, with rows by so many better, is not gone on
+# with.
+_HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
 # How far gears wind up at most, as a share of a drive's range, to begin with.
 _SHARES = 2e-3 * 2.0 ** np.arange(6)
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
@@ -113,7 +114,8 @@ def _hopeful(fit: "_Fit", S: Groups, p: Parameters) -> bool:
         S = np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]])
         S = S[:, S.any(axis=0)]
     found = fit.swept(S, fit.known, p, 1)
-    return bool(np.any(found.sizes > _HOPEFUL * found.deviation))
+    likely = bool(np.any(found.sizes > _HOPEFUL * found.deviation))
+    return likely and fit.better(found, _HOPEFULLY_BETTER)
 
 
 def _pooled(fit: "_Fit", found: Found) -> Found:
@@ -245,8 +247,9 @@ class _Fit:
             for along in (motor, link)
         ]  # fmt: skip
 
-    def better(self, found: Found) -> bool:
-        """Whether rows of most stretches of time are nearer with what was found than without."""
+    def better(self, found: Found, least: float = _BETTER) -> bool:
+        """Whether rows of most stretches of time are nearer with what was found than without, by
+        at least so many standard deviations."""
         gains = list[np.ndarray]()
         with_it, without = (self.at(s, found.p)[0] for s in (found.values, self.known))
         for ours, theirs in zip(with_it, without, strict=True):
@@ -254,7 +257,7 @@ class _Fit:
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
             gains.append(np.add.reduceat(gain, stretches(len(gain))))
         each = np.concatenate(gains)
-        return bool(each.mean() > _BETTER * each.std(ddof=1) / np.sqrt(len(each)))
+        return bool(each.mean() > least * each.std(ddof=1) / np.sqrt(len(each)))
 
     def _motors(self, one: Trace, p: Parameters) -> Gears:
         return motors_of(self.setup.robot, p, one.low_pass.cutoff, one.low_pass.rate)

@@ -106,11 +106,12 @@ class ConsistentRanges:
         more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
         return Range(middle + low - more, middle + high + more)
 
-    def share(self, c: Coefficients) -> Share:
+    def share(self, c: Coefficients, within: Range) -> Share:
         """What the range of c·p, which must end, comes from."""
         cost = self._map.T @ (self._reduction.A.T @ c)
         reach = self._reach(cost[: self._rank])
-        whole, rest = (np.ptp(self._ends(cost, k * reach.t)) for k in (1.0, _VANISHED))
+        whole = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
+        rest = float(np.ptp(self._ends(cost, _VANISHED * reach.t)))
         ratio = float(rest / whole) if whole > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
         noise, geometry = (1 - unseen) * reach.noise, (1 - unseen) * (1 - reach.noise)
@@ -136,22 +137,28 @@ class ConsistentRanges:
     def _least(self) -> float:
         """m, the distance of the consistent x from the least-squares values of the recording."""
         n = self._map.shape[1]
-        norm = np.zeros((self._rank + 1, n + 1))
-        norm[0, n], norm[1:, : self._rank] = -1.0, -np.eye(self._rank)
-        wide = [np.hstack([rows, np.zeros((len(rows), 1))]) for rows, _, _ in self._cones]
-        solution = self._solve(np.append(np.zeros(n), 1.0), norm, np.zeros(self._rank + 1), wide)
-        return float(solution.obj_val)
+        wide = np.hstack([self._rows, np.zeros((len(self._rows), 1))])
+        wide[0, n] = -1.0
+        return float(self._solve(np.append(np.zeros(n), 1.0), sparse.csc_matrix(wide), 0.0).obj_val)
 
     def _extreme(self, cost: Vector, radius: float) -> float:
         """The least cost·(v, a) with ‖v‖ ≤ radius; −∞ if there is none."""
-        norm = np.zeros((self._rank + 1, len(cost)))
-        norm[1:, : self._rank] = -np.eye(self._rank)
         size = float(np.linalg.norm(cost))
         if size == 0:
             return 0.0
-        right = np.append(radius, np.zeros(self._rank))
-        solution = self._solve(cost / size, norm, right, [rows for rows, _, _ in self._cones])
+        solution = self._solve(cost / size, self._matrix, radius)
         return size * float(solution.obj_val) if str(solution.status) in _SOLVED else -np.inf
+
+    @cached_property
+    def _rows(self) -> Float[np.ndarray, "rows n"]:
+        """Rows of the ball, the first for its radius, and of the cones."""
+        ball = np.zeros((self._rank + 1, self._map.shape[1]))
+        ball[1:, : self._rank] = -np.eye(self._rank)
+        return np.vstack([ball, *(rows for rows, _, _ in self._cones)])
+
+    @cached_property
+    def _matrix(self) -> sparse.csc_matrix:
+        return sparse.csc_matrix(self._rows)
 
     def _cone(
         self, block: Block, shown: Bool[np.ndarray, " n"]
@@ -176,17 +183,18 @@ class ConsistentRanges:
         return rows / size, right / size, cone
 
     def _solve(
-        self, cost: Vector, norm: np.ndarray, reach: np.ndarray, rows: list[np.ndarray]
+        self, cost: Vector, matrix: sparse.csc_matrix, radius: float
     ) -> clarabel.DefaultSolution:
+        ball = np.append(radius, np.zeros(self._rank))
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
         solver = clarabel.DefaultSolver(
             sparse.csc_matrix((len(cost), len(cost))),
             cost,
-            sparse.csc_matrix(np.vstack([norm, *rows])),
-            np.concatenate([reach, *(right for _, right, _ in self._cones)]),
-            [clarabel.SecondOrderConeT(len(norm)), *(cone for _, _, cone in self._cones)],
+            matrix,
+            np.concatenate([ball, *(right for _, right, _ in self._cones)]),
+            [clarabel.SecondOrderConeT(len(ball)), *(cone for _, _, cone in self._cones)],
             settings,
         )
         return solver.solve()

@@ -257,6 +257,7 @@ def _posed(
     objective = pose(information, reduction, settings)
     try:
         solution = minimise(objective, SOLVERS[settings.method])
+        reduction.parameters(solution.x)  # raises where they are not consistent
     except IdentificationError as error:
         raise _explained(error, dynamics, information) from error
     base = base_parameters(information, reduction.layout)

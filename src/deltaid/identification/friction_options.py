@@ -8,8 +8,9 @@ import numpy as np
 from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.model.friction_record import AdditionKind
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
-from deltaid.robot.friction_terms import FrictionTerm
+from deltaid.robot.friction_terms import FrictionTerm, friction_terms
 
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
@@ -114,9 +115,8 @@ class Options:
         self, joint: FrictionJoint, kind: str, more: dict[str, Any], rows: FrictionRows
     ) -> Variant:
         robot = rows.dynamics.robot
-        laws = {joint.name: robot.friction[joint.name].changed(**more)}
-        terms = robot.changed(friction=laws).friction_terms
-        term = next(term for term in terms if term.kind == kind)
+        law = robot.friction[joint.name].changed(**more)
+        term = _term_of(robot, joint.name, law, kind)
         return Variant((self._add(joint, of_term(term)),), more)
 
     def _retuned(self, joint: FrictionJoint, term: FrictionTerm) -> Option:
@@ -140,11 +140,16 @@ def columns_of(rows: FrictionRows, law: Friction, option: Option) -> np.ndarray:
     if option.kind == "load":
         return rows.columns([(joint, of_load)])
     robot = rows.dynamics.robot
-    terms = robot.changed(friction={joint.name: law}).friction_terms
-    term = next(term for term in terms if term.kind == option.kind)
+    term = _term_of(robot, joint.name, law, option.kind)
     if getattr(robot.friction[joint.name], option.kind) is None:
         return rows.columns([(joint, of_term(term))])
     return rows.columns([(joint, of_slope(term, name)) for name in CONSTANTS[term.kind]])
+
+
+def _term_of(robot: RobotDescription, joint: str, law: Friction, kind: str) -> FrictionTerm:
+    """The term of a kind in a law of a joint."""
+    terms = friction_terms({joint: (law, robot.units(joint))})
+    return next(term for term in terms if term.kind == kind)
 
 
 def remaining(options: tuple[Option, ...], taken: Option) -> tuple[Option, ...]:

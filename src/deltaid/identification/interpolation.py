@@ -21,12 +21,12 @@ def later(
     x: Float[np.ndarray, "samples channels"], by: Float[np.ndarray, " channels"]
 ) -> Float[np.ndarray, "samples channels"]:
     """Values of each channel `by` samples later."""
-    out, rows = np.empty_like(x), np.arange(len(x))
+    out, count = np.empty_like(x), len(x)
     for i, one in enumerate(by):
         whole = int(np.floor(one))
         weights = lagrange(np.array(one - whole))
-        around = (np.clip(rows + whole + k, 0, len(x) - 1) for k in (-1, 0, 1, 2))
-        out[:, i] = sum(w * x[at, i] for w, at in zip(weights, around, strict=True))
+        inner = x[np.clip(np.arange(whole - 1, whole + count + 2), 0, count - 1), i]
+        out[:, i] = sum(w * inner[k : k + count] for k, w in enumerate(weights))
     return out
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.identification.consistent_range import ConsistentRanges
+from deltaid.identification.consistent_range import ConsistentRanges, Range
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.regularizer import prior_scale
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
@@ -78,7 +78,7 @@ class Labels:
         around = self._around_prior(i, "prior", prior_std)
         if not self._visible[i]:
             return around
-        low, high = self._ranges.of(np.eye(len(self._p))[i])
+        low, high = within = self._ranges.of(np.eye(len(self._p))[i])
         ended = np.isfinite(low) and np.isfinite(high)
         if self._at_edge(i) and self._p[i] < _FELL * self._reduction.p_reg[i]:
             return self._limit(i, self._parameters[i].low, high if ended else around.high)
@@ -86,15 +86,15 @@ class Labels:
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < _REACH * enough or (ended and std < enough and not on):
-            return Label("data", min(std, half / _REACH), low, high, share=self._share(i))
+            return Label("data", min(std, half / _REACH), low, high, share=self._share(i, within))
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
-            return Label("sum", std, low, high, names, self._share(i))
+            return Label("sum", std, low, high, names, self._share(i, within))
         return self._limit(i, low, high) if ended and self._at_edge(i) else around
 
-    def _share(self, i: int) -> Share:
+    def _share(self, i: int, within: Range) -> Share:
         """What its range comes from."""
-        return self._ranges.share(np.eye(len(self._p))[i])
+        return self._ranges.share(np.eye(len(self._p))[i], within)
 
     def _around_prior(self, i: int, by: Origin, std: float) -> Label:
         prior = float(self._reduction.p_reg[i])
