@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.forces.ball import Ball
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.forces.ranges import (
     Determinacy,
     Evidence,
     Ranges,
-    _Ball,
     evidence,
     structural_determinacy,
 )
@@ -140,7 +140,7 @@ def test_a_range_counts_what_consistency_costs_the_best_of_all() -> None:
     consistent one is 2 away, so all within √(2² + 1.96²) are compatible."""
     block = Block(np.eye(1), (0,), np.ones((1, 1, 1)))
     one = Unknowns(("u",), np.eye(1), np.zeros(1), (block,))
-    ball = _Ball(np.array([[1.0, -6.0]]), one)  # with the prior ‖u‖² on top: R = √2, R u_best = b
+    ball = Ball(np.array([[1.0, -6.0]]), one)  # with the prior ‖u‖² on top: R = √2, R u_best = b
     assert ball._u == pytest.approx(-3.0)
     reach = np.hypot(2 * np.sqrt(2), 1.959964) / np.sqrt(2)
     assert ball.largest(np.ones(1)) == pytest.approx(-3.0 + reach, rel=1e-5)

@@ -13,7 +13,8 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.scatter import Scatter
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
-from deltaid.model.record import IdentifiedModel, Parameter, Settings
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.robot.load import load_robot

@@ -10,7 +10,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.widening import Evidence
-from deltaid.model.record import IdentifiedModel, Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.report.model_tables import origin, parameter_table

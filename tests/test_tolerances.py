@@ -13,7 +13,8 @@ from deltaid.errors import DescriptionError
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.least_squares import identify_base
-from deltaid.model.record import IdentifiedModel, Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.memory import Recording

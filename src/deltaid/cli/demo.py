@@ -50,7 +50,7 @@ def demo(
 
 
 def _print(result: "Demonstration", keep: Path | None) -> None:
-    from deltaid.cli.identify import summary
+    from deltaid.cli.identified import summary
     from deltaid.cli.output import console, percent, shown, styled
     from deltaid.identification.demo import FILES
     from deltaid.model.model import load

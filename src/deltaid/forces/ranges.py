@@ -10,26 +10,24 @@ where u are the unknowns in units of their prior's standard deviation (`forces.u
 the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
 by the scatter of the recordings as for all intervals (`identification.scatter`). Without active
 cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
-triangular R of data and prior, it is a linear function over a ball and cones (Clarabel).
+triangular R of data and prior, it is a linear function over a ball and cones (`forces.ball`).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import clarabel
 import numpy as np
 from jaxtyping import Float
-from scipy import sparse
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.errors import DescriptionError, IdentificationError, RecordingError
+from deltaid.errors import DescriptionError, RecordingError
+from deltaid.forces.ball import REACH, Ball
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
-from deltaid.identification.conic import svec
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometry import Geometry, geometry
@@ -44,14 +42,10 @@ from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 
-# Half the width of a 95 % interval in standard deviations.
-_REACH = 1.959963984540054
 # A force of whose prior variance torques leave less than this share (squared) is determined.
 _DETERMINED = 1e-6
 # Unknowns that make up more than this share of what is left are named, so many at most.
 _NAMED, _MOST = 0.05, 4
-_TOLERANCE = 1e-9
-
 Coefficients = Float[np.ndarray, " parameters"]
 
 
@@ -113,7 +107,7 @@ class Determinacy:
             return Openness(0.0, ())
         share = rest**2 / left**2
         order = [k for k in np.argsort(-share) if share[k] > _NAMED][:_MOST]
-        return Openness(_REACH * left, tuple(self.unknowns.names[k] for k in order))
+        return Openness(REACH * left, tuple(self.unknowns.names[k] for k in order))
 
 
 def structural_determinacy(model: ModelLike) -> Determinacy:
@@ -201,7 +195,7 @@ class Ranges:
         """
         unknown = self._known.unknowns
         c_u, constant = unknown.A.T @ c, float(c @ unknown.p_0)
-        ball = _Ball(self._data / self._level(c_u), unknown)
+        ball = Ball(self._data / self._level(c_u), unknown)
         low, high = (constant + sign * ball.largest(sign * c_u) for sign in (-1.0, 1.0))
         value = float(c @ self._p)
         return Range(min(low, value), max(high, value))
@@ -220,7 +214,7 @@ class Ranges:
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
         half = float(half_width(std, by_noise, nu)[0])
-        return max(half / (_REACH * size), NOISE_FLOOR)
+        return max(half / (REACH * size), NOISE_FLOOR)
 
     @cached_property
     def _white(self) -> float:
@@ -234,82 +228,3 @@ class Ranges:
         half = solve_triangular(root, np.eye(n))
         rows = self._known.base.combination() @ self._known.unknowns.A
         return self._noise.root @ rows @ half @ half.T
-
-
-class _Ball:
-    """Consistent unknowns with ‖R u − b‖² within the reach of the best."""
-
-    def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: Unknowns) -> None:
-        n = len(unknown.names)
-        prior = np.eye(n, n + 1)
-        factor = triangle(np.vstack([data, prior]))
-        self._R, self._b = factor[:n, :n], factor[:n, n]
-        self._u = solve_triangular(self._R, self._b)
-        self._blocks = unknown.blocks
-
-    def largest(self, c: Float[np.ndarray, " n"]) -> float:
-        """The largest c·u."""
-        g = solve_triangular(self._R, c, trans="T")
-        length = float(np.linalg.norm(g))
-        if length == 0:
-            return 0.0
-        if self._consistent(self._u):
-            u = self._u + solve_triangular(self._R, _REACH * g / length)
-            if self._consistent(u):
-                return float(c @ u)
-        v = self._solve(-g / length, self._radius)
-        return float(c @ self._u + g @ v)
-
-    @cached_property
-    def _radius(self) -> float:
-        """√(m² + 1.96²)."""
-        if self._consistent(self._u):
-            return _REACH
-        return float(np.hypot(np.linalg.norm(self._solve(None, None)), _REACH))
-
-    def _consistent(self, u: Float[np.ndarray, " n"]) -> bool:
-        return all(np.linalg.eigvalsh(block.matrix(u))[0] >= 0 for block in self._blocks)
-
-    def _solve(
-        self, cost: Float[np.ndarray, " n"] | None, radius: float | None
-    ) -> Float[np.ndarray, " n"]:
-        """v of least cost with ‖v‖ ≤ radius, or of least norm, among the consistent ones.
-
-        The last variable t bounds the norm.
-        """
-        n = len(self._u)
-        S = solve_triangular(self._R, np.eye(n))
-        rows, right, cones = [np.zeros((n + 1, n + 1))], [np.zeros(n + 1)], []
-        rows[0][0, n], rows[0][1:, :n] = -1.0, -np.eye(n)
-        cones.append(clarabel.SecondOrderConeT(n + 1))
-        if radius is not None:
-            rows.append(np.eye(1, n + 1, n))
-            right.append(np.array([radius]))
-            cones.append(clarabel.ZeroConeT(1))
-        for block in self._blocks:
-            size = len(block.constant)
-            slopes = np.column_stack([svec(slope) for slope in block.slopes])
-            rows.append(np.hstack([-slopes @ S[list(block.at)], np.zeros((len(slopes), 1))]))
-            right.append(svec(block.matrix(self._u)))
-            one = clarabel.NonnegativeConeT(1)
-            cones.append(one if size == 1 else clarabel.PSDTriangleConeT(size))
-        q = np.append(np.zeros(n), 1.0) if cost is None else np.append(cost, 0.0)
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
-        solver = clarabel.DefaultSolver(
-            sparse.csc_matrix((n + 1, n + 1)),
-            q,
-            sparse.csc_matrix(np.vstack(rows)),
-            np.concatenate(right),
-            cones,
-            settings,
-        )
-        solution = solver.solve()
-        if str(solution.status) not in ("Solved", "AlmostSolved"):
-            raise IdentificationError(
-                f"the range of a force was not found: the solver ended with {solution.status}",
-                where="--logs",
-                cure="check that these are the recordings that the model was identified from",
-            )
-        return np.array(solution.x)[:n]

@@ -17,7 +17,7 @@ from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.identification.free_body import Free, free_coefficients
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter

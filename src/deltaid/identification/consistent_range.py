@@ -30,7 +30,7 @@ from deltaid.identification.free_body import Block
 from deltaid.identification.information import Information
 from deltaid.identification.objective import NOISE_FLOOR, Objective
 from deltaid.identification.scatter import Noise, half_width, quantile
-from deltaid.model.record import Share
+from deltaid.model.parameter_record import Share
 
 # A singular value below this share of the largest is what the recording does not show.
 _DEPENDENT = 1e-9

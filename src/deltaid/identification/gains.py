@@ -27,7 +27,7 @@ from deltaid.identification.free_body import Free
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter

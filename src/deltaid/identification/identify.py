@@ -36,7 +36,8 @@ from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.watch import unwatched, watched
 from deltaid.model.corrections import Correction
-from deltaid.model.record import IdentifiedModel, Parameter, Settings, Source
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.record import IdentifiedModel, Settings, Source
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings

@@ -7,7 +7,8 @@ from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.labels import Labels
 from deltaid.identification.torque_error import TorqueError
-from deltaid.model.record import BaseParameter, Consistency, Fit, Parameter, Share
+from deltaid.model.parameter_record import BaseParameter, Parameter, Share
+from deltaid.model.record import Consistency, Fit
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED
 

@@ -11,7 +11,7 @@ from deltaid.identification.consistent_range import ConsistentRanges, Range
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.regularizer import prior_scale
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
-from deltaid.model.record import Origin, Share
+from deltaid.model.parameter_record import Origin, Share
 from deltaid.robot.parameter import ADDED
 
 # The data decides a parameter that it knows to less than this share of what the prior says of it.

@@ -19,7 +19,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.additions import Addition, Own, Values, extended
 from deltaid.identification.free_body import Free, held_coefficients
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter

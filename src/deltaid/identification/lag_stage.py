@@ -15,7 +15,7 @@ from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.traces import Trace, trace
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
 

@@ -17,7 +17,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.free_body import Free, free_body
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import Load, carrier
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples

@@ -20,8 +20,8 @@ from deltaid.identification.load_columns import LoadColumns, Ten
 from deltaid.identification.reduction import build_reduction
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.model import Model
-from deltaid.model.record import HeldLoad
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import HeldLoad
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording
 

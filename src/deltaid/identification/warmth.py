@@ -24,7 +24,7 @@ from deltaid.identification.lag import Rows
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter

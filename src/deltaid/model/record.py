@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -24,11 +24,11 @@ from deltaid.model.options import (
     Method,
     RegularizerName,
 )
+from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate
 
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
 # 2: base parameters name their representative. 3: corrections; what a parameter rests on.
@@ -65,108 +65,6 @@ class Settings(Part):
     lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
     compliance: ComplianceChoice = "estimate"
     events: bool = True
-
-
-class Share(Part):
-    """What an interval comes from: noise of the recording, the prior, the robot's geometry, and
-    what torques do not show, which ends where bodies would no longer be possible.
-
-    Shares of its squared width, together one.
-    """
-
-    noise: Annotated[float, Field(ge=0, le=1)]
-    prior: Annotated[float, Field(ge=0, le=1)]
-    geometry: Annotated[float, Field(ge=0, le=1)]
-    unseen: Annotated[float, Field(ge=0, le=1)] = 0.0
-
-    @classmethod
-    def of(cls, shares: Float[np.ndarray, " 3"]) -> "Share":
-        """From those of noise, prior and geometry, where a prior ends what is not shown."""
-        noise, prior, geometry = (float(share) for share in shares)
-        return cls(noise=noise, prior=prior, geometry=geometry)
-
-
-# What decided a parameter.
-Origin = Literal["data", "sum", "prior", "limit", "structure", "fixed", "consistency"]
-
-
-class Parameter(Part):
-    """One parameter: value, standard deviation, 95 % interval, prior, and what decided it.
-
-    `determined_by` is
-
-    - 'data' where the recording knows it to less than half of the prior's spread by itself;
-    - 'sum' where it does so only with the priors of others, which `rests_on` names: torques show a
-      sum of it and these. `std` takes these priors at their word, the interval does not;
-    - 'prior' where neither is the case; standard deviation and interval are the prior's own;
-    - 'limit' where it is as small as consistency lets it be; the interval is one-sided, or what
-      recording and consistency leave open;
-    - 'consistency' for entries that no torque shows and that grew to keep their body consistent,
-      which are lower bounds; standard deviation and interval are the prior's own;
-    - 'fixed' for entries that torques show but the reduction holds at the prior (± 0);
-    - 'structure' for entries that the reduction holds at zero.
-
-    Parameters that must be positive have intervals that end at zero. `low` and `high` are missing
-    in models of earlier versions, `rests_on`, 'sum' and 'limit' in those of format 2.
-    """
-
-    name: str
-    value: Coordinate
-    std: Annotated[float, Field(ge=0)]
-    low: Coordinate | None = None
-    high: Coordinate | None = None
-    unit: str
-    prior: Coordinate
-    determined_by: Origin
-    rests_on: tuple[str, ...] = Field(
-        default=(), description="whose priors a value that only a sum shows rests on"
-    )
-    share: Share | None = Field(
-        default=None,
-        description="what an interval by the data comes from; missing in earlier files",
-    )
-
-
-class HeldLoad(Part):
-    """A load that recordings held, as it was declared and found.
-
-    `parameters` are the ten of a body, about the frame of the body that carries it.
-    """
-
-    name: str
-    body: str
-    logs: tuple[str, ...]
-    parameters: Annotated[tuple[Parameter, ...], Field(min_length=10, max_length=10)]
-
-    @property
-    def p(self) -> Float[np.ndarray, " 10"]:
-        """m, mcx, mcy, mcz, Θ_xx, …, of the load."""
-        return np.array([parameter.value for parameter in self.parameters])
-
-    @property
-    def mass(self) -> Parameter:
-        """Its mass [kg]."""
-        return self.parameters[0]
-
-
-class BaseParameter(Part):
-    """A combination that torques determine: least squares without prior and consistency.
-
-    Value, standard deviation and 95 % interval.
-    """
-
-    formula: str
-    representative: str = Field(
-        default="", description="the parameter that it stands for; missing in earlier files"
-    )
-    value: float
-    std: Annotated[float, Field(ge=0)]
-    low: float
-    high: float
-    unit: str
-    share: Share | None = Field(
-        default=None, description="what the interval comes from; missing in earlier files"
-    )
 
 
 class Source(Part):

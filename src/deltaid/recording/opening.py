@@ -94,7 +94,7 @@ def open_log(
         clock=clock,
         torque_max=survey.torque_max,
         position_noise=survey.spectrum.noise,
-        reach=np.array([survey.nearest, survey.farthest]),
+        reach=np.array([survey.reach.nearest, survey.reach.farthest]),
         motion_cutoff=survey.spectrum.cutoff(clock.rate),
         bandwidth=survey.spectrum.bandwidth(clock.rate),
         masks=masks,

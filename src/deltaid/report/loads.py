@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from deltaid.model.record import HeldLoad
+from deltaid.model.parameter_record import HeldLoad
 from deltaid.report.model_tables import value_and_width
 from deltaid.report.table import Table
 

@@ -13,7 +13,8 @@ if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordin
     from deltaid.identification.least_squares import BaseEstimate
     from deltaid.identification.torque_error import TorqueError
     from deltaid.model.model import Model
-    from deltaid.model.record import BaseParameter, IdentifiedModel, Parameter
+    from deltaid.model.parameter_record import BaseParameter, Parameter
+    from deltaid.model.record import IdentifiedModel
 
 # What has an interval that does not come from its own prior.
 MEASURED = ("data", "sum", "limit")

@@ -2,7 +2,8 @@
 
 import plotly.graph_objects as go
 
-from deltaid.model.record import IdentifiedModel, Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.record import IdentifiedModel
 from deltaid.report import style
 from deltaid.report.model_tables import MEASURED, parameter_table
 from deltaid.report.numbers import WIDTH

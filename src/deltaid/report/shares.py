@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deltaid.model.record import IdentifiedModel, Parameter, Share
+from deltaid.model.parameter_record import Parameter, Share
+from deltaid.model.record import IdentifiedModel
 from deltaid.report.table import Table
 
 _SOURCES = ("noise", "prior", "geometry", "not shown")

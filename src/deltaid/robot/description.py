@@ -6,7 +6,7 @@ those of `docs/conventions.md`.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.body import Body
 from deltaid.robot.drive_limits import DriveLimits
+from deltaid.robot.fitting_parts import require_parts_that_fit
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm, friction_terms
 from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
@@ -24,8 +25,8 @@ from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
 from deltaid.robot.task import NAMES, Task
 from deltaid.robot.telescope import Telescope
-from deltaid.robot.tolerances import LENGTHS, Tolerances
-from deltaid.robot.workspace import Box, Workspace
+from deltaid.robot.tolerances import Tolerances
+from deltaid.robot.workspace import Workspace
 
 TELESCOPE_BODIES = ("TU", "TL", "EE")
 
@@ -257,85 +258,5 @@ class RobotDescription(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "RobotDescription":
-        self._check_drives()
-        self._check_workspace()
-        _exactly("bodies", self.bodies, self.body_names)
-        _among("friction", self.friction, self.joints)
-        _among("springs", self.springs, self.joints)
-        for joint, spring in self.springs.items():
-            wrong = "rest_deg" if self.is_linear(joint) else "rest"
-            if getattr(spring, wrong) is not None:
-                kind = "slides" if self.is_linear(joint) else "turns"
-                raise ValueError(f"springs.{joint} has {wrong}, but the joint {kind}")
-        for joint, law in self.friction.items():
-            if law.load is not None and joint not in self.drives:
-                raise ValueError(f"friction.{joint} has a load term, which only drives can have")
-        _among("rotor_inertia", self.rotor_inertia, self.drives)
-        _among("drive_limits", self.drive_limits, self.drives)
-        if isinstance(self.gear_stiffness, dict):
-            _among("gear_stiffness", self.gear_stiffness, self.drives)
-        by_name = self.tolerances.lengths, self.tolerances.homing
-        for key, given, known in zip(
-            ("lengths", "homing"), by_name, (LENGTHS, self.drives), strict=True
-        ):
-            if isinstance(given, dict):
-                _among(f"tolerances.{key}", given, known)
+        require_parts_that_fit(self)
         return self
-
-    def _check_workspace(self) -> None:
-        """A workspace has room along the axes that the platform moves along, and no others."""
-        moves = {"xyz"[axis] for axis in self.task.axes}
-        if isinstance(self.workspace, Box):
-            for axis in "xyz":
-                if (getattr(self.workspace, axis) is not None) != (axis in moves):
-                    says = "lacks" if axis in moves else "has"
-                    does = "moves" if axis in moves else "does not move"
-                    raise ValueError(f"workspace {says} {axis}, along which this robot {does}")
-        elif len(moves) < 3:
-            raise ValueError(
-                f"workspace is a {self.workspace.shape}, but this robot moves only along "
-                f"{' and '.join(sorted(moves)) or 'no axis'}; give a box of these axes"
-            )
-
-    def _check_drives(self) -> None:
-        if (self.limbs is None) == (self.mechanism is None):
-            given = "neither is" if self.limbs is None else "both are"
-            raise ValueError(f"give either limbs or mechanism; {given} given")
-        if self.limbs is not None:
-            self._check_composition(self.limbs)
-            if not any(self.gravity):
-                raise ValueError("gravity: is zero; give the vector in the world frame, in m/s²")
-        elif self.telescope is not None or self.platform != RigidPlatform():
-            raise ValueError("mechanism is in place of limbs, platform and telescope")
-        for drive, limits in self.drive_limits.items():
-            foreign = limits.foreign(linear=self.is_linear(drive))
-            if foreign:
-                kind = "linear" if self.is_linear(drive) else "rotary"
-                raise ValueError(f"drive_limits.{drive} has {foreign[0]}, but the drive is {kind}")
-
-    def _check_composition(self, limbs: Limbs) -> None:
-        wanted = 3 if isinstance(self.platform, RigidPlatform) else 4
-        if limbs.count != wanted:
-            raise ValueError(
-                f"limbs.azimuth_deg has {limbs.count} limbs, but a platform of kind "
-                f"{self.platform.kind} needs {wanted}"
-            )
-        if self.telescope is not None and wanted == 4:
-            raise ValueError(
-                "telescope is given, but the platform turns its tool itself; leave one of them out"
-            )
-
-
-def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
-    missing = [name for name in wanted if name not in given]
-    extra = [name for name in given if name not in wanted]
-    if missing or extra:
-        parts = [f"lacks {', '.join(missing)}"] if missing else []
-        parts += [f"has unknown {', '.join(extra)}"] if extra else []
-        raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
-
-
-def _among(key: str, given: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    extra = [name for name in given if name not in allowed]
-    if extra:
-        raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")

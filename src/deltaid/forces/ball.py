@@ -1,0 +1,97 @@
+"""The largest value of a linear function over a ball and the cones of physical consistency."""
+
+from functools import cached_property
+
+import clarabel
+import numpy as np
+from jaxtyping import Float
+from scipy import sparse
+from scipy.linalg import solve_triangular
+
+from deltaid.errors import IdentificationError
+from deltaid.forces.unknowns import Unknowns
+from deltaid.identification.conic import svec
+from deltaid.identification.information import triangle
+
+# Half the width of a 95 % interval in standard deviations.
+REACH = 1.959963984540054
+_TOLERANCE = 1e-9
+
+
+class Ball:
+    """Consistent unknowns with ‖R u − b‖² within the reach of the best."""
+
+    def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: Unknowns) -> None:
+        n = len(unknown.names)
+        prior = np.eye(n, n + 1)
+        factor = triangle(np.vstack([data, prior]))
+        self._R, self._b = factor[:n, :n], factor[:n, n]
+        self._u = solve_triangular(self._R, self._b)
+        self._blocks = unknown.blocks
+
+    def largest(self, c: Float[np.ndarray, " n"]) -> float:
+        """The largest c·u."""
+        g = solve_triangular(self._R, c, trans="T")
+        length = float(np.linalg.norm(g))
+        if length == 0:
+            return 0.0
+        if self._consistent(self._u):
+            u = self._u + solve_triangular(self._R, REACH * g / length)
+            if self._consistent(u):
+                return float(c @ u)
+        v = self._solve(-g / length, self._radius)
+        return float(c @ self._u + g @ v)
+
+    @cached_property
+    def _radius(self) -> float:
+        """√(m² + 1.96²)."""
+        if self._consistent(self._u):
+            return REACH
+        return float(np.hypot(np.linalg.norm(self._solve(None, None)), REACH))
+
+    def _consistent(self, u: Float[np.ndarray, " n"]) -> bool:
+        return all(np.linalg.eigvalsh(block.matrix(u))[0] >= 0 for block in self._blocks)
+
+    def _solve(
+        self, cost: Float[np.ndarray, " n"] | None, radius: float | None
+    ) -> Float[np.ndarray, " n"]:
+        """v of least cost with ‖v‖ ≤ radius, or of least norm, among the consistent ones.
+
+        The last variable t bounds the norm.
+        """
+        n = len(self._u)
+        S = solve_triangular(self._R, np.eye(n))
+        rows, right, cones = [np.zeros((n + 1, n + 1))], [np.zeros(n + 1)], []
+        rows[0][0, n], rows[0][1:, :n] = -1.0, -np.eye(n)
+        cones.append(clarabel.SecondOrderConeT(n + 1))
+        if radius is not None:
+            rows.append(np.eye(1, n + 1, n))
+            right.append(np.array([radius]))
+            cones.append(clarabel.ZeroConeT(1))
+        for block in self._blocks:
+            size = len(block.constant)
+            slopes = np.column_stack([svec(slope) for slope in block.slopes])
+            rows.append(np.hstack([-slopes @ S[list(block.at)], np.zeros((len(slopes), 1))]))
+            right.append(svec(block.matrix(self._u)))
+            one = clarabel.NonnegativeConeT(1)
+            cones.append(one if size == 1 else clarabel.PSDTriangleConeT(size))
+        q = np.append(np.zeros(n), 1.0) if cost is None else np.append(cost, 0.0)
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+        solver = clarabel.DefaultSolver(
+            sparse.csc_matrix((n + 1, n + 1)),
+            q,
+            sparse.csc_matrix(np.vstack(rows)),
+            np.concatenate(right),
+            cones,
+            settings,
+        )
+        solution = solver.solve()
+        if str(solution.status) not in ("Solved", "AlmostSolved"):
+            raise IdentificationError(
+                f"the range of a force was not found: the solver ended with {solution.status}",
+                where="--logs",
+                cure="check that these are the recordings that the model was identified from",
+            )
+        return np.array(solution.x)[:n]

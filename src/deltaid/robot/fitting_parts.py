@@ -1,0 +1,104 @@
+"""Whether the parts of a description fit together: bodies, joints, drives, limbs, workspace."""
+
+from typing import TYPE_CHECKING, Any
+
+from deltaid.robot.body import Body
+from deltaid.robot.limbs import Limbs
+from deltaid.robot.platform import RigidPlatform
+from deltaid.robot.tolerances import LENGTHS
+from deltaid.robot.workspace import Box
+
+if TYPE_CHECKING:
+    from deltaid.robot.description import RobotDescription
+
+
+def require_parts_that_fit(robot: "RobotDescription") -> None:
+    """Refuse parts that contradict each other, or that the robot does not have.
+
+    Raises:
+        ValueError: with the key.
+    """
+    _check_drives(robot)
+    _check_workspace(robot)
+    _exactly("bodies", robot.bodies, robot.body_names)
+    _among("friction", robot.friction, robot.joints)
+    _among("springs", robot.springs, robot.joints)
+    for joint, spring in robot.springs.items():
+        wrong = "rest_deg" if robot.is_linear(joint) else "rest"
+        if getattr(spring, wrong) is not None:
+            kind = "slides" if robot.is_linear(joint) else "turns"
+            raise ValueError(f"springs.{joint} has {wrong}, but the joint {kind}")
+    for joint, law in robot.friction.items():
+        if law.load is not None and joint not in robot.drives:
+            raise ValueError(f"friction.{joint} has a load term, which only drives can have")
+    _among("rotor_inertia", robot.rotor_inertia, robot.drives)
+    _among("drive_limits", robot.drive_limits, robot.drives)
+    if isinstance(robot.gear_stiffness, dict):
+        _among("gear_stiffness", robot.gear_stiffness, robot.drives)
+    by_name = robot.tolerances.lengths, robot.tolerances.homing
+    for key, given, known in zip(
+        ("lengths", "homing"), by_name, (LENGTHS, robot.drives), strict=True
+    ):
+        if isinstance(given, dict):
+            _among(f"tolerances.{key}", given, known)
+
+
+def _check_workspace(robot: "RobotDescription") -> None:
+    """A workspace has room along the axes that the platform moves along, and no others."""
+    moves = {"xyz"[axis] for axis in robot.task.axes}
+    if isinstance(robot.workspace, Box):
+        for axis in "xyz":
+            if (getattr(robot.workspace, axis) is not None) != (axis in moves):
+                says = "lacks" if axis in moves else "has"
+                does = "moves" if axis in moves else "does not move"
+                raise ValueError(f"workspace {says} {axis}, along which this robot {does}")
+    elif len(moves) < 3:
+        raise ValueError(
+            f"workspace is a {robot.workspace.shape}, but this robot moves only along "
+            f"{' and '.join(sorted(moves)) or 'no axis'}; give a box of these axes"
+        )
+
+
+def _check_drives(robot: "RobotDescription") -> None:
+    if (robot.limbs is None) == (robot.mechanism is None):
+        given = "neither is" if robot.limbs is None else "both are"
+        raise ValueError(f"give either limbs or mechanism; {given} given")
+    if robot.limbs is not None:
+        _check_composition(robot, robot.limbs)
+        if not any(robot.gravity):
+            raise ValueError("gravity: is zero; give the vector in the world frame, in m/s²")
+    elif robot.telescope is not None or robot.platform != RigidPlatform():
+        raise ValueError("mechanism is in place of limbs, platform and telescope")
+    for drive, limits in robot.drive_limits.items():
+        foreign = limits.foreign(linear=robot.is_linear(drive))
+        if foreign:
+            kind = "linear" if robot.is_linear(drive) else "rotary"
+            raise ValueError(f"drive_limits.{drive} has {foreign[0]}, but the drive is {kind}")
+
+
+def _check_composition(robot: "RobotDescription", limbs: Limbs) -> None:
+    wanted = 3 if isinstance(robot.platform, RigidPlatform) else 4
+    if limbs.count != wanted:
+        raise ValueError(
+            f"limbs.azimuth_deg has {limbs.count} limbs, but a platform of kind "
+            f"{robot.platform.kind} needs {wanted}"
+        )
+    if robot.telescope is not None and wanted == 4:
+        raise ValueError(
+            "telescope is given, but the platform turns its tool itself; leave one of them out"
+        )
+
+
+def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
+    missing = [name for name in wanted if name not in given]
+    extra = [name for name in given if name not in wanted]
+    if missing or extra:
+        parts = [f"lacks {', '.join(missing)}"] if missing else []
+        parts += [f"has unknown {', '.join(extra)}"] if extra else []
+        raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
+
+
+def _among(key: str, given: dict[str, Any], allowed: tuple[str, ...]) -> None:
+    extra = [name for name in given if name not in allowed]
+    if extra:
+        raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")
