@@ -85,6 +85,6 @@ def _line(
 
 
 def _median(x: Float[np.ndarray, " values"]) -> float:
-    """`np.median` of some finite values, whose checks take ten times as long as its work."""
+    """`np.median` of some finite values, whose checks take longer than its work."""
     middle = [(len(x) - 1) // 2, len(x) // 2]
     return float(np.partition(x, middle)[middle].mean())

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def uncollected() -> Generator[None, None, None]:
-    """Import in here: modules make a hundred thousand objects that stay, and looking through them
+    """Import in here: modules make a great many objects that stay, and looking through them
     again and again for some that do not takes a fifth of the time."""
     gc.disable()
     try:
