@@ -1,5 +1,6 @@
 """Gears that wind up: their motors are turned back to the links, by what shows or is stated."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from deltaid.identification.lag_stage import lags_put_right, without_lags
 from deltaid.identification.rows_with_prior import BLOCKS
 from deltaid.identification.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import studied
+from deltaid.identification.study import Study, studied
 from deltaid.identification.traces import Trace, trace
 from deltaid.identification.windings import motors_of
 from deltaid.model.corrections import Correction
@@ -33,15 +34,15 @@ def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
     return turned if any(gears) else setup  # with its lags
 
 
-def _turned_back(setup: Setup, progress: Progress) -> Setup:
+def _turned_back(setup: Setup, progress: Progress, *, look: bool = True) -> Setup:
+    """With gears that are stated, and if asked to look for them those that show."""
     for one in setup.recordings:
         setup = setup.repaired(one, gears=None)
     # Lags stand here as columns of their own.
     bare = setup.told((), "compliance").changed(additions=without_lags(setup.additions))
     seen = [(one, found) for one in bare.recordings if (found := _traced(bare, one)) is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
-    disturbed = any(setup.is_disturbed(k) for k in range(len(setup.recordings)))
-    looked_for = (stated == 0) & (setup.settings.compliance == "estimate") & (not disturbed)
+    looked_for = (stated == 0) & (look and setup.settings.compliance == "estimate")
     if not seen or not (stated.any() or looked_for.any()):
         return setup
     progress("looking for gears that wind up")
@@ -55,8 +56,29 @@ def _turned_back(setup: Setup, progress: Progress) -> Setup:
             bare = bare.repaired(one, gears=motors)
     # Loads and lags that gears imitated are none.
     studies = tuple(studied(bare.dynamics, one) for one in bare.recordings)
+    if looked_for.any() and not _better_than_loads(setup, studies):
+        return _turned_back(setup, progress, look=False)
     bare = bare.changed(studies=studies)
     return lags_put_right(bare.told(_told(bare, found)), progress)
+
+
+def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
+    """Whether gears leave less than a load would that seems to come and go, where one does.
+
+    Args:
+        turned: studies of the recordings with their gears turned back.
+    """
+    for k, after in enumerate(turned):
+        before = setup.studies[k] if setup.is_disturbed(k) else None
+        if before is None or after is None:
+            continue
+        found, left = before.account.found, before.account.left
+        of_loads = sum(one.gain for one in found if one.pattern.kind == "load-change")
+        whole = float(left @ left) + sum(one.gain for one in found)
+        by_gears = np.mean((after.scene.basis.scale / before.scene.basis.scale) ** 2)
+        if by_gears > 1.0 - of_loads / whole:
+            return False
+    return True
 
 
 def _told(setup: Setup, found: Found) -> list[Correction]:
