@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import polars as pl
@@ -10,9 +11,10 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.as_identified import model_filtered
-from deltaid.identification.compliance import gears_turned_back
+from deltaid.identification.compliance import _better_than_loads, gears_turned_back
 from deltaid.identification.fit import fit
 from deltaid.identification.setup import Setup
+from deltaid.identification.study import Study
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
@@ -180,3 +182,22 @@ def test_torques_become_those_of_a_motor_at_the_link(motor: str) -> None:
     qd, qdd, ahead, faster = (np.array([[x]]) for x in (0.3, 5.0, 0.5, 7.0))
     expected = {"viscous": 2.0 * 0.5, "coulomb": 4.0, "rotor": 2.0 * 7.0}[motor]
     np.testing.assert_allclose(one.less(qd, qdd, ahead, faster), [[expected]])
+
+
+@pytest.mark.parametrize(("gears_leave", "believed"), [(0.2, True), (0.8, False)])
+def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
+    gears_leave: float, believed: bool
+) -> None:
+    def study(scale: float, load: float) -> Mock:
+        one = Mock(spec=Study, scene=Mock(), account=Mock())
+        one.scene.basis.scale = np.full(3, scale)
+        one.account.left = np.full(4, np.sqrt((1.0 - load) / 4))
+        one.account.found = [Mock(gain=load, pattern=Mock(kind="load-change"))]
+        return one
+
+    before, after = study(1.0, 0.5), study(float(np.sqrt(gears_leave)), 0.0)
+    setup = Mock(spec=Setup, studies=(before,))
+    setup.is_disturbed.return_value = True
+    assert _better_than_loads(setup, (after,)) == believed
+    setup.is_disturbed.return_value = False
+    assert _better_than_loads(setup, (after,))

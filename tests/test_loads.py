@@ -7,6 +7,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.check.identified import identify as judged
+from deltaid.check.verdict import Grade
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.identification.gains import Gains, gains
@@ -14,6 +16,7 @@ from deltaid.identification.identify import Identification, identify
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import declared_loads, joined
 from deltaid.identification.setup import Setup
+from deltaid.identification.study import studied
 from deltaid.identification.validation import validate
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel, Settings
@@ -239,6 +242,15 @@ def test_a_model_takes_a_load_up() -> None:
     np.testing.assert_allclose(model.with_load(body(), "EE").p[part] - model.p[part], body())
     with pytest.raises(ValueError, match="no load 'ghost'; it has load"):
         model.with_load("ghost")
+
+
+def test_a_load_that_nobody_declares_is_told_and_is_no_gear_that_winds_up() -> None:
+    found = judged(robot()[0].robot, table(1, "cycles"))
+    assert [one.grade for one in found.verdicts if one.key == "load-change"] == [Grade.WRONG]
+    assert not [one for one in found.model.corrections if one.kind == "compliance"]
+    (study,) = (studied(robot()[0], one) for one in found.recordings)
+    assert study is not None
+    assert study.is_disturbed
 
 
 def test_contradictions_about_a_load_are_refused() -> None:
