@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.dynamics.parameters import ParameterLayout
-from deltaid.identification.free_body import Free, free_coefficients
+from deltaid.identification.free_body import Free, free_coefficients, held_coefficients
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
@@ -59,8 +59,9 @@ class Addition(ABC):
 
     @property
     def free(self) -> Free:
-        """What the fit may change of its parameters; all of them, where nothing else is said."""
-        return free_coefficients(self.parameters)
+        """What the fit may change of its parameters: all, or none where they are held."""
+        coefficients = held_coefficients if self.is_held else free_coefficients
+        return coefficients(self.parameters)
 
     @property
     def is_held(self) -> bool:

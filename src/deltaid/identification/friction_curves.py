@@ -20,7 +20,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.additions import Addition, Values
 from deltaid.identification.fit import METRICS, FittedProblem
-from deltaid.identification.free_body import Free, free_coefficients, held_coefficients
+from deltaid.identification.free_body import free_coefficients
 from deltaid.identification.friction_rows import entry_speeds
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.identification.objective import data_term
@@ -84,13 +84,8 @@ class LawConstants(Addition):
         return LawConstants(dynamics)
 
     @property
-    def free(self) -> Free:
-        """Nothing: the constants are those of the law."""
-        return held_coefficients(self.parameters)
-
-    @property
     def is_held(self) -> bool:
-        return True
+        return True  # the constants are those of the law
 
     def _coulomb(self, joint: str) -> np.ndarray:
         return self._entries(f"coulomb.{joint}")

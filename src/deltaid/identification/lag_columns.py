@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.additions import Addition, Own, Values, extended
-from deltaid.identification.free_body import Free, held_coefficients
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -163,11 +162,6 @@ class LagColumns(Addition):
 @dataclass(frozen=True, eq=False)
 class UnknownLag(LagColumns):
     """A lag that may be none and is hardly known: the fit has none, and intervals allow for it."""
-
-    @property
-    def free(self) -> Free:
-        """Nothing."""
-        return held_coefficients(self.parameters)
 
     @property
     def is_held(self) -> bool:
