@@ -13,10 +13,12 @@ from deltaid.robot.inertia import (
     why_inconsistent,
     with_thickness,
 )
+from deltaid.robot.measured import Measured
 from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Mass, NotNegative, Vector
+from deltaid.robot.quantities import Coordinate, Mass, NotNegative, Positive, Vector
 from deltaid.robot.shapes import Shape
 
+InertiaName = Literal["m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz"]
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 
 
@@ -70,6 +72,14 @@ class Body(Part):
         default=get_args(Entry),
         description="entries that the identification may change; all ten when left out; [] for a "
         "body that is known and keeps its prior",
+    )
+    spread: Positive | dict[InertiaName, Positive] | None = Field(
+        default=None,
+        description="standard deviation of the prior as a share of its values, in place of the "
+        "fit's own: of all ten entries or by name (m, mcx, …, Ixx, …)",
+    )
+    measured: tuple[Measured, ...] = Field(
+        default=(), description="what a scale, an edge or a pendulum said of it"
     )
 
     @model_validator(mode="after")

@@ -19,10 +19,12 @@ from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm, friction_terms
 from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
+from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.part import Part
 from deltaid.robot.platform import Platform, RigidPlatform
 from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
+from deltaid.robot.sensors import Sensor
 from deltaid.robot.task import NAMES, Task
 from deltaid.robot.telescope import Telescope
 from deltaid.robot.tolerances import Tolerances
@@ -95,6 +97,13 @@ class RobotDescription(Part):
     tolerances: Tolerances = Field(
         default=Tolerances(),
         description="how well lengths, zeros of drives and the direction of gravity are known",
+    )
+    measured: tuple[MeasuredTogether, ...] = Field(
+        default=(), description="measured values of several bodies together, or of one"
+    )
+    sensors: dict[str, Sensor] = Field(
+        default_factory=dict[str, Sensor],
+        description="sensors beside the drives' torques, by names that mappings use too",
     )
     workspace: Workspace
     drive_limits: dict[str, DriveLimits] = Field(default_factory=dict)

@@ -4,10 +4,26 @@ from dataclasses import dataclass
 from typing import Literal
 
 ParameterKind = Literal[
-    "inertia", "friction", "spring", "rotor", "load", "lag", "temperature", "gain", "constant"
+    "inertia",
+    "friction",
+    "spring",
+    "rotor",
+    "load",
+    "lag",
+    "temperature",
+    "gain",
+    "constant",
+    "sensor",
 ]
 # What is fitted beside a robot and is not of it; loads are named as bodies are.
-ADDED: tuple[ParameterKind, ...] = ("load", "lag", "temperature", "gain", "constant")
+ADDED: tuple[ParameterKind, ...] = (
+    "load",
+    "lag",
+    "temperature",
+    "gain",
+    "constant",
+    "sensor",
+)
 _OF_BODIES = ("inertia", "load")
 
 # Relative standard deviation of a prior where nothing else is said.

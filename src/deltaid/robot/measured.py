@@ -1,0 +1,98 @@
+"""What somebody has measured of a body by other means than a recording: a scale, an edge, a swing.
+
+Each value is linear in the ten parameters of its bodies, so it is one more row of the fit.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from deltaid.robot.part import Part
+from deltaid.robot.quantities import Coordinate, Mass, Point, Position, Positive, Vector
+
+Axis = Literal["x", "y", "z"]
+Count = Annotated[int, Field(ge=1, le=1000)]
+
+_QUANTITIES = ("mass", "first_moment", "centre", "inertia")
+
+
+class Measured(Part):
+    """One measured value of a body, in its link frame, with its standard deviation.
+
+    One of `mass` (a scale), `first_moment` (the force on an edge times its distance), `centre` (of
+    mass: balanced on an edge) and `inertia` (a pendulum's) is given.
+    """
+
+    mass: Mass | None = Field(default=None, description="kg")
+    first_moment: Coordinate | None = Field(
+        default=None, description="mass times centre of mass along `axis`, kg m"
+    )
+    centre: Position | None = Field(default=None, description="centre of mass along `axis`, m")
+    inertia: Positive | None = Field(
+        default=None,
+        description="moment of inertia about the line through `about` along `axis`, kg m²",
+    )
+    std: Positive = Field(description="standard deviation of the value, in its unit")
+    axis: Axis | Vector | None = Field(
+        default=None, description="x, y, z or a direction; needed by all but mass"
+    )
+    about: Point = Field(
+        default=(0.0, 0.0, 0.0), description="a point of the axis that inertia is about, m"
+    )
+
+    @property
+    def quantity(self) -> str:
+        """'mass', 'first_moment', 'centre' or 'inertia'."""
+        return next(key for key in _QUANTITIES if getattr(self, key) is not None)
+
+    @property
+    def value(self) -> float:
+        """The measured value [kg, kg m, m, kg m²]."""
+        return float(getattr(self, self.quantity))
+
+    @model_validator(mode="after")
+    def _check(self) -> "Measured":
+        given = [key for key in _QUANTITIES if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"gives {' and '.join(given) or 'no value'}: give one of {', '.join(_QUANTITIES)}"
+            )
+        if given == ["mass"] and self.axis is not None:
+            raise ValueError("a mass has no axis; leave it out")
+        if given != ["mass"] and self.axis is None:
+            raise ValueError(f"{given[0]} needs its axis: x, y, z or a direction")
+        if not isinstance(self.axis, str) and self.axis is not None and not any(self.axis):
+            raise ValueError("axis has no direction")
+        if given != ["inertia"] and "about" in self.model_fields_set:
+            raise ValueError("about is for inertia alone")
+        return self
+
+
+class Placed(Part):
+    """A body among those that were measured together, in axes of the measurement."""
+
+    body: str
+    count: Count = 1
+    at: Point = Field(default=(0.0, 0.0, 0.0), description="where its link frame was, m")
+    turned_deg: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="roll, pitch, yaw of its link frame, degrees: Rz(yaw) Ry(pitch) Rx(roll)",
+    )
+
+
+class MeasuredTogether(Measured):
+    """One measured value of several bodies together, such as an arm with its struts."""
+
+    of: str | dict[str, Count] | tuple[Placed, ...] = Field(
+        description="a body; bodies and how many of each; or where each was, which counts for all "
+        "but mass"
+    )
+
+    @property
+    def placed(self) -> tuple[Placed, ...]:
+        """The bodies."""
+        if isinstance(self.of, str):
+            return (Placed(body=self.of),)
+        if isinstance(self.of, dict):
+            return tuple(Placed(body=body, count=count) for body, count in self.of.items())
+        return self.of

@@ -1,0 +1,74 @@
+"""Sensors beside the drives' own torques, as a user describes them.
+
+Noise, biases and tolerances are one standard deviation each. What a recording calls a sensor's
+columns stands in its mapping.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from deltaid.robot.part import Part
+from deltaid.robot.quantities import Coordinate, NotNegative, Point, Positive, Vector
+from deltaid.robot.tolerances import AngleTolerance, LengthTolerance
+
+Share = Annotated[float, Field(ge=0, lt=1)]
+Bias = Annotated[
+    NotNegative | None,
+    Field(description="standard deviation of its offset; 0 if tared; unknown if left out"),
+]
+
+
+class BaseWrench(Part):
+    """A six-axis sensor under the base: force and moment that it exerts on the robot.
+
+    Moments are about its origin, and all six are along its axes, so at rest it shows the robot's
+    weight as a force upwards.
+    """
+
+    kind: Literal["base-wrench"]
+    position: Point = Field(default=(0.0, 0.0, 0.0), description="its origin in the world, m")
+    rotation_deg: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="roll, pitch, yaw of its axes in the world, degrees: Rz(yaw) Ry(pitch) "
+        "Rx(roll)",
+    )
+    force_noise: Positive = Field(default=1.0, description="N")
+    moment_noise: Positive = Field(default=0.1, description="N m")
+    force_bias: Bias = None
+    moment_bias: Bias = None
+    position_tolerance: LengthTolerance = Field(default=0.0, description="m, along each axis")
+    rotation_tolerance: AngleTolerance = Field(default=0.0, description="rad, about each axis")
+    gain_tolerance: Share = Field(default=0.0, description="of all channels alike, as a share")
+    motor_turns: Coordinate | dict[str, Coordinate] | None = Field(
+        default=None,
+        description="turns of a motor for one of its drive (per m of a rail), negative where it "
+        "turns the other way; by drive if they differ; what rotors do to the base is identified "
+        "where this is left out",
+    )
+
+
+class StrutForce(Part):
+    """A gauge along a strut, or along both of a limb, whose sum it shows; a pull is positive."""
+
+    kind: Literal["strut-force"]
+    strut: str = Field(description="strut1a, strut1b, …; strut1 for the sum of a limb's")
+    at: Literal["platform", "elbow", "middle"] = Field(
+        default="middle", description="at a joint, or somewhere between both"
+    )
+    noise: Positive = Field(default=1.0, description="N")
+    bias: Bias = None
+    gain_tolerance: Share = Field(default=0.0, description="as a share")
+
+
+class JointTorque(Part):
+    """A torque sensor between gear and arm (a force sensor, for a rail)."""
+
+    kind: Literal["joint-torque"]
+    drive: str = Field(description="drive1, drive2, …")
+    noise: Positive = Field(default=0.1, description="N m, or N for a rail")
+    bias: Bias = None
+    gain_tolerance: Share = Field(default=0.0, description="as a share")
+
+
+Sensor = Annotated[BaseWrench | StrutForce | JointTorque, Field(discriminator="kind")]

@@ -1,0 +1,148 @@
+"""Measured values of bodies as rows of the fit: cᵀp = v ± σ.
+
+With the ten parameters of a body about its link frame, [m, mc, Θ], turned by R and moved by d into
+the axes of the measurement,
+
+    mass:            m
+    first moment:    eᵀ(R mc + m d)
+    centre:          eᵀ(R mc + m d) − v m = 0, which is off by σ times the mass
+    inertia:         eᵀΘ′e of the turned and moved body, about a point of the line
+
+each summed over all bodies that were measured together. All are linear in p.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
+from deltaid.robot.quantities import Vector
+
+Ten = Float[np.ndarray, " 10"]
+
+_AXES: dict[Axis, tuple[float, float, float]] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+}
+_WORDS = {
+    "mass": "mass",
+    "first_moment": "first moment",
+    "centre": "centre of mass",
+    "inertia": "moment of inertia",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """One measured value as a row.
+
+    Attributes:
+        name: what was measured: 'mass of S', 'centre of mass of U along x'.
+        where: its key in the description.
+        unit: of the value.
+        coefficients: c, over the robot's parameters.
+        value, std: v and σ of cᵀp. Of a centre these are 0 and σ times the mass.
+    """
+
+    name: str
+    where: str
+    unit: str
+    coefficients: Float[np.ndarray, " parameters"]
+    value: float
+    std: float
+
+
+def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
+    """All measured values of a description as rows."""
+    layout = parameter_layout(robot)
+    prior = np.array([parameter.prior for parameter in layout.parameters])
+    return tuple(
+        weighing(one, placed, layout, prior, where) for one, placed, where in _declared(robot)
+    )
+
+
+def weighing(
+    one: Measured,
+    placed: Sequence[Placed],
+    layout: ParameterLayout,
+    prior: Float[np.ndarray, " parameters"],
+    where: str = "measured",
+) -> Weighing:
+    """One measured value as a row.
+
+    Args:
+        placed: what was measured.
+        layout: of p.
+        prior: p before; by how much a centre's row is off goes by the masses there.
+        where: its key in the description.
+    """
+    c, masses = np.zeros(len(prior)), np.zeros(len(prior))
+    for part in placed:
+        at = layout.body(part.body)
+        c[at] += part.count * _coefficients(one, part)
+        masses[at.start] += part.count
+    value, std = one.value, one.std
+    if one.quantity == "centre":
+        value, std = 0.0, std * float(masses @ prior)
+    what = " and ".join(f"{p.count} {p.body}" if p.count > 1 else p.body for p in placed)
+    along = f" along {_direction(one.axis)}" if one.axis is not None else ""
+    unit = {"mass": "kg", "inertia": "kg m²"}.get(one.quantity, "kg m")
+    return Weighing(f"{_WORDS[one.quantity]} of {what}{along}", where, unit, c, value, std)
+
+
+def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed, ...], str]]:
+    for name in robot.body_names:
+        for k, one in enumerate(robot.bodies[name].measured):
+            yield one, (Placed(body=name),), f"bodies.{name}.measured[{k + 1}]"
+    for k, one in enumerate(robot.measured):
+        assert isinstance(one, MeasuredTogether)
+        yield one, one.placed, f"measured[{k + 1}]"
+
+
+def _coefficients(one: Measured, placed: Placed) -> Ten:
+    """Of one body's ten parameters in the measured quantity."""
+    R, d = rotation(placed.turned_deg), np.array(placed.at)
+    return np.array([_quantity(one, _transformed(unit, R, d)) for unit in np.eye(10)])
+
+
+def _quantity(one: Measured, p: Ten) -> float:
+    """The measured quantity of a body with parameters p about the axes of the measurement."""
+    if one.axis is None:
+        return float(p[0])
+    e = np.array(_AXES[one.axis] if isinstance(one.axis, str) else one.axis)
+    e = e / np.linalg.norm(e)
+    if one.quantity == "first_moment":
+        return float(e @ p[1:4])
+    if one.quantity == "centre":
+        return float(e @ p[1:4] - one.value * p[0])
+    xx, yy, zz, xy, yz, xz = _transformed(p, np.eye(3), -np.array(one.about))[4:]
+    return float(e @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ e)
+
+
+def _transformed(p: Ten, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> Ten:
+    """The ten parameters in axes in which the link frame stands turned by R and moved by d.
+
+    The pseudo-inertia matrix becomes T M̄ Tᵀ with the homogeneous T.
+    """
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, d
+    return inertia_parameters(T @ pseudo_inertia(p) @ T.T)
+
+
+def rotation(turned_deg: Vector) -> Float[np.ndarray, "3 3"]:
+    """R = Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch and yaw in degrees."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(np.deg2rad(turned_deg)), np.cos(np.deg2rad(turned_deg))
+    Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    Rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return Rz @ Ry @ Rx
+
+
+def _direction(axis: Axis | Vector) -> str:
+    return axis if isinstance(axis, str) else f"({', '.join(f'{x:g}' for x in axis)})"
