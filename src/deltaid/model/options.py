@@ -7,6 +7,7 @@ RegularizerName = Literal["euclidean", "entropic", "riemannian"]
 FrictionLaws = Literal["described", "choose"]
 LagChoice = Literal["estimate", "none"]
 ComplianceChoice = Literal["estimate", "none"]
+IntervalChoice = Literal["linear", "posterior"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 # Beyond these the fit only sees the data's rounding, or only the prior.
