@@ -38,7 +38,7 @@ def base(
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""
     from deltaid.cli.output import positive, print_json, progress
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.identification.generic_motion import random_motion_base
+    from deltaid.identification.generic_motion import measured_base
     from deltaid.robot.load import load_robot
 
     positive("--cutoff", cutoff)
@@ -54,7 +54,7 @@ def base(
             )
         else:
             say("trying a random motion")
-            result, estimate = random_motion_base(dynamics, seed), None
+            result, estimate = measured_base(dynamics, seed), None
     if as_json:
         print_json(_as_dictionary(dynamics, result, estimate))
     else:
@@ -91,16 +91,21 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
     from deltaid.report.model_tables import estimate_table
 
     robot, layout = dynamics.robot, dynamics.layout
-    visible = len(layout.names) - len(result.invisible)
+    visible = len(result.layout.names) - len(result.invisible)
     console.print(styled(robot.title or robot.name))
     console.print(
         f"{len(layout.names)} parameters, {visible} visible in torques, {result.rank} base "
         f"parameters; {_free(dynamics)} free in a consistent fit"
     )
-    units = [layout.units[group.representative] for group in result.groups]
+    measured = len(robot.measured) + sum(len(body.measured) for body in robot.bodies.values())
+    beside = [*robot.sensors, *([f"{measured} measured values"] if measured else [])]
+    if beside:
+        console.print(f"told by torques together with {', '.join(beside)}")
+    units = [result.layout.units[group.representative] for group in result.groups]
     console.print(shown(estimate_table(result.formulas, units, estimate)))
-    names = ", ".join(layout.names[i] for i in result.invisible)
-    console.print(f"not visible in any torque: {names}")
+    names = ", ".join(result.layout.names[i] for i in result.invisible)
+    where = "anything that is measured" if beside else "any torque"
+    console.print(f"not visible in {where}: {names}")
 
 
 def _free(dynamics: "Dynamics") -> int:
