@@ -1,4 +1,5 @@
-"""What decided each parameter of a fit: data, data with others' priors, prior, or consistency."""
+"""What decided each parameter of a fit: data, measured values, data with others' priors, prior, or
+consistency."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +20,8 @@ _SHRUNK = 0.5
 # A positive parameter below this share of its prior has fallen to its bound, and one whose body
 # leaves less room than this share of the prior below it is at the edge of consistency.
 _FELL = 1e-3
+# Measured values have decided what they leave more than this share of open.
+_MOSTLY = 0.5
 # Half the width of a 95 % interval in standard deviations.
 _REACH = 1.959963984540054
 
@@ -52,7 +55,7 @@ class Labels:
         spread, scale = problem.settings.prior_spread, prior_scale(reduction)
         self._held_std = spread * scale
         # What a prior that is wide enough would say of a value of this size.
-        self._own_std = spread * np.maximum(scale / reduction.wider, np.abs(self._p))
+        self._own_std = spread * np.maximum(scale / reduction.factors, np.abs(self._p))
 
     def of(self, i: int) -> Label:
         """The label of parameter i."""
@@ -86,7 +89,9 @@ class Labels:
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < _REACH * enough or (ended and std < enough and not on):
-            return Label("data", min(std, half / _REACH), low, high, share=self._share(i, within))
+            share = self._share(i, within)
+            by = "measured" if share.measured > _MOSTLY else "data"
+            return Label(by, min(std, half / _REACH), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
             return Label("sum", std, low, high, names, self._share(i, within))

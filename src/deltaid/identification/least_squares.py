@@ -134,10 +134,11 @@ def estimate_base(
     With groups of the samples, intervals come from the scatter between these (`scatter`). Without,
     the noise is taken to be white: Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
     """
-    dof = len(information.factors)
-    weights = np.ones(dof) if method == "ordinary" else information.drive_weights
+    ordinary = method == "ordinary"
+    weights = np.ones(len(information.factors)) if ordinary else information.weights
     sums = groups.weighted(weights) if groups else {}
-    return _least_squares(base, information, information.weighted(weights), method, sums)
+    factor = information.weighted(weights if ordinary else None)
+    return _least_squares(base, information, factor, method, sums)
 
 
 def estimate_gauss_markov(

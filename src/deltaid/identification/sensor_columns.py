@@ -1,0 +1,87 @@
+"""A sensor beside the drives as part of a fit: its own unknowns are columns, what it shows is rows.
+
+Drives' torques have no entry in its columns; `measured_rows.MeasuredRows` puts its rows below
+theirs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.additions import Addition, Own, Values
+from deltaid.model.corrections import Correction
+from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
+from deltaid.robot.parameter import Parameter
+from deltaid.sensors.of_robot import sensor_rows
+from deltaid.sensors.rows import SensorRows
+
+# A sensor whose gain is known no better than this says less of torques than torque constants do.
+_SURE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class SensorColumns(Addition):
+    """One sensor.
+
+    Attributes:
+        dynamics: of the robot.
+        rows: what it shows of robot and unknowns.
+        prior_spread: of the fit, which all scales of parameters are relative to.
+    """
+
+    dynamics: Dynamics
+    rows: SensorRows
+    prior_spread: float
+
+    @classmethod
+    def of(cls, dynamics: Dynamics, name: str, prior_spread: float) -> "SensorColumns":
+        """A sensor of a robot by its name in the description."""
+        sensor = dynamics.robot.sensors[name]
+        return cls(dynamics, sensor_rows(dynamics, name, sensor, prior_spread), prior_spread)
+
+    def on(self, dynamics: Dynamics) -> "SensorColumns":
+        if dynamics is self.dynamics:
+            return self
+        return self.of(dynamics, self.rows.name, self.prior_spread)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.rows.parameters
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        return np.zeros((0, len(w.time)))
+
+    @property
+    def is_absolute(self) -> bool:
+        return self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        return tuple(_told(self.rows.name, one) for one in judged)
+
+
+def without_sensors(additions: Sequence[Addition]) -> tuple[Addition, ...]:
+    """Additions but those of sensors."""
+    return tuple(one for one in additions if not isinstance(one, SensorColumns))
+
+
+def _told(sensor: str, one: Judged) -> Correction:
+    what = one.name.removesuffix(f".{sensor}").replace("_", " ")
+    how = "was identified with the robot" if one.determined_by == "data" else "rests on its prior"
+    return Correction(
+        kind="sensor",
+        subject=sensor,
+        value=one.value,
+        low=one.low,
+        high=one.high,
+        unit=one.unit,
+        text=f"{what} of the sensor, which {how}",
+    )
+

@@ -1,0 +1,31 @@
+"""Which sensors the recordings have, and what these and measured values make free."""
+
+import numpy as np
+
+from deltaid.identification.new_entries import with_new_entries
+from deltaid.identification.sensor_columns import SensorColumns
+from deltaid.identification.setup import Progress, Setup
+from deltaid.sensors.weighings import weighings
+
+
+def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:
+    """The sensors of the description that some recording has a column of, as part of the fit."""
+    robot = setup.robot
+    names = [
+        name
+        for name in robot.sensors
+        if any(name in getattr(one.log.columns, "sensor_names", ()) for one in setup.recordings)
+    ]
+    known = [np.flatnonzero(one.coefficients) for one in weighings(robot)]
+    if not (names or known):
+        return setup
+    if names:
+        progress(f"taking in {', '.join(names)}")
+    spread, dynamics = setup.settings.prior_spread, setup.dynamics
+    own = len(dynamics.layout.names)
+    rows = [SensorColumns.of(dynamics, name, spread).rows for name in names]
+    shown = np.concatenate([*known, *(one.pattern[1] for one in rows)])
+    freed = with_new_entries(robot, np.unique(shown[shown < own]), dynamics.regressor_pattern[1])
+    setup = setup.changed(robot=freed)
+    sensors = tuple(SensorColumns.of(setup.dynamics, name, spread) for name in names)
+    return setup.changed(additions=(*setup.additions, *sensors))
