@@ -11,9 +11,9 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.additions import Addition, extended
+from deltaid.identification.balance import balanced
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import Conic
-from deltaid.identification.balance import balanced
 from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.information import Information
@@ -256,9 +256,7 @@ def _posed(
     information = gathered.information
     progress("fitting")
     added = [(one.parameters, one.free) for one in additions]
-    reduction = build_reduction(
-        dynamics.robot, information.columns, added, settings.prior_spread
-    )
+    reduction = build_reduction(dynamics.robot, information.columns, added, settings.prior_spread)
     objective = pose(information, reduction, settings)
     try:
         solution = minimise(objective, SOLVERS[settings.method])

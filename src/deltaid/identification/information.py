@@ -92,9 +92,7 @@ class Information:
         if not self.channels and self.facts is None:
             return self
         own = self.drives
-        return Information(
-            self.columns, self.factors[own], self.samples[own], self.torque_max[own]
-        )
+        return Information(self.columns, self.factors[own], self.samples[own], self.torque_max[own])
 
     @property
     def rows(self) -> float:

@@ -5,14 +5,14 @@ holds adds to it as it adds to torques: a load's columns are its carrier's while
 what has been taken out of the torques is taken out here.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics, Regressor
+from deltaid.dynamics.dynamics import Regressor
 from deltaid.identification.additions import Extended
 from deltaid.identification.information import Chunk, active_columns
 from deltaid.identification.load_columns import LoadColumns
@@ -63,7 +63,9 @@ class SensorPart:
 
     def of(
         self, w: Samples, recording: Recording
-    ) -> tuple[Values, Float[np.ndarray, "channels samples"], Float[np.ndarray, "channels samples"]]:
+    ) -> tuple[
+        Values, Float[np.ndarray, "channels samples"], Float[np.ndarray, "channels samples"]
+    ]:
         """Entries, what it shows, and weights, along samples; zero where there is no number."""
         rows, columns = self.columns.rows, recording.log.columns
         shown = columns.shown(w.extra).get(rows.name)
@@ -99,7 +101,9 @@ class SensorPart:
             part = layout.body(carrier(load, robot))
             at = np.flatnonzero((columns >= part.start) & (columns < part.stop))
             np.add.at(
-                total, channels[at], own[at] * np.array(p)[columns[at] - part.start][:, None] * held[k]
+                total,
+                channels[at],
+                own[at] * np.array(p)[columns[at] - part.start][:, None] * held[k],
             )
         return total
 

@@ -44,8 +44,6 @@ def _freed(body: Body, new: Collection[int]) -> Body:
         return body
     consists = np.any(entry_map()[np.array(list(new))] != 0, axis=0)
     entries = tuple(
-        entry
-        for k, entry in enumerate(PSEUDO_INERTIA_ENTRIES)
-        if entry in body.free or consists[k]
+        entry for k, entry in enumerate(PSEUDO_INERTIA_ENTRIES) if entry in body.free or consists[k]
     )
     return body if set(entries) == set(body.free) else body.changed(free=entries)

@@ -84,4 +84,3 @@ def _told(sensor: str, one: Judged) -> Correction:
         unit=one.unit,
         text=f"{what} of the sensor, which {how}",
     )
-

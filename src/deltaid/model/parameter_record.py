@@ -30,15 +30,11 @@ class Share(Part):
         """From those of torques, sensors, measured values, prior and geometry, where a prior ends
         what is not shown."""
         noise, sensors, measured, prior, geometry = (float(share) for share in shares)
-        return cls(
-            noise=noise, prior=prior, geometry=geometry, sensors=sensors, measured=measured
-        )
+        return cls(noise=noise, prior=prior, geometry=geometry, sensors=sensors, measured=measured)
 
 
 # What decided a parameter.
-Origin = Literal[
-    "data", "measured", "sum", "prior", "limit", "structure", "fixed", "consistency"
-]
+Origin = Literal["data", "measured", "sum", "prior", "limit", "structure", "fixed", "consistency"]
 
 
 class Parameter(Part):

@@ -41,8 +41,9 @@ class Goal:
         return known.log_det(np.sqrt(self.weight) / self.enough * self.rows)
 
     def std(self, known: Knowledge) -> float:
-        """Root mean square of the standard deviations, as a share."""
-        return float(np.sqrt(np.mean(known.std_of(self.rows) ** 2)))
+        """Geometric mean of the standard deviations, as a share; of those that are not zero."""
+        std = known.std_of(self.rows)
+        return float(np.exp(np.mean(np.log(std[std > 0])))) if std.any() else 0.0
 
 
 def goal(name: str, unknowns: Unknowns, scene: Scene, enough: float) -> Goal:

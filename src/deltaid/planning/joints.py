@@ -1,7 +1,7 @@
 """Points that two bodies share along a motion, found from their poses alone.
 
-A point r_A of A stays at a point r_B of B if R_A r_A + o_A = R_B r_B + o_B at all samples: linear in
-both, so its solutions are a point (a ball joint), a line (an axis) or all of space (one part). The
+A point r_A of A stays at r_B of B if R_A r_A + o_A = R_B r_B + o_B at all samples: linear in both,
+so the solutions are a point (a ball joint), a line (an axis) or all of space (one part). The
 base is a body that never moves. Nothing of this knows which kind of robot it is.
 """
 
@@ -75,7 +75,7 @@ def shared(a: Instance, b: Instance) -> Shared | None:
     M = np.concatenate([a.R, -b.R], axis=2).reshape(-1, 6) / np.sqrt(len(a.o))
     apart = (b.o - a.o).ravel() / np.sqrt(len(a.o))
     U, S, Vt = np.linalg.svd(M, full_matrices=False)
-    rank = int(np.sum(S > _ZERO * S[0]))
+    rank = int(np.sum(_ZERO * S[0] < S))
     r = Vt[:rank].T @ ((U.T @ apart)[:rank] / S[:rank])
     if np.abs(M @ r - apart).max() > _APART:
         return None

@@ -86,7 +86,7 @@ def null_space(
     seen = norms > _ZERO * norms.max(initial=0.0)
     unit = scaled[:, seen] / norms[seen]
     _, S, Vt = np.linalg.svd(unit)
-    rank = int(np.sum(S > _ZERO * S[0]))
+    rank = int(np.sum(_ZERO * S[0] < S))
     to_p = scale[seen] / norms[seen]
     chosen, basis = list[Open](), np.zeros((int(seen.sum()), 0))
     for one in exchanges:
@@ -118,7 +118,7 @@ def whole_null_space(
     norms = np.linalg.norm(scaled, axis=0)
     norms[norms <= _ZERO * norms.max(initial=0.0)] = np.inf
     _, S, Vt = np.linalg.svd(scaled / norms)
-    rank = int(np.sum(S > _ZERO * S[0]))
+    rank = int(np.sum(_ZERO * S[0] < S))
     return Vt[rank:].T / np.where(np.isfinite(norms), norms, 1.0)[:, None]
 
 

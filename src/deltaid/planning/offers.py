@@ -74,16 +74,24 @@ class Offer(Part):
     hours: NotNegative = Field(
         default=0.0, description="work of each use: a body that is weighed, sensors that are fitted"
     )
-    weigh: Weigh | None = None
+    weigh: Weigh | tuple[Weigh, ...] = ()
     measured: tuple[MeasuredTogether, ...] = Field(
         default=(), description="as in a robot's file, where values are known already"
     )
     sensors: dict[str, Sensor] = Field(
         default_factory=dict[str, Sensor],
-        description="as in a robot's file, all of them together; `strut: each`, or `drive: each` "
-        "is one on every strut or drive, at the price each",
+        description="as in a robot's file, all of them together; `strut: each` is one on the "
+        "struts of every limb, `drive: each` on every drive, price and hours being those of one",
+    )
+    group: str = Field(
+        default="", description="of offers of one group, such as two force plates, one is bought"
     )
     remark: str = Field(default="", description="where price and noise come from")
+
+    @property
+    def weighs(self) -> tuple[Weigh, ...]:
+        """What can be measured with it."""
+        return (self.weigh,) if isinstance(self.weigh, Weigh) else self.weigh
 
     @model_validator(mode="after")
     def _check(self) -> "Offer":

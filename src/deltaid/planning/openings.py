@@ -1,4 +1,4 @@
-"""What stays open, by what there is: torques, what is described, each sensor, all that is bought."""
+"""What stays open, by what there is: torques, what is described, each use, all that is bought."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -14,8 +14,8 @@ from deltaid.planning.goals import Goal
 from deltaid.planning.knowledge import Knowledge
 from deltaid.planning.uses import Use
 
-# A gain that is not worth anybody's way: a goal's standard deviations by 1 % of their number.
-_LEAST = 0.01
+# A gain that is not worth anybody's way: all of a goal's standard deviations smaller by 2 %.
+_LEAST = 0.02
 # What costs nothing is taken for this much, so that more for nothing comes before less.
 _NOTHING = 1e-6
 
@@ -52,13 +52,15 @@ def shopping(
         most: number of steps.
     """
     rows = [one.likely @ W for one in uses]
-    steps, spent, owned, done = list[Step](), 0.0, set[str](), set[int]()
+    steps, spent, done = list[Step](), 0.0, set[int]()
+    owned = dict[str, str]()  # by group
     least = _LEAST * len(goal.rows) * goal.weight
     while len(steps) < most:
         before, best, ratio = goal.left(known), None, 0.0
         for k, one in enumerate(uses):
-            cost = one.work + (0.0 if one.offer in owned else one.price)
-            if k in done or (budget is not None and spent + cost > budget):
+            has = owned.get(one.group, one.offer)
+            cost = one.work + (0.0 if one.group in owned else one.price)
+            if k in done or has != one.offer or (budget is not None and spent + cost > budget):
                 continue
             gain = before - goal.left(known.and_rows(rows[k]))
             if gain >= least and gain / max(cost, _NOTHING) > ratio:
@@ -67,7 +69,7 @@ def shopping(
             break
         k, cost, gain = best
         known, spent = known.and_rows(rows[k]), spent + cost
-        owned.add(uses[k].offer)
+        owned[uses[k].group] = uses[k].offer
         done.add(k)
         steps.append(Step(uses[k], cost, spent, gain))
     return tuple(steps)

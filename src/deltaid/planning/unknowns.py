@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
@@ -119,15 +119,11 @@ def _spreads(
 
     What is no body's has the spread of its own kind.
     """
-    spreads = []
+    stated, spreads = stated_spreads(robot), list[float]()
     for k, variable in enumerate(reduction.variables):
         if variable.kind != "inertia":
             spreads.append(variable.spread / PRIOR_SPREAD * usual)
             continue
-        stated = robot.bodies[variable.owner].spread
-        if not isinstance(stated, dict):
-            spreads.append(stated or usual)
-            continue
-        parts = [reduction.layout.parameters[i] for i in np.flatnonzero(reduction.A[:, k])]
-        spreads.append(max(stated.get(part.symbol, usual) for part in parts))
+        parts = [reduction.layout.names[i] for i in np.flatnonzero(reduction.A[:, k])]
+        spreads.append(max(stated.get(name, usual) for name in parts))
     return np.array(spreads)

@@ -26,6 +26,7 @@ class Use:
         name: 'kitchen-scale:S', 'plate-tared'.
         title: in words.
         offer: its key in the list; what it costs is paid once.
+        group: of offers of which one is bought; the offer's own key where there is none.
         price: of the offer.
         work: what this use costs besides.
         likely, sure: rows over w, as of `SensorInformation`.
@@ -34,6 +35,7 @@ class Use:
     name: str
     title: str
     offer: str
+    group: str
     price: float
     work: float
     likely: Extended = field(repr=False)
@@ -73,7 +75,7 @@ def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended,
 
 
 def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Iterator[Use]:
-    work = offer.hours * offers.hourly
+    work, group = offer.hours * offers.hourly, offer.group or key
     layout = scene.dynamics.layout
     if offer.measured:
         rows = [
@@ -82,15 +84,19 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
         ]
         for one in offer.measured:
             _require_bodies(scene.dynamics.robot, one.placed, key)
-        yield Use(key, offer.title, key, offer.price, work, np.vstack(rows), np.vstack(rows))
+        yield Use(key, offer.title, key, group, offer.price, work, np.vstack(rows), np.vstack(rows))
         return
-    assert offer.weigh is not None
-    for placed in _placed(scene.dynamics.robot, offer.weigh):
-        _require_bodies(scene.dynamics.robot, placed, key)
-        row = weighing_row(scene, planned(scene, offer.weigh, placed))
-        what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
-        title = f"{offer.title}: {what.replace('+', ' + ')}"
-        yield Use(f"{key}:{what}", title, key, offer.price, work, row, row)
+    names = list[str]()
+    for weigh in offer.weighs:
+        for placed in _placed(scene.dynamics.robot, weigh):
+            _require_bodies(scene.dynamics.robot, placed, key)
+            one = planned(scene, weigh, placed)
+            row = weighing_row(scene, one)
+            what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
+            names.append(what)
+            again = names.count(what)
+            name = f"{key}:{what}" + (f":{again}" if again > 1 else "")
+            yield Use(name, f"{offer.title}: {one.name}", key, group, offer.price, work, row, row)
 
 
 def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing:
@@ -138,9 +144,7 @@ def _placed(robot: RobotDescription, weigh: Weigh) -> Iterator[tuple[Placed, ...
             if robot.bodies[name].free:
                 yield (Placed(body=name),)
     elif weigh.of == LIMB:
-        pairs = (
-            (robot.limb_bodies(i), limb.struts) for i, limb in enumerate(robot.limb_geometry)
-        )
+        pairs = ((robot.limb_bodies(i), limb.struts) for i, limb in enumerate(robot.limb_geometry))
         for (driven, strut), count in dict.fromkeys(pairs):
             yield Placed(body=driven), Placed(body=strut, count=count)
     elif isinstance(weigh.of, str):
@@ -174,11 +178,10 @@ def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
     count = len(fitted) / len(offer.sensors)
     said = [sensor_rows(scene, rows_of(scene.dynamics, name, one)) for name, one in fitted]
     likely, sure = (
-        compressed(np.vstack([getattr(one, which) for one in said]))
-        for which in ("likely", "sure")
+        compressed(np.vstack([getattr(one, which) for one in said])) for which in ("likely", "sure")
     )
     work = count * offer.hours * offers.hourly
-    return Use(key, offer.title, key, count * offer.price, work, likely, sure)
+    return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
 
 
 def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[str, Sensor]]:
