@@ -14,6 +14,7 @@ from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.measured import Axis, Measured, Placed
 from deltaid.robot.quantities import Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
+from deltaid.sensors.of_robot import all_sensor_rows
 from deltaid.sensors.of_robot import sensor_rows as rows_of
 from deltaid.sensors.weighings import Weighing, weighing
 
@@ -66,8 +67,8 @@ def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended,
     """Rows of what the robot's own description has measured and of its sensors, likely and sure."""
     rows = [weighing_row(scene, one) for one in weighed]
     likely, sure = list(rows), list(rows)
-    for name, sensor in scene.dynamics.robot.sensors.items():
-        said = sensor_rows(scene, rows_of(scene.dynamics, name, sensor))
+    for sensor in all_sensor_rows(scene.dynamics):
+        said = sensor_rows(scene, sensor)
         likely.append(said.likely)
         sure.append(said.sure)
     nothing = np.zeros((0, scene.width))
