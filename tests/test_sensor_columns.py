@@ -58,7 +58,7 @@ def shown(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times, and what each sensor shows."""
     windows = list(recording.windows(dynamics().kinematics))
     columns = recording.log.columns
-    parts = [columns.shown(w.own.time, w.own.extra) for w in windows]
+    parts = [columns.shown(w.own.extra) for w in windows]
     time = np.concatenate([w.own.time for w in windows])
     return time, {name: np.hstack([part[name] for part in parts]) for name in parts[0]}
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.additions import Addition
 from deltaid.identification.base_parameters import BaseParameters
+from deltaid.identification.contradicted import contradicted
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import (
     FittedProblem,
@@ -134,6 +135,7 @@ def identify(
         warnings=(
             *(f"{one.path}: {text}" for one in recordings for text in one.log.warnings),
             *doubts(problem),
+            *contradicted(problem),
         ),
     )
     return Identification(model, problem, recordings, _unchanged(setup))

@@ -131,7 +131,7 @@ class Information:
         return triangle(rows if facts is None else np.vstack([rows, facts]))
 
     def rms(self, p: Parameters) -> Float[np.ndarray, " rows"]:
-        """Root mean square of τ_i − Y_i p for each drive and channel; 0 where there is no sample."""
+        """Root mean square of τ_i − Y_i p for each drive and channel; 0 without samples."""
         residual = self.factors @ np.append(-p[self.columns], 1.0)
         return np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(self.samples, 1.0))
 

@@ -23,6 +23,7 @@ from deltaid.recording.windows import Samples, Window
 from deltaid.sensors.weighings import Weighing
 
 Values = Float[np.ndarray, "entries samples"]
+PerChannel = Float[np.ndarray, "channels samples"]
 Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
 
 
@@ -61,11 +62,7 @@ class SensorPart:
         """How many channels it has."""
         return len(self.columns.rows.channels)
 
-    def of(
-        self, w: Samples, recording: Recording
-    ) -> tuple[
-        Values, Float[np.ndarray, "channels samples"], Float[np.ndarray, "channels samples"]
-    ]:
+    def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
         """Entries, what it shows, and weights, along samples; zero where there is no number."""
         rows, columns = self.columns.rows, recording.log.columns
         shown = columns.shown(w.extra).get(rows.name)
@@ -100,11 +97,8 @@ class SensorPart:
         for k, (load, p) in enumerate(pairs):
             part = layout.body(carrier(load, robot))
             at = np.flatnonzero((columns >= part.start) & (columns < part.stop))
-            np.add.at(
-                total,
-                channels[at],
-                own[at] * np.array(p)[columns[at] - part.start][:, None] * held[k],
-            )
+            shares = np.array(p)[columns[at] - part.start][:, None] * held[k]
+            np.add.at(total, channels[at], own[at] * shares)
         return total
 
 
@@ -135,7 +129,7 @@ class MeasuredRows:
         """Number of channels of all sensors."""
         return sum(part.channels for part in self.sensors)
 
-    @cached_property
+    @property
     def known_columns(self) -> Int[np.ndarray, " _"]:
         """Columns that weighings tell of."""
         found = [np.flatnonzero(one.coefficients) for one in self.weighings]
@@ -146,9 +140,13 @@ class MeasuredRows:
         """All columns that something tells of."""
         return active_columns(self)
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of every entry that is not always zero."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
         first = self.drives
         for part in self.sensors:

@@ -14,7 +14,7 @@ def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:
     names = [
         name
         for name in robot.sensors
-        if any(name in getattr(one.log.columns, "sensor_names", ()) for one in setup.recordings)
+        if any(name in one.log.columns.sensor_names for one in setup.recordings)
     ]
     known = [np.flatnonzero(one.coefficients) for one in weighings(robot)]
     if not (names or known):

@@ -92,6 +92,10 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
         for placed in _placed(scene.dynamics.robot, weigh):
             _require_bodies(scene.dynamics.robot, placed, key)
             one = planned(scene, weigh, placed)
+            if one is None and weigh.of == EACH:
+                continue
+            if one is None:
+                raise _nothing(key, placed)
             row = weighing_row(scene, one)
             what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
             names.append(what)
@@ -100,8 +104,11 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
             yield Use(name, f"{offer.title}: {one.name}", key, group, offer.price, work, row, row)
 
 
-def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing:
-    """A value that will be measured, as it would be at the prior."""
+def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
+    """A value that will be measured, as it would be at the prior.
+
+    None where its standard deviation is a share of a value that is zero.
+    """
     layout, p, first = scene.dynamics.layout, scene.p, p_of(scene, placed[0])
     axis = _axis(weigh.axis, first)
     about = first[1:4] / first[0] if weigh.about == CENTRE else np.array(weigh.about)
@@ -119,7 +126,17 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing:
         mass = float(row("mass", 1.0, 1.0).coefficients @ p)
         return row("centre", moment / mass, weigh.std)
     value = float(row(weigh.quantity, 1.0, 1.0).coefficients @ p)
-    return row(weigh.quantity, value, float(np.hypot(weigh.std, weigh.share * abs(value))))
+    std = float(np.hypot(weigh.std, weigh.share * abs(value)))
+    return row(weigh.quantity, value, std) if std > 0 else None
+
+
+def _nothing(key: str, placed: Sequence[Placed]) -> DescriptionError:
+    return DescriptionError(
+        f"a share of {' + '.join(one.body for one in placed)}'s value is no standard deviation: "
+        "the value is zero at the prior",
+        where=f"offers.{key}.weigh",
+        cure="give std as well",
+    )
 
 
 def p_of(scene: Scene, placed: Placed) -> np.ndarray:

@@ -113,28 +113,30 @@ class Columns:
         count = self.sensor_places.stop - self.sensor_places.start
         return replace(self, extra=self.extra[count:], sensors=())
 
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors that the log has."""
+        return tuple(one.name for one in self.sensors)
+
     def shown(
-        self, time: Float[np.ndarray, " samples"], extra: Float[np.ndarray, "samples extra"]
+        self, extra: Float[np.ndarray, "samples extra"]
     ) -> dict[str, Float[np.ndarray, "_ samples"]]:
         """What each sensor of the log shows, by its name: (channels, samples) [N, N m].
 
         All channels of a sensor are NaN in samples that do not count for it: where it recorded no
-        number, in holes and stale rows, in stretches that are left out for all drives, and while a
-        load is held.
+        number, in holes and stale rows, and in stretches that are left out for all drives.
 
         Args:
-            time: of the samples, as the recording has it [s].
             extra: numbers of the channels beside the drives.
         """
         found: dict[str, np.ndarray] = {}
-        held = self.held(time, extra).any(axis=0)
         start = 0
         for sensor in self.sensors:
             numbers = extra[:, start : start + len(sensor.channels)]
             start += len(sensor.channels)
             zeros = [channel.zero for channel in sensor.channels]
             values = (numbers - zeros) * [channel.scale for channel in sensor.channels]
-            values[held | ~np.isfinite(values).all(axis=1)] = np.nan
+            values[~np.isfinite(values).all(axis=1)] = np.nan
             found[sensor.name] = np.ascontiguousarray(values.T)
         return found
 
