@@ -133,7 +133,12 @@ def motion(name: str) -> tuple[np.ndarray, ...]:
     return time, z, *dynamics.kinematics.drive_motion(z, zd, zdd)
 
 
-def shown_by(rows: SensorRows, p: np.ndarray, u: np.ndarray, states: tuple[np.ndarray, ...]):
+def shown_by(
+    rows: SensorRows,
+    p: np.ndarray,
+    u: np.ndarray,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> np.ndarray:
     """What a sensor shows without noise, (channels, samples): its unknowns are u."""
     shown = np.zeros((len(rows.channels), len(states[0])))
     values, (channels, columns) = np.concatenate([p, u]), rows.pattern

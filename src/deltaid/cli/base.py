@@ -64,7 +64,7 @@ def base(
 def _as_dictionary(
     dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None"
 ) -> dict[str, Any]:
-    layout = dynamics.layout
+    layout = result.layout
     value = {
         "robot": dynamics.robot.name,
         "columns": len(layout.names),
@@ -90,20 +90,21 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
     from deltaid.cli.output import console, shown, styled
     from deltaid.report.model_tables import estimate_table
 
-    robot, layout = dynamics.robot, dynamics.layout
-    visible = len(result.layout.names) - len(result.invisible)
-    console.print(styled(robot.title or robot.name))
-    console.print(
-        f"{len(layout.names)} parameters, {visible} visible in torques, {result.rank} base "
-        f"parameters; {_free(dynamics)} free in a consistent fit"
-    )
+    robot, layout = dynamics.robot, result.layout
     measured = len(robot.measured) + sum(len(body.measured) for body in robot.bodies.values())
     beside = [*robot.sensors, *([f"{measured} measured values"] if measured else [])]
+    where = "" if beside else " in torques"
+    visible = len(layout.names) - len(result.invisible)
+    console.print(styled(robot.title or robot.name))
+    console.print(
+        f"{len(layout.names)} parameters, {visible} visible{where}, {result.rank} base "
+        f"parameters; {_free(dynamics)} free in a consistent fit"
+    )
     if beside:
         console.print(f"told by torques together with {', '.join(beside)}")
-    units = [result.layout.units[group.representative] for group in result.groups]
+    units = [layout.units[group.representative] for group in result.groups]
     console.print(shown(estimate_table(result.formulas, units, estimate)))
-    names = ", ".join(result.layout.names[i] for i in result.invisible)
+    names = ", ".join(layout.names[i] for i in result.invisible)
     where = "anything that is measured" if beside else "any torque"
     console.print(f"not visible in {where}: {names}")
 

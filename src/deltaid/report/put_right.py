@@ -3,9 +3,9 @@
 from deltaid.model.record import IdentifiedModel
 from deltaid.report.corrections import correction_table
 from deltaid.report.events import event_table
+from deltaid.report.fitted_sensors import sensor_tables
 from deltaid.report.left_out import left_out_table
 from deltaid.report.loads import load_table
-from deltaid.report.sensors import sensor_tables
 from deltaid.report.table import Table
 
 
