@@ -12,6 +12,7 @@ from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.information import checked_information, information_of, judged_information
 from deltaid.check.lengths import checked_lengths
+from deltaid.check.measured import checked_measured
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
 from deltaid.check.residual import checked_residual
@@ -62,6 +63,7 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
     checked_friction,
     checked_limits,
     checked_priors,
+    checked_measured,
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (

@@ -9,8 +9,8 @@ from deltaid.errors import sentence
 # Every key that a verdict may have, in the order of docs/check.md, by what it is about.
 KEYS = {
     "the description": (
-        "millimetres", "friction-missing", "limits-missing", "prior-scale", "workspace-cut",
-        "torque-limit",
+        "millimetres", "friction-missing", "limits-missing", "prior-scale", "measured-scale",
+        "workspace-cut", "torque-limit",
     ),
     "units and wiring": (
         "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",

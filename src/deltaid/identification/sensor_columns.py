@@ -63,24 +63,21 @@ class SensorColumns(Addition):
     def is_absolute(self) -> bool:
         return self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
 
+    @property
+    def witness(self) -> str:
+        return self.rows.name
+
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        return tuple(_told(self.rows.name, one) for one in judged)
+        shown = ", ".join(_told(self.rows.name, one) for one in judged)
+        text = "what it showed was fitted with the torques, in its own units"
+        if judged:
+            text += f"; of the sensor itself this tells {shown}"
+        return (Correction(kind="sensor", subject=self.rows.name, text=text),)
 
 
-def without_sensors(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions but those of sensors."""
-    return tuple(one for one in additions if not isinstance(one, SensorColumns))
-
-
-def _told(sensor: str, one: Judged) -> Correction:
+def _told(sensor: str, one: Judged) -> str:
+    """One of its unknowns: value, half width of the interval, and what decided it."""
     what = one.name.removesuffix(f".{sensor}").replace("_", " ")
-    how = "was identified with the robot" if one.determined_by == "data" else "rests on its prior"
-    return Correction(
-        kind="sensor",
-        subject=sensor,
-        value=one.value,
-        low=one.low,
-        high=one.high,
-        unit=one.unit,
-        text=f"{what} of the sensor, which {how}",
-    )
+    unit = f" {one.unit}" if one.unit else ""
+    how = "" if one.determined_by == "data" else " (its prior)"
+    return f"{what} {one.value:.4g} ± {1.96 * one.std:.2g}{unit}{how}"
