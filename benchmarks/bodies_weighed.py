@@ -17,7 +17,7 @@ import numpy as np
 from _table import leave
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from deltaid.parallel import processors
+from deltaid.parallel import cores
 from sensed import CASES, drawn, identified, sensed
 
 SPREAD = 0.2
@@ -74,7 +74,7 @@ def row(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> tuple[ob
 def main() -> int:
     """Count, print, and write a table."""
     seeds = int(sys.argv[1]) if sys.argv[1:] else 100
-    with ProcessPoolExecutor(processors()) as pool:
+    with ProcessPoolExecutor(cores()) as pool:
         rows = [row(name, case, seeds, pool) for name in ROBOTS for case in CASES]
     leave(HEAD, rows, "Robots drawn from their priors; entries that data or a scale decides.")
     return 0
