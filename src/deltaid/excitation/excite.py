@@ -10,12 +10,12 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
+from deltaid.excitation.by_bodies import by_bodies
 from deltaid.excitation.criterion import Criterion
 from deltaid.excitation.graph import ExcitationGraph
 from deltaid.excitation.optimize import Judge, Optimum, Progress, conflict, optimise, random_start
 from deltaid.excitation.options import CriterionName, PurposeName
 from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
-from deltaid.excitation.by_bodies import by_bodies
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
 from deltaid.identification.base_parameters import BaseParameters
