@@ -11,8 +11,8 @@ plate, how well drives' gains come out without any known load.
 import sys
 
 import numpy as np
-
 from _table import leave
+
 from deltaid.planning.bench import PlanSettings
 from deltaid.planning.offers import Offers
 from deltaid.planning.plan import SensorPlan, sensor_plan
