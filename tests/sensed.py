@@ -42,7 +42,6 @@ CASES: dict[str, dict[str, Any]] = {
                 "force_noise": 1.0,
                 "force_bias": 0.0,
                 "moment_bias": 0.0,
-                "motor_turns": 20.0,
             }
         }
     },

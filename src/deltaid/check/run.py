@@ -16,6 +16,7 @@ from deltaid.check.measured import checked_measured
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
 from deltaid.check.residual import checked_residual
+from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring.wiring import checked_wiring
@@ -69,6 +70,7 @@ OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
     Family(checked_wiring, first=True),
     Family(checked_signals),
+    Family(checked_sensors, first=True, needs="survey"),
     Family(checked_information, needs="survey", alone=False),
     Family(checked_residual, needs="fit"),
     Family(checked_feedback, needs="fit"),

@@ -20,6 +20,10 @@ KEYS = {
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
         "resonance", "torque-lag", "closed-loop",
     ),
+    "the sensors": (
+        "sensor-unit", "sensor-sign", "sensor-order", "sensor-frame", "sensor-gain", "sensor-dead",
+        "sensor-clipped", "sensor-lag", "sensor-noise", "sensor-residual",
+    ),
     "the information": ("base-parameters", "excitation"),
     "the fit": (
         "friction-law", "geometry-or-cogging", "drift", "load-change", "drive-gain", "residual",

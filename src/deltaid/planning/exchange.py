@@ -7,7 +7,7 @@ the struts, all change alike, so what B gets is shared among its instances, and 
 stays unseen is for the rows to say (`planning.null_space`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -15,11 +15,12 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
-from deltaid.planning.joints import Instance, Shared, shared, turn_alike
+from deltaid.planning.joints import Instance, Shared, move_alike, shared, turn_alike
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 
+Partner = Callable[[Instance, Instance], Shared | None]
 Ten = Float[np.ndarray, " 10"]
 
 # Kinds of bodies by the letters of their names, in words.
@@ -73,6 +74,8 @@ def exchanges(
         what = f"{_words(name)}'s" if some else ""
         for kind, direction in some:
             proposed.append(Exchange(f"the {what} {kind} at rest in the base", direction))
+    for a, b in combinations(robot.body_names, 2):
+        proposed += _between(layout, by_name[a], by_name[b], move_alike)
     proposed += [*_rotors(robot, layout), *_geared(robot, layout)]
     return tuple(proposed)
 
@@ -90,12 +93,15 @@ def _along(r: Float[np.ndarray, " 3"], e: Float[np.ndarray, " 3"]) -> tuple[Ten,
 
 
 def _between(
-    layout: ParameterLayout, some: Sequence[Instance], others: Sequence[Instance]
+    layout: ParameterLayout,
+    some: Sequence[Instance],
+    others: Sequence[Instance],
+    partner: Partner = shared,
 ) -> Iterator[Exchange]:
-    """Exchanges of two bodies at the points that they share."""
+    """Exchanges of two bodies at the points that they share, or that move alike."""
     if len(some) < len(others):
         some, others = others, some
-    pairs = [_partner(one, others) for one in some]
+    pairs = [_partner(one, others, partner) for one in some]
     met = [pair for pair in pairs if pair is not None]
     if len(met) < len(pairs):
         return
@@ -110,7 +116,7 @@ def _between(
     counts = np.array([one.count for one in some], dtype=float)
     all_b = sum(one.count for one in others)
     first, second = sorted((a, b), key=layout.bodies.index)
-    place = _place(first, second)
+    place = _place(first, second) if partner is shared else "by points that move alike"
     for (what, gives), (_, takes) in zip(moments, counter, strict=True):
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(a)] += gives[0]
@@ -120,8 +126,8 @@ def _between(
         )
 
 
-def _partner(one: Instance, others: Sequence[Instance]) -> Shared | None:
-    found = (shared(one, other) for other in others)
+def _partner(one: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
+    found = (partner(one, other) for other in others)
     return next((each for each in found if each is not None), None)
 
 
@@ -221,9 +227,11 @@ def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
         return Exchange(f"{what} may pass between {_words(body)} and tool", direction)
 
     if isinstance(platform, I4Platform):
-        inertia = 0.5 / platform.ratio**2
-        mass = {"HP.m": -1.0, "EE.m": 2.0, "EE.Izz": inertia}
-        yield changing(mass, "mass", "HP")
+        k, angle = platform.ratio, np.deg2rad(platform.direction_deg)
+        mass = {"HP.m": -1.0, "EE.m": 2.0, "EE.Izz": 0.5 / k**2}
+        # At rest the halves' first moments cancel; on their way they balance the tool's turn.
+        mass |= {"HP.mcx": -0.5 / k * np.sin(angle), "HP.mcy": 0.5 / k * np.cos(angle)}
+        yield changing(mass, "mass where rack and pinion meet", "HP")
         yield changing({"HP.mcz": -1.0, "EE.mcz": 2.0}, "first moment along z", "HP")
         return
     name, count = ("R", 2) if isinstance(platform, Par4Platform) else ("MB", 1)

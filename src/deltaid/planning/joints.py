@@ -88,6 +88,24 @@ def shared(a: Instance, b: Instance) -> Shared | None:
     return Shared(r[:3], r[3:], along[:, :3], along[:, 3:])
 
 
+def move_alike(a: Instance, b: Instance) -> Shared | None:
+    """Points of two bodies that move alike, always as far apart; None if there are none.
+
+    Of a body that only translates all points do, and its origin is taken.
+    """
+    free = [one.R for one in (a, b) if np.abs(one.R - one.R[0]).max() > _APART]
+    still = np.broadcast_to(np.eye(3), (len(a.o), 3, 3))
+    signs = [1.0 if R is a.R else -1.0 for R in free]
+    M = np.concatenate([s * R for s, R in zip(signs, free, strict=True)] + [-still], axis=2)
+    M, apart = M.reshape(3 * len(a.o), -1), (b.o - a.o).ravel()
+    r, *_ = np.linalg.lstsq(M, apart, rcond=_ZERO)
+    if np.abs(M @ r - apart).max() > _APART:
+        return None
+    points = iter(np.split(r, len(free) + 1))
+    r_a, r_b = (next(points) if any(one.R is R for R in free) else np.zeros(3) for one in (a, b))
+    return Shared(r_a, r_b, np.zeros((0, 3)), np.zeros((0, 3)))
+
+
 def turn_alike(a: Instance, b: Instance) -> Float[np.ndarray, "3 3"] | None:
     """R_BA where two bodies turn alike, and turn at all; else None."""
     R = b.R.swapaxes(1, 2) @ a.R

@@ -58,6 +58,6 @@ def compressed(rows: Rows) -> Float[np.ndarray, "rank columns"]:
     return rows if len(rows) <= 1 else np.asarray(np.linalg.qr(rows, mode="r"))
 
 
-def without(rows: Rows, nuisances: int) -> Float[np.ndarray, "rest columns"]:
+def without(rows: Rows, nuisances: int) -> Float[np.ndarray, "rest others"]:
     """What rows say of their last columns whatever their first `nuisances` ones are."""
     return compressed(rows)[nuisances:, nuisances:]

@@ -18,7 +18,7 @@ from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing
 
-Extended = Float[np.ndarray, "rows extended"]
+Extended = Float[np.ndarray, "_ extended"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ zero (nearly), so that thin directions of a body are as certain as consistency m
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
 from deltaid.identification.reduction import Reduction, build_reduction
@@ -55,7 +55,7 @@ class Unknowns:
         """Those that are not known."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner))
 
-    def of_bodies(self, *bodies: str) -> Float[np.ndarray, " entries"]:
+    def of_bodies(self, *bodies: str) -> Int[np.ndarray, " entries"]:
         """Positions of the entries of some bodies, of all without any."""
         wanted = bodies or self.bodies
         return np.array([k for k, owner in enumerate(self.owners) if owner in wanted], dtype=int)
