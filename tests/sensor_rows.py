@@ -10,6 +10,7 @@ import numpy as np
 from composed import Make, describe, parameters, random_composed, random_states
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.robot.sensors import Sensor
+from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.graph_rows import GraphRows
 from deltaid.sensors.of_robot import sensor_rows
 from deltaid.sensors.rows import SensorRows
@@ -77,8 +78,9 @@ def dense(
 ) -> np.ndarray:
     """[C, D] at some states: samples × channels × (p, u)."""
     channels, columns = rows.pattern
-    assert isinstance(rows, GraphRows)
-    first = len(rows.dynamics.layout.parameters)
+    graph = rows.rows if isinstance(rows, RowsAbout) else rows
+    assert isinstance(graph, GraphRows)
+    first = len(graph.dynamics.layout.parameters)
     if shown is None:
         shown = np.zeros((len(rows.channels), len(states[0])))
     found = np.zeros((len(states[0]), len(rows.channels), first + len(rows.parameters)))

@@ -7,8 +7,7 @@ bias is a column of ones, a gain one of what was shown, because y = (C p + b)/(1
 
     y = C p + b + g y.
 
-A gain's column and y should not share their noise, which would pull g to one: where noise counts,
-hand in what a fit says the sensor shows in place of what it showed.
+Column and y of a gain must not share their noise; see `sensors.about`.
 """
 
 from abc import abstractmethod
