@@ -152,7 +152,12 @@ def shown_by(
 
 
 def recorded(
-    name: str, of: Sensed, p: np.ndarray, rng: np.random.Generator, gains: Mapping[int, float] = {}
+    name: str,
+    of: Sensed,
+    p: np.ndarray,
+    rng: np.random.Generator,
+    gains: Mapping[int, float] | None = None,
+    unknowns: np.ndarray | None = None,
 ) -> pl.DataFrame:
     """A recording of a robot with parameters p, its sensors' unknowns drawn from their priors."""
     time, z, q, qd, qdd = motion(name)
@@ -160,9 +165,10 @@ def recorded(
     tau = dynamics.torque(z, qd, qdd, p)
     tau += NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
-    columns |= {f"tau{i + 1}": x / gains.get(i, 1.0) for i, x in enumerate(tau.T)}
+    columns |= {f"tau{i + 1}": x / (gains or {}).get(i, 1.0) for i, x in enumerate(tau.T)}
     for rows in of.sensors:
         u = np.array([one.scale * 0.1 * rng.standard_normal() for one in rows.parameters])
+        u = u if unknowns is None else unknowns
         shown = shown_by(rows, p, u, (z, qd, qdd))
         for channel, x in zip(rows.channels, shown, strict=True):
             columns[channel.name] = x + channel.noise * rng.standard_normal(len(x))

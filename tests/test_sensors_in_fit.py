@@ -5,7 +5,7 @@ import pytest
 
 from deltaid.identification.identify import identify
 from deltaid.identification.scatter import Scatter
-from sensed import drawn, identified, recorded, sensed
+from sensed import CASES, drawn, identified, recorded, sensed
 
 SPREAD = 0.2
 
@@ -74,3 +74,30 @@ def test_facts_add_their_own_variance_to_the_scatter_of_groups() -> None:
         seen.append(v)
         true.append(s**2)
     assert np.mean(seen, axis=0) == pytest.approx(np.mean(true, axis=0), rel=0.15)
+
+
+def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> None:
+    CASES["plate unsure"] = {
+        "sensors": {
+            "plate": {
+                "kind": "base-wrench",
+                "force_noise": 8.0,
+                "moment_noise": 0.8,
+                "position_tolerance": 0.003,
+                "rotation_tolerance": 0.01,
+                "gain_tolerance": 0.02,
+            }
+        }
+    }
+    of, rng = sensed("clavel-delta3", "plate unsure", 0.5), np.random.default_rng(7)
+    (rows,) = of.sensors
+    true = np.array([0.0] * 6 + [0.002, -0.003, 0.004, 0.01, -0.005, 0.008, 0.02])
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, unknowns=true)
+    model = identify(of.robot, log).model
+    (plate,) = model.sensors
+    assert [one.name for one in plate.parameters] == [one.name for one in rows.parameters]
+    for one, x in zip(plate.parameters, true, strict=True):
+        assert abs(one.value - x) < 4 * one.std, one.name
+    # Neither torques nor the plate are known in N better than the plate's tolerance.
+    assert plate.parameters[-1].std > 1e-4
+    assert "gain" in plate.parameters[-1].name

@@ -103,11 +103,8 @@ class Gains(Addition):
 
     @property
     def _witness(self) -> str:
-        """What knows N m by itself, with its verb."""
-        known = [one.witness for one in self.others if one.is_absolute]
-        if len(known) == 1:
-            return f"{known[0]} says"
-        return f"{', '.join(known[:-1])} and {known[-1]} say"
+        """What knows N m by itself."""
+        return " and by ".join(one.witness for one in self.others if one.is_absolute)
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         pairs = list(zip(self.gain.tolist(), judged, strict=True))
@@ -137,8 +134,9 @@ def _told(c: float, judged: Judged, witness: str) -> Correction:
     drive, value = judged.name.removeprefix("gain."), c * np.exp(judged.value)
     low, high = (c * np.exp(np.nan if x is None else x) for x in (judged.low, judged.high))
     if judged.std < _TOLD * SPREAD:
-        text = f"the joint gets {value:.4g} times the torque that {drive} records: {witness} so" + (
-            ", which is 1 as far as they can tell" if low <= 1.0 <= high else ""
+        text = (
+            f"the joint gets {value:.4g} times the torque that {drive} records, told by {witness}"
+            + (", which is 1 as far as they can tell" if low <= 1.0 <= high else "")
         )
     else:
         text = (

@@ -185,7 +185,7 @@ class LoadColumns(Addition):
 
     @property
     def witness(self) -> str:
-        return f"what {self.load.name} weighs and how it resists"
+        return "what the known load weighs and how it resists"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         mass = self.whole(judged)[0]

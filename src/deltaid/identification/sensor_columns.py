@@ -4,8 +4,8 @@ Drives' torques have no entry in its columns; `measured_rows.MeasuredRows` puts 
 theirs.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter
+from deltaid.sensors.about import about
 from deltaid.sensors.of_robot import sensor_rows
 from deltaid.sensors.rows import SensorRows
 
@@ -31,22 +32,39 @@ class SensorColumns(Addition):
         dynamics: of the robot.
         rows: what it shows of robot and unknowns.
         prior_spread: of the fit, which all scales of parameters are relative to.
+        known: parameters by their names that gain and pose are seen from; the prior if left out.
     """
 
     dynamics: Dynamics
     rows: SensorRows
     prior_spread: float
+    known: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @classmethod
-    def of(cls, dynamics: Dynamics, name: str, prior_spread: float) -> "SensorColumns":
+    def of(
+        cls,
+        dynamics: Dynamics,
+        name: str,
+        prior_spread: float,
+        known: Mapping[str, float] | None = None,
+    ) -> "SensorColumns":
         """A sensor of a robot by its name in the description."""
-        sensor = dynamics.robot.sensors[name]
-        return cls(dynamics, sensor_rows(dynamics, name, sensor, prior_spread), prior_spread)
+        known = known or {}
+        rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
+        if any(_depends(one) for one in rows.parameters):
+            every = (*dynamics.layout.parameters, *rows.parameters)
+            rows = about(rows, np.array([known.get(one.name, one.prior) for one in every]))
+        return cls(dynamics, rows, prior_spread, known)
+
+    @property
+    def is_bilinear(self) -> bool:
+        """Whether some of its columns depend on the other parameters."""
+        return any(_depends(one) for one in self.rows.parameters)
 
     def on(self, dynamics: Dynamics) -> "SensorColumns":
         if dynamics is self.dynamics:
             return self
-        return self.of(dynamics, self.rows.name, self.prior_spread)
+        return self.of(dynamics, self.rows.name, self.prior_spread, self.known)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -65,7 +83,7 @@ class SensorColumns(Addition):
 
     @property
     def witness(self) -> str:
-        return self.rows.name
+        return f"sensor {self.rows.name}"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         shown = ", ".join(_told(self.rows.name, one) for one in judged)
@@ -73,6 +91,11 @@ class SensorColumns(Addition):
         if judged:
             text += f"; of the sensor itself this tells {shown}"
         return (Correction(kind="sensor", subject=self.rows.name, text=text),)
+
+
+def _depends(one: Parameter) -> bool:
+    """Whether the column of a sensor's unknown goes by what the sensor should show."""
+    return one.symbol == "gain" or one.symbol.startswith(("position", "rotation"))
 
 
 def _told(sensor: str, one: Judged) -> str:

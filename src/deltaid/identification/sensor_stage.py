@@ -1,17 +1,22 @@
 """Which sensors the recordings have, and what these and measured values make free."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
 
 import numpy as np
 
-from deltaid.identification.fit import FittedProblem
+from deltaid.identification.additions import Addition
+from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.new_entries import with_new_entries
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.sensor_record import FittedChannel, FittedSensor
 from deltaid.sensors.weighings import weighings
+
+# Rounds at most until gain and pose of sensors stay, and the step, as a share of their priors'
+# deviations, below which they do.
+_ROUNDS, _SETTLED = 10, 1e-3
 
 
 def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple[FittedSensor, ...]:
@@ -46,6 +51,40 @@ def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple
             )
         )
     return tuple(found)
+
+
+def sensors_settled(setup: Setup, progress: Progress) -> Setup:
+    """Columns of gain and pose about what the fit gives, which is repeated until they stay."""
+    if not any(isinstance(one, SensorColumns) and one.is_bilinear for one in setup.additions):
+        return setup
+    progress("settling gain and pose of sensors")
+    for _ in range(_ROUNDS):
+        problem = fit(setup.dynamics, setup.recordings, setup.settings, additions=setup.additions)
+        known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
+        step = max(_step(one, known) for one in setup.additions)
+        setup = setup.changed(
+            additions=tuple(
+                SensorColumns.of(setup.dynamics, one.rows.name, one.prior_spread, known)
+                if isinstance(one, SensorColumns)
+                else one
+                for one in setup.additions
+            )
+        )
+        if step < _SETTLED:
+            break
+    return setup
+
+
+def _step(one: Addition, known: Mapping[str, float]) -> float:
+    """How far a sensor's unknowns have moved, at most, as a share of their priors' deviations."""
+    if not isinstance(one, SensorColumns):
+        return 0.0
+    moved = (
+        abs(known[each.name] - one.known.get(each.name, each.prior))
+        / (one.prior_spread * each.scale)
+        for each in one.parameters
+    )
+    return max(moved, default=0.0)
 
 
 def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:
