@@ -25,6 +25,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     rows = weighings(robot)
     if not rows:
         return ()
+    first, *_ = rows
     found = tuple(_judged(robot, rows))
     if found:
         return found
@@ -33,7 +34,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
             "measured-scale",
             Grade.GOOD,
             f"{len(rows)} measured value{'s' if len(rows) > 1 else ''}, as "
-            f"{rows[0].name}, {'go' if len(rows) > 1 else 'goes'} with the description",
+            f"{first.name}, {'go' if len(rows) > 1 else 'goes'} with the description",
         ),
     )
 
