@@ -99,6 +99,7 @@ class Sheet:
         A, h = np.diag(std**-2.0), mean / std**2
         own = len(self.dynamics.layout.parameters)
         noise = np.maximum(np.sqrt(np.mean(self.tau**2, axis=1)), 1e-12)
+        G, g = A, h
         for _ in range(3):  # what is left tells how far each drive counts
             G, g = A.copy(), h.copy()
             for Y, tau, left in zip(self.Y, self.tau, noise, strict=True):
@@ -161,7 +162,7 @@ def _rows(
             counts = free & np.isfinite(values).all(axis=0)
             C = sensor.rows.entries(w.z, w.qd, w.qdd, np.zeros_like(values))
             parts += [C * counts, np.where(counts, values, 0.0)]
-            parts.append(np.repeat(counts[None].astype(float), len(values), axis=0))
+            parts.append(np.ones_like(values) * counts)
         return np.vstack(parts)
 
     values = window.filtered(of)[:, :: _every(recording)]
