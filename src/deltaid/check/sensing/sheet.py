@@ -162,7 +162,7 @@ def _rows(
             counts = free & np.isfinite(values).all(axis=0)
             C = sensor.rows.entries(w.z, w.qd, w.qdd, np.zeros_like(values))
             parts += [C * counts, np.where(counts, values, 0.0)]
-            parts.append(np.ones_like(values) * counts)
+            parts.append(np.tile(counts.astype(float), (len(values), 1)))
         return np.vstack(parts)
 
     values = window.filtered(of)[:, :: _every(recording)]
