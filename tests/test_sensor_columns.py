@@ -267,6 +267,23 @@ def test_a_delay_of_torques_leaves_sensors_beside_the_motion(late: float) -> Non
     np.testing.assert_allclose(found["plate"][:, whole], expected[:, :6].T, atol=1e-6)
 
 
+@pytest.mark.parametrize("late", [0.004, 0.0117, -0.0035])
+def test_a_late_sensor_is_put_beside_the_motion(late: float) -> None:
+    frame = table()
+    values = truth(frame["t"].to_numpy() - late)
+    frame = frame.with_columns(pl.Series(n, x) for n, x in zip(SIX, values.T[:6], strict=True))
+    plate = SensorColumns(columns=tuple(SIX), delay=late)
+    mapping = ColumnMapping(sensors={"plate": plate})
+    time, found = shown(opened(frame, mapping))
+    told = np.isfinite(found["plate"]).all(axis=0)
+    assert told.mean() > 0.95
+    np.testing.assert_allclose(found["plate"][:, told], truth(time)[told, :6].T, atol=1e-6)
+    np.testing.assert_allclose(found["gauge1"], truth(time)[:, 6:].T, atol=1e-9)
+    excerpt = opened(frame, mapping).excerpted().brief
+    time, again = shown(excerpt)
+    np.testing.assert_allclose(again["plate"], found["plate"])
+
+
 def test_stretches_left_out_for_all_drives_do_not_count() -> None:
     spans = (LeftSpan(0.5, 0.52, "contact"), LeftSpan(0.8, 0.82, "torque spike", drives=(1,)))
     recording = replace(opened(table()), repairs=Repairs(left_out=spans))

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.sensing.guesses import best_guess
+from deltaid.check.sensing.guesses import Guess, best_guess
 from deltaid.check.sensing.lateness import lag_of
 from deltaid.check.sensing.misfit import Found, Misfit
 from deltaid.check.sensing.sheet import Sensed, Sheet, sheet
@@ -20,10 +20,13 @@ from deltaid.check.verdict import Grade, Proposal, Verdict, worst
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.recording import Recording
-from deltaid.robot.sensors import BaseWrench
+from deltaid.robot.sensors import BaseWrench, Sensor
 
-# Misfit from which a sensor contradicts the torques; what a guess may leave, as a share of it.
-_CONTRADICTS, _EXPLAINS = 1.0, 0.04
+# Misfit from which guesses are tried, and from which a sensor contradicts the torques even if none
+# explains it; the share of a misfit that a guess may leave, and of a large one.
+_DOUBTED, _CONTRADICTS, _EXPLAINS, _LEAVES = 0.15, 1.0, 0.2, 0.04
+# So many times a tolerance is what it allows.
+_ALLOWED = 3.0
 # A sensor is dead where it goes with what is expected no better than this.
 _DEAD = 0.2
 # Clipped: so many rows, and this share of all, on the largest or the smallest number.
@@ -78,18 +81,19 @@ def _of_sensor(rows: Sheet, sensor: Sensed) -> list[Verdict]:
     found = list(_clipped(rows, sensor))
     plain = misfit.of(np.eye(len(misfit.noise)))
     late = lag_of(misfit, plain)
-    if plain.Q > _CONTRADICTS:
+    if plain.Q > _DOUBTED:
         if late is not None and min(_CONTRADICTS, _EXPLAINS * plain.Q) > late.Q:
             return [*found, _late(sensor, late.delay, late.std, rows.row, plain.Q)]
-        return [*found, _contradiction(misfit, plain)]
+        if (against := _contradiction(misfit, plain)) is not None:
+            return [*found, against]
     if late is not None and abs(late.delay) > max(_ROWS * rows.row, _SURE * late.std):
         found.append(_late(sensor, late.delay, late.std, rows.row, plain.Q))
     found += _noisy(rows, misfit, plain)
     return found if worst(found) is not Grade.GOOD else [_good(misfit, plain)]
 
 
-def _contradiction(misfit: Misfit, plain: Found) -> Verdict:
-    """What explains best why a sensor contradicts the torques."""
+def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
+    """What explains best why a sensor contradicts the torques; None where it hardly does."""
     rows, sensor = misfit.sheet, misfit.sensor
     others = tuple(
         one
@@ -98,9 +102,12 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict:
         and [c.unit for c in one.rows.channels] == [c.unit for c in sensor.rows.channels]
         and len(one.rows.channels) == 1
     )
-    guess = best_guess(misfit, others)
-    if max(_CONTRADICTS, _EXPLAINS * plain.Q) > guess.Q and guess.Q < 0.5 * plain.Q:
-        return told(guess, sensor, rows.dynamics.robot.sensors[sensor.name], plain.Q)
+    guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[sensor.name]
+    share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
+    if share * plain.Q > guess.Q:
+        return None if _is_allowed(guess, described) else told(guess, sensor, described, plain.Q)
+    if plain.Q < _CONTRADICTS:
+        return None
     along = _along(misfit)
     if along < _DEAD:
         return Verdict(
@@ -117,8 +124,8 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict:
     return Verdict(
         "sensor-residual",
         Grade.DOUBTFUL,
-        f"{sensor.name} contradicts the torques: {np.sqrt(plain.Q):.2g} times what a model may err "
-        "by, and no unit, sign, order or frame of it explains that",
+        f"{sensor.name} does not go with the torques, by {np.sqrt(plain.Q):.2g} times what a model "
+        "may err by, and no unit, sign, order or frame of it explains that",
         subject=sensor.name,
         cause="a load on the sensor that is not the robot, several things at once, or a "
         "description that is not of this robot",
@@ -126,6 +133,17 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict:
         f"out by the line `sensors: {{{sensor.name}: null}}` of a mapping",
         number=float(np.sqrt(plain.Q)),
     )
+
+
+def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
+    """Whether the description has a tolerance for it, so that a fit takes it in."""
+    if guess.kind == "unit":
+        return bool(np.all(np.abs(guess.gains - 1) < _ALLOWED * sensor.gain_tolerance))
+    if not isinstance(sensor, BaseWrench) or guess.kind not in ("rotated", "origin"):
+        return False
+    if guess.kind == "origin":
+        return float(np.abs(guess.offset).max()) < _ALLOWED * sensor.position_tolerance
+    return guess.angle < _ALLOWED * sensor.rotation_tolerance
 
 
 def _along(misfit: Misfit) -> float:

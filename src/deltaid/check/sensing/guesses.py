@@ -50,6 +50,11 @@ class Guess:
     offset: Float[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
     other: str = ""
 
+    @property
+    def angle(self) -> float:
+        """By which axes are turned [rad]."""
+        return float(np.arccos(np.clip(0.5 * (np.trace(self.turn) - 1), -1.0, 1.0)))
+
 
 def best_guess(misfit: Misfit, others: tuple[Sensed, ...]) -> Guess:
     """The guess that leaves least, freedom allowed for."""

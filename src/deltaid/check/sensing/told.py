@@ -25,6 +25,8 @@ _MOMENTS = {
 _ALIKE = 0.15
 # Factors nearer to one than this may as well be those of the drives' torques.
 _GAIN = 3.0
+# Axes turned by less [rad], and an origin that is nearer [m], are doubtful and not wrong.
+_SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 
 
@@ -35,7 +37,8 @@ def told(guess: Guess, sensed: Sensed, sensor: Sensor, Q: float) -> Verdict:
         sensor: as described.
         Q: misfit without it.
     """
-    off = f"{sensed.name} contradicts the torques: {np.sqrt(Q):.2g} times what a model may err by"
+    much = f"{np.sqrt(Q):.2g} times what a model may err by"
+    off = f"{sensed.name} does not go with the torques, by {much}"
     if guess.kind in ("unit", "sign"):
         return _of_gains(guess, sensed, off)
     if guess.kind == "order":
@@ -141,17 +144,16 @@ def _of_axes(guess: Guess, sensed: Sensed, sensor: BaseWrench, off: str) -> Verd
         )
         how = f"by quarters of a turn: of the axes described, {listed(list(rows))} of those shown"
     else:
-        angle = np.rad2deg(np.arccos(np.clip(0.5 * (np.trace(guess.turn) - 1), -1, 1)))
-        how = f"by {angle:.3g}°"
+        how = f"by {np.rad2deg(guess.angle):.3g}°"
     return Verdict(
         "sensor-frame",
-        Grade.WRONG,
+        Grade.DOUBTFUL if guess.angle < _SLIGHTLY else Grade.WRONG,
         f"{off}; turned {how}, it agrees",
         subject=sensed.name,
         cause="axes of the sensor that are not those described",
         cure="describe how it is mounted, or map its columns",
         proposals=(Proposal("robot", ((f"sensors.{sensed.name}.rotation_deg", angles),)),),
-        number=float(np.rad2deg(np.arccos(np.clip(0.5 * (np.trace(guess.turn) - 1), -1, 1)))),
+        number=float(np.rad2deg(guess.angle)),
         unit="°",
     )
 
@@ -162,7 +164,7 @@ def _of_origin(guess: Guess, sensed: Sensed, sensor: BaseWrench, off: str) -> Ve
     apart = ", ".join(f"{x:.3g}" for x in guess.offset)
     return Verdict(
         "sensor-frame",
-        Grade.WRONG,
+        Grade.DOUBTFUL if np.linalg.norm(guess.offset) < _NEARBY else Grade.WRONG,
         f"{off}; with moments about a point ({apart}) m from its origin, it agrees",
         subject=sensed.name,
         cause="an origin that is not the one moments are about, such as the plate's surface",
