@@ -11,7 +11,6 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import DescriptionError
-from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
@@ -268,16 +267,12 @@ def test_a_delay_of_torques_leaves_sensors_beside_the_motion(late: float) -> Non
     np.testing.assert_allclose(found["plate"][:, whole], expected[:, :6].T, atol=1e-6)
 
 
-def test_stretches_left_out_for_all_drives_and_loads_do_not_count() -> None:
+def test_stretches_left_out_for_all_drives_do_not_count() -> None:
     spans = (LeftSpan(0.5, 0.52, "contact"), LeftSpan(0.8, 0.82, "torque spike", drives=(1,)))
     recording = replace(opened(table()), repairs=Repairs(left_out=spans))
     time, found = shown(recording)
     untold = time[np.isnan(found["plate"]).any(axis=0)]
     assert (untold.min(), untold.max()) == pytest.approx((0.5, 0.52))
-    held = opened(table(), ColumnMapping(load=Load(spans=((0.6, 0.7),))))
-    time, found = shown(held)
-    untold = time[np.isnan(found["plate"]).any(axis=0)]
-    assert (untold.min(), untold.max()) == pytest.approx((0.6, 0.7), abs=2e-3)
 
 
 def test_an_excerpt_has_sensors_too() -> None:

@@ -31,6 +31,7 @@ from deltaid.identification.judgement import (
 from deltaid.identification.lag_stage import doubtful_lags_left
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, unloaded
+from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
@@ -121,6 +122,7 @@ def identify(
         fit=record(problem, error),
         settings=settings,
         loads=loads,
+        sensors=fitted_sensors(problem, judged[own:]),
         corrections=(
             *setup.corrections,
             *_told(setup.additions, judged[own:]),

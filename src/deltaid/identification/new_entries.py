@@ -6,8 +6,6 @@ varies around the prior as it was before the reduction. An entry that torques sh
 free is a statement of the description, and stays; so does a body with `free: []`.
 """
 
-from collections.abc import Collection
-
 import numpy as np
 from jaxtyping import Int
 
@@ -38,11 +36,11 @@ def with_new_entries(
     return robot if bodies == robot.bodies else robot.changed(bodies=bodies)
 
 
-def _freed(body: Body, new: Collection[int]) -> Body:
+def _freed(body: Body, new: Int[np.ndarray, " new"]) -> Body:
     """A body with entries of M̄ free that some of its ten parameters, newly seen, consist of."""
     if not body.free or not len(new):
         return body
-    consists = np.any(entry_map()[np.array(list(new))] != 0, axis=0)
+    consists = np.any(entry_map()[new] != 0, axis=0)
     entries = tuple(
         entry for k, entry in enumerate(PSEUDO_INERTIA_ENTRIES) if entry in body.free or consists[k]
     )

@@ -1,11 +1,51 @@
 """Which sensors the recordings have, and what these and measured values make free."""
 
+from collections.abc import Sequence
+from itertools import islice
+
 import numpy as np
 
+from deltaid.identification.fit import FittedProblem
 from deltaid.identification.new_entries import with_new_entries
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.identification.setup import Progress, Setup
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.sensor_record import FittedChannel, FittedSensor
 from deltaid.sensors.weighings import weighings
+
+
+def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple[FittedSensor, ...]:
+    """The sensors of a fit as it found them.
+
+    Args:
+        judged: the parameters of all additions.
+    """
+    information, rest, found = problem.information, iter(judged), list[FittedSensor]()
+    left, k = information.rms(problem.values), information.drives.stop
+    for one in problem.additions:
+        own = tuple(islice(rest, len(one.parameters)))
+        if not isinstance(one, SensorColumns):
+            continue
+        channels = one.rows.channels
+        at = range(k, k + len(channels))
+        k += len(channels)
+        found.append(
+            FittedSensor(
+                name=one.rows.name,
+                channels=tuple(
+                    FittedChannel(
+                        name=channel.name,
+                        unit=channel.unit,
+                        stated=channel.noise,
+                        left=float(left[i]),
+                        largest=float(information.torque_max[i]),
+                    )
+                    for channel, i in zip(channels, at, strict=True)
+                ),
+                parameters=own,
+            )
+        )
+    return tuple(found)
 
 
 def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:

@@ -42,10 +42,12 @@ class SensorChannels:
     Attributes:
         name: of the sensor in the description.
         channels: with their maps to N or N m, in the order of what it shows.
+        delay: it is recorded so much later than the motion [s].
     """
 
     name: str
     channels: tuple[Channel, ...]
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)

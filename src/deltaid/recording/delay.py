@@ -89,7 +89,7 @@ class Shift:
             return wide[before + by : before + by + count, channels]
 
         if self.common:
-            at = _around(-self.common, _MOTION)
+            at = around(-self.common, _MOTION)
             for moved in (slice(1, 1 + motion), sensors):
                 out[:, moved] = sum(share * later(moved, by) for by, share in at)
             out[:, 0] -= self.common / rate
@@ -97,7 +97,7 @@ class Shift:
             out[beyond, wide.shape[1] - drives :] = 0.0
         for i, (whole, rest) in enumerate(zip(self.whole, self.rest, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
-            at = [(whole + by, share) for by, share in _around(rest, _TORQUE)]
+            at = [(whole + by, share) for by, share in around(rest, _TORQUE)]
             out[:, tau] = sum(share * later(tau, by) for by, share in at)
             least = np.min([later(weight, by) for by, _ in at], axis=0)
             out[:, weight] = np.minimum(out[:, weight], least)
@@ -152,7 +152,7 @@ def _to_nearest(x: np.ndarray) -> np.ndarray:
     return x - np.round(x)
 
 
-def _around(place: float, half: int) -> list[tuple[int, float]]:
+def around(place: float, half: int) -> list[tuple[int, float]]:
     """Samples about a place and their shares of the value there, by Lagrange's polynomial.
 
     Args:

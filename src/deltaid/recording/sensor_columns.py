@@ -1,6 +1,6 @@
 """Which columns of a log are a sensor's, and in which units: the entry of a mapping."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -8,6 +8,7 @@ from deltaid.recording.column_name import Name
 from deltaid.robot.part import Part
 
 Sign = Literal[1, -1]
+Delay = Annotated[float, Field(ge=-1, le=1)]
 
 
 class SensorColumns(Part):
@@ -33,6 +34,10 @@ class SensorColumns(Part):
     )
     zero: float | tuple[float, ...] = Field(
         default=0.0, description="the column's number where the sensor shows nothing"
+    )
+
+    delay: Delay = Field(
+        default=0.0, description="how much later than the motion it is recorded, s"
     )
 
     @model_validator(mode="after")

@@ -34,14 +34,15 @@ def sensor_columns(
         _require_known(name, sensors, mapping.source)
     found: list[SensorChannels] = []
     for name, shown in sensors.items():
+        given = mapping.sensors.get(name)
         if name not in mapping.sensors:
             channels = _by_default(table, name, shown)
-        elif (given := mapping.sensors[name]) is not None:
+        elif given is not None:
             channels = _declared(table, given, shown, f"{mapping.source}, sensors.{name}")
         else:
             channels = ()
         if channels:
-            found.append(SensorChannels(name, channels))
+            found.append(SensorChannels(name, channels, given.delay if given else 0.0))
     return tuple(found)
 
 

@@ -9,7 +9,7 @@ the platform's end:
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 
@@ -93,10 +93,9 @@ class StrutForceRows(OneChannelRows):
     def _body(self):
         return self.dynamics.kinematics.mechanism.limbs[self._limb].strut
 
-    @cached_property
+    @property
     def _forces(self) -> ForceEquations:
-        mechanism = with_turned_half(self.dynamics.kinematics.mechanism)
-        return build_forces(self.dynamics.robot, mechanism)
+        return _equations(self.dynamics)
 
     @cached_property
     def _struts(self) -> tuple[str, ...]:
@@ -123,6 +122,12 @@ class StrutForceRows(OneChannelRows):
             where=where,
             cure="name one of these",
         )
+
+
+@lru_cache(maxsize=8)
+def _equations(dynamics: Dynamics) -> ForceEquations:
+    """Of all gauges of a robot."""
+    return build_forces(dynamics.robot, with_turned_half(dynamics.kinematics.mechanism))
 
 
 def _only_sums(dynamics: Dynamics, where: str, wanted: str) -> DescriptionError:
