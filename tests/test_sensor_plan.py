@@ -213,7 +213,7 @@ def test_a_plate_tells_gains_without_any_load() -> None:
     by_name = {one.name: one for one in plan.uses}
     # Limbs that are alike tell the gains' ratios, nothing their common scale.
     assert plan.torques.goal > 0.04
-    assert by_name["plate"].goal < 0.004
+    assert by_name["plate"].goal < 0.005
     assert by_name["kitchen-scale:P"].goal > 0.02
 
 

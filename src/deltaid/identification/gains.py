@@ -136,11 +136,11 @@ def _told(c: float, judged: Judged, witness: str) -> Correction:
     if judged.std < _TOLD * SPREAD:
         text = (
             f"the joint gets {value:.4g} times the torque that {drive} records, told by {witness}"
-            + (", which is 1 as far as they can tell" if low <= 1.0 <= high else "")
+            + (", which is 1 as far as this can tell" if low <= 1.0 <= high else "")
         )
     else:
         text = (
-            f"nothing that is known in N m by itself shows in {drive} well enough, so its gain "
+            f"what is known in N m by itself hardly shows in {drive}, so its gain "
             f"rests on torque constants being right within {100 * SPREAD:.0f} % (one sigma); a "
             "load of known inertia about this drive's axis, off the tool's axis where this is the "
             "tool's drive, or a torque sensor at its gear would tell it"

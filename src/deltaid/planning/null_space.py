@@ -8,6 +8,7 @@ named; what is left of it is told by its entries.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,6 +20,8 @@ from deltaid.planning.exchange import Exchange
 _ZERO = 1e-9
 # A direction that rows see by less than this share of what they see of its entries is not seen.
 _UNSEEN = 1e-8
+# A direction is another one than those before if so much of it is not along them.
+_NEW = 1e-6
 # Entries below this share of the largest one of a direction are not named.
 _SMALL = 1e-6
 
@@ -89,14 +92,14 @@ def null_space(
     rank = int(np.sum(_ZERO * S[0] < S))
     to_p = scale[seen] / norms[seen]
     chosen, basis = list[Open](), np.zeros((int(seen.sum()), 0))
-    for one in exchanges:
+    for one in (*exchanges, *_together(unit, to_p, seen, exchanges)):
         d = one.direction[seen] / to_p
         length = np.linalg.norm(d)
         if length == 0 or np.linalg.norm(unit @ d) > _UNSEEN * length:
             continue
         d = d / length
         rest = d - basis @ (basis.T @ d)
-        if np.linalg.norm(rest) > 1e-6:
+        if np.linalg.norm(rest) > _NEW:
             rest = rest - basis @ (basis.T @ rest)
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
             chosen.append(_open(one.words, one.direction, seen, layout))
@@ -108,6 +111,27 @@ def null_space(
     names = np.array(layout.names)
     invisible = tuple(names[~seen].tolist())
     return NullSpace(int(seen.sum()), rank, tuple(chosen), invisible, seen, scale)
+
+
+def _together(
+    unit: Float[np.ndarray, "rows seen"],
+    to_p: Float[np.ndarray, " seen"],
+    seen: Bool[np.ndarray, " parameters"],
+    exchanges: Sequence[Exchange],
+) -> Iterator[Exchange]:
+    """Two exchanges that rows see one by one, in the proportion in which they do not see them."""
+    open_ = list[tuple[Exchange, np.ndarray, float]]()
+    for one in exchanges:
+        d = one.direction[seen] / to_p
+        length = float(np.linalg.norm(d))
+        if length > 0 and np.linalg.norm(unit @ d) > _UNSEEN * length:
+            open_.append((one, unit @ d / length, length))
+    for (one, a, long), (other, b, wide) in combinations(open_, 2):
+        share = float(a @ b) / float(b @ b)
+        if np.linalg.norm(a - share * b) > _UNSEEN * np.linalg.norm(a):
+            continue
+        direction = one.direction / long - share * other.direction / wide
+        yield Exchange(f"{one.words} together with: {other.words}", direction)
 
 
 def whole_null_space(

@@ -165,8 +165,8 @@ def _motion(
 def _notes(entries: Unknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
     """What a plan takes for granted."""
     notes = [
-        "a plan asks for the true bodies, so all ten entries of each are unknown, whatever `free` "
-        "says of a fit to torques"
+        "a plan asks for the true bodies, so all ten entries of each are unknown, whatever the key "
+        "free says for a fit to torques"
         + (f"; known by the description: {', '.join(entries.known)}" if entries.known else "")
     ]
     if gain_spread == 0:

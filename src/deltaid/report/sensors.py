@@ -159,8 +159,11 @@ def _open(plan: SensorPlan) -> tuple[Block, ...]:
     ]
     for one in plan.openings:
         if one.name in (TORQUES, DESCRIBED, PLAN) and one.null.directions:
-            table = open_table(one)
-            blocks.append(Table(table.columns, table.rows, f"What stays open, {one.title}."))
+            rows = tuple(
+                (f"{words} ({entries})", parted) for words, entries, parted in open_table(one).rows
+            )
+            columns = (f"stays open, {one.title}", "parted by any of")
+            blocks.append(Table(columns, rows))
     return tuple(blocks)
 
 
@@ -182,12 +185,12 @@ def _settings(plan: SensorPlan) -> Table:
 
 def _offers(plan: SensorPlan) -> Table:
     rows = tuple(
-        (key, one.title, f"{one.price:g}", f"{one.hours:g}", one.remark)
+        (key, f"{one.price:g}", f"{one.hours:g}", f"{one.title}; {one.remark}".removesuffix("; "))
         for key, one in plan.offers.offers.items()
     )
     money = plan.offers.currency
     return Table(
-        ("offer", "what", money, "hours", "assumed"),
+        ("offer", money, "hours", "what, and what is assumed"),
         rows,
         f"The list. An hour costs {plan.offers.hourly:g} {money}. Put in your own by --sensors.",
     )
