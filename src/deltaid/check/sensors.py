@@ -17,6 +17,7 @@ from deltaid.check.sensing.misfit import Found, Misfit
 from deltaid.check.sensing.sheet import Sensed, Sheet, sheet
 from deltaid.check.sensing.told import mapped, told
 from deltaid.check.verdict import Grade, Proposal, Verdict, worst
+from deltaid.check.words import percent
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.recording import Recording
@@ -103,9 +104,10 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
         and len(one.rows.channels) == 1
     )
     guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[sensor.name]
+    left = misfit.unexplained(plain)
     share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
     if share * plain.Q > guess.Q:
-        return None if _is_allowed(guess, described) else told(guess, sensor, described, plain.Q)
+        return None if _is_allowed(guess, described) else told(guess, sensor, described, left)
     if plain.Q < _CONTRADICTS:
         return None
     along = _along(misfit)
@@ -124,14 +126,15 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
     return Verdict(
         "sensor-residual",
         Grade.DOUBTFUL,
-        f"{sensor.name} does not go with the torques, by {np.sqrt(plain.Q):.2g} times what a model "
-        "may err by, and no unit, sign, order or frame of it explains that",
+        f"torques leave {percent(left)} of what {sensor.name} shows of the motion unexplained, and "
+        "no unit, sign, order or frame of it explains that",
         subject=sensor.name,
         cause="a load on the sensor that is not the robot, several things at once, or a "
         "description that is not of this robot",
         cure="look at the columns beside the torques of a motion known well, or leave the sensor "
         f"out by the line `sensors: {{{sensor.name}: null}}` of a mapping",
-        number=float(np.sqrt(plain.Q)),
+        number=100 * left,
+        unit="%",
     )
 
 

@@ -179,6 +179,13 @@ class Misfit:
         """What it should show."""
         return np.einsum("kin,i->kn", self.columns, theta)
 
+    def unexplained(self, found: Found) -> float:
+        """The share of y's motion that is left by a robot with these torques, at most 1."""
+        rest = self.left(np.eye(len(self.noise)), found) ** 2
+        motion = np.mean(self.moving**2, axis=1)
+        shares = [rest[group].sum() / max(motion[group].sum(), 1e-300) for group in self.groups]
+        return min(1.0, float(np.sqrt(max(shares))))
+
     def left(self, T: Map, found: Found) -> Float[np.ndarray, " channels"]:
         """Root mean square of what is left of each channel, in its own unit."""
         n = max(float(self.told.sum()), 1.0)

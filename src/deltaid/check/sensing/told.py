@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from deltaid.check.sensing.guesses import Guess
 from deltaid.check.sensing.sheet import Sensed
 from deltaid.check.verdict import Grade, Proposal, Verdict
-from deltaid.check.words import listed
+from deltaid.check.words import listed, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.weighings import rotation
 
@@ -30,15 +30,14 @@ _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 
 
-def told(guess: Guess, sensed: Sensed, sensor: Sensor, Q: float) -> Verdict:
+def told(guess: Guess, sensed: Sensed, sensor: Sensor, left: float) -> Verdict:
     """What a guess says of a sensor.
 
     Args:
         sensor: as described.
-        Q: misfit without it.
+        left: share of its motion that torques leave unexplained without it.
     """
-    much = f"{np.sqrt(Q):.2g} times what a model may err by"
-    off = f"{sensed.name} does not go with the torques, by {much}"
+    off = f"torques leave {percent(left)} of what {sensed.name} shows of the motion unexplained"
     if guess.kind in ("unit", "sign"):
         return _of_gains(guess, sensed, off)
     if guess.kind == "order":
@@ -92,8 +91,8 @@ def _of_gain(sensed: Sensed, seen: str, gain: float) -> Verdict:
         f"{seen}, and then it agrees",
         subject=sensed.name,
         cause="torque constants or gears of the drives that are off, or the sensor's own factor",
-        cure="check the sensor with a known weight; if it is right, it will tell the drives' gains "
-        "once they are not fixed",
+        cure="check the sensor with a known weight; the drives' gains follow from one whose "
+        "gain_tolerance is 2 % or less",
         number=gain,
     )
 
