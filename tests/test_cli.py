@@ -55,7 +55,7 @@ def test_robots() -> None:
     assert run("robots", ROBOT).out == catalogue_text(ROBOT) + "\n"
 
 
-@pytest.mark.parametrize("kind", ["robot", "columns", "model"])
+@pytest.mark.parametrize("kind", ["robot", "columns", "model", "sensors"])
 def test_schema(folder: Path, kind: str) -> None:
     schema = json.loads(run("schema", kind).out)
     assert schema["properties"]

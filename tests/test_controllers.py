@@ -294,7 +294,7 @@ def made_up(shift: float, turn: float, ended: float | None = None) -> Tracking:
     off = still + np.array([shift, 0, 0, turn])
     if ended is not None:
         off[time >= ended] = np.nan
-    return Tracking(time, still, still, off, off, still, still > 0, ended, Task(NAMES))
+    return Tracking(time, still, still, off, off, still, still > 0, ended, Task(NAMES), still)
 
 
 def test_the_tools_turn_is_an_error_of_its_own() -> None:

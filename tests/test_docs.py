@@ -31,6 +31,7 @@ _RUN = (
     "cli",
     "api",
     "forces",
+    "sensors",
     "simulation",
 )
 RUNNABLE = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in _RUN)]

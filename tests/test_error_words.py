@@ -1,10 +1,12 @@
 """Every error says where it is and how to mend it."""
 
 import ast
+import copy
 from pathlib import Path
 
 import deltaid
 from deltaid import errors
+from deltaid.errors import RecordingError
 
 ERRORS = [name for name in vars(errors) if name.endswith("Error")]
 
@@ -32,3 +34,9 @@ def test_every_error_says_where_and_how_to_mend_it() -> None:
         # `fit` tells the recordings of what goes wrong in it.
         assert named or place.split(":")[0] in OF_A_FIT, place
         assert "cure" in keywords or "must " in what or "give " in what, place
+
+
+def test_errors_come_back_whole_from_another_process() -> None:
+    error = RecordingError("is empty", where="log.csv", cure="record again")
+    again = copy.copy(error)  # as pickle takes it apart and puts it together
+    assert (type(again), str(again)) == (RecordingError, str(error))

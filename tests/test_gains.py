@@ -60,6 +60,10 @@ class Weight(Addition):
     def is_absolute(self) -> bool:
         return True
 
+    @property
+    def witness(self) -> str:
+        return "what the known load weighs"
+
 
 def moving() -> tuple[Dynamics, np.ndarray]:
     dynamics = compiled(load_robot("clavel-delta3"))

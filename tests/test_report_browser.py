@@ -23,7 +23,7 @@ ARGUMENTS = (
 )  # fmt: skip
 # What Chromium says about its own speed when Plotly reads pixels back; nothing is wrong then.
 BROWSERS_OWN = ("willReadFrequently", "GPU stall due to ReadPixels")
-PAGES = ("identify", "validate", "excite", "forces", "simulate", "compare-controllers")
+PAGES = ("identify", "validate", "excite", "sensors", "forces", "simulate", "compare-controllers")
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +40,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ("identify", robot, log, "--verify", verify, "--report", pages["identify"]),
         ("validate", folder / "model.yaml", verify, "--report", pages["validate"]),
         ("excite", "clavel-delta3", "--starts", 1, "--duration", 3, "--report", pages["excite"]),
+        ("sensors", "clavel-delta3", "--report", pages["sensors"]),
         ("forces", folder / "model.yaml", verify, "--strut-spacing", 0.1, "--report",
          pages["forces"]),
         ("simulate", *on_truth, pages["simulate"]),
@@ -115,7 +116,8 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
     with Visit(browser, reports[name]) as visit:
         page = visit.page
         expected = page.locator(".drawing").count()
-        least = {"identify": 14, "validate": 7, "excite": 3, "forces": 1, "simulate": 4}
+        least = {"identify": 14, "validate": 7, "excite": 3, "sensors": 3, "forces": 1}
+        least |= {"simulate": 4}
         assert expected >= least.get(name, 11)
         assert page.locator(".js-plotly-plot svg.main-svg").count() >= expected
         assert page.locator(".no-webgl").count() == 0

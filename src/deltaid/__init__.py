@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from deltaid.mechanism.user_code import use_mechanism
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
+    from deltaid.planning.bench import PlanSettings
+    from deltaid.planning.offers import Offers, load_offers
+    from deltaid.planning.plan import SensorPlan, sensor_plan
     from deltaid.recording.carried import Load
     from deltaid.recording.mapping import ColumnMapping, load_mapping
     from deltaid.recording.memory import Recording
@@ -60,6 +63,9 @@ _HOME = {
     "MechanismParts": "deltaid.mechanism.own",
     "Proposal": "deltaid.check.verdict",
     "Recording": "deltaid.recording.memory",
+    "Offers": "deltaid.planning.offers",
+    "PlanSettings": "deltaid.planning.bench",
+    "SensorPlan": "deltaid.planning.plan",
     "RobotDescription": "deltaid.robot.description",
     "Settings": "deltaid.model.record",
     "Verdict": "deltaid.check.verdict",
@@ -68,9 +74,11 @@ _HOME = {
     "identify": "deltaid.check.identified",
     "integrate": "deltaid.control.simulation",
     "load": "deltaid.model.model",
+    "load_offers": "deltaid.planning.offers",
     "load_mapping": "deltaid.recording.mapping",
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",
+    "sensor_plan": "deltaid.planning.plan",
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
     "validate": "deltaid.identification.validation",
@@ -96,9 +104,12 @@ __all__ = [
     "Load",
     "MechanismParts",
     "Model",
+    "Offers",
+    "PlanSettings",
     "Proposal",
     "Recording",
     "RobotDescription",
+    "SensorPlan",
     "Settings",
     "Verdict",
     "build_limb",
@@ -107,8 +118,10 @@ __all__ = [
     "integrate",
     "load",
     "load_mapping",
+    "load_offers",
     "load_robot",
     "prior_parameters",
+    "sensor_plan",
     "step_through",
     "use_mechanism",
     "validate",

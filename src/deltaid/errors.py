@@ -17,10 +17,18 @@ class DeltaidError(Exception):
         self.what, self.where, self.cure = what, where, cure
         super().__init__(what, where, cure)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return _again, (type(self), self.what, self.where, self.cure)
+
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
         cure = f"\n  → {self.cure}" if self.cure else ""
         return f"{place}{self.what}{cure}"
+
+
+def _again(kind: type[DeltaidError], what: str, where: str, cure: str) -> DeltaidError:
+    """An error that comes from another process."""
+    return kind(what, where=where, cure=cure)
 
 
 class DescriptionError(DeltaidError):

@@ -123,6 +123,11 @@ class ComposedOracle(TreeOracle):
         return {"rigid": (), "i4": ("s",)}.get(self.kind, ("theta",))
 
     @property
+    def _wheels(self) -> tuple[str, ...]:
+        """Joints whose angle moves nothing, such as those of rotors."""
+        return ()
+
+    @property
     def _actuators(self) -> tuple[str, ...]:
         names = tuple(f"q{i}" for i in range(len(self.limbs)))
         return (*names, "psi") if self.telescope else names
@@ -244,7 +249,7 @@ class ComposedOracle(TreeOracle):
     def _tree_positions(self, pose: Array) -> Array:
         first, held = self.parts(pose)[0], self.held(pose)
         joints: dict[str, Any] = dict(zip(("px", "py", "pz"), first, strict=True))
-        joints |= {"rx": 0.0, "ry": 0.0, "rz": 0.0}
+        joints |= dict.fromkeys(("rx", "ry", "rz", *self._wheels), 0.0)
         for i, (limb, q) in enumerate(zip(self.limbs, self.positions(pose), strict=False)):
             x, y, z = limb.axes.T @ (held[i] - limb.tip(q)) / limb.strut
             alpha = np.arctan2(-z, x) - (0.0 if limb.arm is None else q)

@@ -86,10 +86,16 @@ def identify(
         said = asked(one, _FIRST, "rows")
         if not force:
             _refuse(said, str(one.table.path), RecordingError, one)
+        if one.columns.sensors:  # which need a survey, made again for the fit
+            shown = asked(one, _FIRST, "survey")
+            if not force:
+                _refuse(shown, str(one.table.path), RecordingError, one)
+            said += shown
         wired.append(said)
         if len(sources) > 1:
             _ = one.moved
-            vars(one).pop("rows", None)  # all of them might not fit into memory
+            for key in ("rows", "_setup", "surveyed"):
+                vars(one).pop(key, None)  # all of them might not fit into memory
         opened.append(one)
     result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
     progress("judging what it tells")

@@ -44,7 +44,7 @@ def _body(robot: RobotDescription, name: str) -> Iterator[Verdict]:
         yield from _explicit(robot, name, prior)
         return
     for k, shape in enumerate(prior):
-        yield from _shape(f"bodies.{name}.prior[{k}]", name, shape, _size(robot))
+        yield from _shape(f"bodies.{name}.prior[{k}]", name, shape, size_of(robot))
 
 
 def _shape(
@@ -65,7 +65,7 @@ def _shape(
 
 def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Iterator[Verdict]:
     p, limb = prior.parameters(), _is_limb(robot, name)
-    size, extent = _size(robot), _extent(robot, name)
+    size, extent = size_of(robot), _extent(robot, name)
     com = float(np.linalg.norm(p[1:4]) / p[0])
     gyration = float(np.sqrt(np.trace(pseudo_inertia(p)[:3, :3]) / p[0]))
     if p[0] > _HEAVY * size**3:
@@ -166,10 +166,10 @@ def _extent(robot: RobotDescription, name: str) -> float:
             return limb.strut
         if name == driven and limb.upper_arm:
             return limb.upper_arm
-    return _size(robot)
+    return size_of(robot)
 
 
-def _size(robot: RobotDescription) -> float:
+def size_of(robot: RobotDescription) -> float:
     """Length of the longest arm and strut together [m].
 
     A mechanism of the user's own has no limbs that are known, so it may be of any size: a sled of a

@@ -12,9 +12,11 @@ from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.information import checked_information, information_of, judged_information
 from deltaid.check.lengths import checked_lengths
+from deltaid.check.measured import checked_measured
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_priors
 from deltaid.check.residual import checked_residual
+from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring.wiring import checked_wiring
@@ -62,11 +64,13 @@ QUICK_OF_ROBOT: tuple[OfRobot, ...] = (
     checked_friction,
     checked_limits,
     checked_priors,
+    checked_measured,
 )
 OF_ROBOT: tuple[OfRobot, ...] = (*QUICK_OF_ROBOT, checked_workspace)
 OF_RECORDING: tuple[Family, ...] = (
     Family(checked_wiring, first=True),
     Family(checked_signals),
+    Family(checked_sensors, first=True, needs="survey"),
     Family(checked_information, needs="survey", alone=False),
     Family(checked_residual, needs="fit"),
     Family(checked_feedback, needs="fit"),

@@ -9,8 +9,8 @@ from deltaid.errors import sentence
 # Every key that a verdict may have, in the order of docs/check.md, by what it is about.
 KEYS = {
     "the description": (
-        "millimetres", "friction-missing", "limits-missing", "prior-scale", "workspace-cut",
-        "torque-limit",
+        "millimetres", "friction-missing", "limits-missing", "prior-scale", "measured-scale",
+        "workspace-cut", "torque-limit",
     ),
     "units and wiring": (
         "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",
@@ -19,6 +19,10 @@ KEYS = {
     "the signals": (
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
         "resonance", "torque-lag", "closed-loop",
+    ),
+    "the sensors": (
+        "sensor-unit", "sensor-sign", "sensor-order", "sensor-frame", "sensor-gain", "sensor-dead",
+        "sensor-clipped", "sensor-lag", "sensor-noise", "sensor-residual",
     ),
     "the information": ("base-parameters", "excitation"),
     "the fit": (

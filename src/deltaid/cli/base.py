@@ -38,7 +38,7 @@ def base(
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""
     from deltaid.cli.output import positive, print_json, progress
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.identification.generic_motion import random_motion_base
+    from deltaid.identification.generic_motion import measured_base
     from deltaid.robot.load import load_robot
 
     positive("--cutoff", cutoff)
@@ -54,7 +54,7 @@ def base(
             )
         else:
             say("trying a random motion")
-            result, estimate = random_motion_base(dynamics, seed), None
+            result, estimate = measured_base(dynamics, seed), None
     if as_json:
         print_json(_as_dictionary(dynamics, result, estimate))
     else:
@@ -64,7 +64,7 @@ def base(
 def _as_dictionary(
     dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None"
 ) -> dict[str, Any]:
-    layout = dynamics.layout
+    layout = result.layout
     value = {
         "robot": dynamics.robot.name,
         "columns": len(layout.names),
@@ -90,17 +90,23 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
     from deltaid.cli.output import console, shown, styled
     from deltaid.report.model_tables import estimate_table
 
-    robot, layout = dynamics.robot, dynamics.layout
+    robot, layout = dynamics.robot, result.layout
+    measured = len(robot.measured) + sum(len(body.measured) for body in robot.bodies.values())
+    beside = [*robot.sensors, *([f"{measured} measured values"] if measured else [])]
+    where = "" if beside else " in torques"
     visible = len(layout.names) - len(result.invisible)
     console.print(styled(robot.title or robot.name))
     console.print(
-        f"{len(layout.names)} parameters, {visible} visible in torques, {result.rank} base "
+        f"{len(layout.names)} parameters, {visible} visible{where}, {result.rank} base "
         f"parameters; {_free(dynamics)} free in a consistent fit"
     )
+    if beside:
+        console.print(f"told by torques together with {', '.join(beside)}")
     units = [layout.units[group.representative] for group in result.groups]
     console.print(shown(estimate_table(result.formulas, units, estimate)))
     names = ", ".join(layout.names[i] for i in result.invisible)
-    console.print(f"not visible in any torque: {names}")
+    where = "anything that is measured" if beside else "any torque"
+    console.print(f"not visible in {where}: {names}")
 
 
 def _free(dynamics: "Dynamics") -> int:

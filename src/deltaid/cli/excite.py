@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import output_file
-from deltaid.excitation.options import CriterionName
+from deltaid.excitation.options import CriterionName, PurposeName
 
 if TYPE_CHECKING:
     from threading import Event
@@ -39,6 +39,10 @@ def excite(
     criterion: Annotated[
         CriterionName, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
     ] = "logdet",
+    by: Annotated[
+        PurposeName,
+        typer.Option("--for", help="torques, or sensors of the description besides."),
+    ] = "torques",
     weigh_prior: Annotated[
         bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
     ] = False,
@@ -105,6 +109,7 @@ def excite(
         rate=rate,
         starts=starts,
         seed=seed,
+        by=by,
     )
     asked = {"--output": output, "--verify-out": verify_out, "--plot": plot}
     require_outputs([Path(robot)], asked, report)
@@ -194,6 +199,7 @@ def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict[str, Any]:
                 "evaluations": a.evaluations,
                 "seconds": a.seconds,
                 "message": a.message,
+                "judged": a.judged,
             }
             for a in result.optimum.accounts
         ],

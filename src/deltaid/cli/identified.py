@@ -42,6 +42,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
         "corrections": [one.model_dump() for one in model.corrections],
         "loads": [one.model_dump() for one in model.loads],
+        "sensors": [one.model_dump() for one in model.sensors],
         "left_out": [
             {"log": source.log, **one.model_dump()}
             for source in model.sources

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import typer
 
-Kind = Literal["robot", "columns", "model"]
+Kind = Literal["robot", "columns", "model", "sensors"]
 
 
 def register(app: typer.Typer) -> None:
@@ -14,12 +14,14 @@ def register(app: typer.Typer) -> None:
 
 def schema(
     kind: Annotated[
-        Kind, typer.Argument(help="robot, columns (a log's mapping) or model.")
+        Kind,
+        typer.Argument(help="robot, columns (a log's mapping), model or sensors (what to buy)."),
     ] = "robot",
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
     from deltaid.cli.output import print_json
     from deltaid.model.record import IdentifiedModel
+    from deltaid.planning.offers import Offers
     from deltaid.recording.mapping import ColumnMapping
     from deltaid.robot.description import RobotDescription
 
@@ -27,5 +29,6 @@ def schema(
         "robot": RobotDescription,
         "columns": ColumnMapping,
         "model": IdentifiedModel,
+        "sensors": Offers,
     }
     print_json(models[kind].model_json_schema())

@@ -9,6 +9,9 @@ from deltaid.cli.options import output_file
 from deltaid.control.options import ControllerName
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
     import polars as pl
 
     from deltaid.control.tracking import Drives, Tracking
@@ -95,7 +98,7 @@ def simulate(
         result = track(runs_on, law, known, motion, drives)
         if output is not None:
             with written_whole(output) as file:
-                file.write(as_table(result).write_csv())
+                file.write(as_table(result, sensed(runs_on, result)).write_csv())
         if report is not None:
             from deltaid.report.page import write_page
             from deltaid.report.tracking import tracking_page
@@ -203,8 +206,28 @@ def error_dictionary(result: "Tracking") -> dict[str, Any]:
     }
 
 
-def as_table(result: "Tracking") -> "pl.DataFrame":
-    """Motion and torques with the default names of a log, and what was desired.
+def sensed(plant: "Model", result: "Tracking") -> "dict[str, np.ndarray]":
+    """What the plant's sensors would show, with their noise; nothing of a plant without any.
+
+    Accelerations are differences of velocities, so as they are between the drives' samples.
+    """
+    if not plant.robot.sensors:
+        return {}
+    import numpy as np
+
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.sensors.simulated import simulated_sensors
+
+    qdd = np.gradient(result.qd, result.time, axis=0)
+    rng = np.random.default_rng(0)
+    motion = result.z, result.qd, qdd
+    return simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
+
+
+def as_table(
+    result: "Tracking", sensors: "Mapping[str, np.ndarray] | None" = None
+) -> "pl.DataFrame":
+    """Motion and torques with the default names of a log, what sensors show, what was desired.
 
     It ends where the robot was lost, so that it can be read as a log.
     """
@@ -221,6 +244,7 @@ def as_table(result: "Tracking") -> "pl.DataFrame":
         columns |= {name.format(i + 1): values[:, i] for i in range(values.shape[1])}
     columns |= {name: result.z[:, i] for i, name in enumerate(task)}
     columns |= {f"{name}_desired": result.z_desired[:, i] for i, name in enumerate(task)}
+    columns |= sensors or {}
     valid = result.time < (np.inf if result.ended is None else result.ended)
     return pl.DataFrame({name: values[valid] for name, values in columns.items()})
 

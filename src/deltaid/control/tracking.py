@@ -80,6 +80,7 @@ class Tracking:
         saturated: where a limit cut them.
         ended: when the robot left its workspace [s]; None if it did not.
         task: what z consists of.
+        qd: velocities of the drives, as q.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -91,6 +92,7 @@ class Tracking:
     saturated: Bool[np.ndarray, "samples dof"]
     ended: float | None
     task: Task
+    qd: Samples
 
     @property
     def drive_error(self) -> Samples:
@@ -147,11 +149,11 @@ def track(
     substeps, h = time_steps(drives.rate)
     z, qd = plant.forward.kinematics.forward(start.q[:1]), start.qd[:1]
     readings = _Readings(drives)
-    path, torques = np.empty((2, len(time), z.shape[1])), np.empty(start.q.shape)
+    path, torques = np.empty((3, len(time), z.shape[1])), np.empty(start.q.shape)
     wanted = np.empty_like(torques)
     for k in range(len(time)):
         q = plant.forward.drive_coordinates(z)
-        path[:, k] = q[0], z[0]
+        path[:, k] = q[0], z[0], qd[0]
         error, error_rate = readings.take(q, start.q[k : k + 1])
         now = _row(desired, k)
         measured = Measured(now.q + error, now.qd + error_rate)
@@ -166,6 +168,7 @@ def track(
         z_desired=start.z,
         q=path[0],
         z=path[1],
+        qd=path[2],
         tau=torques,
         saturated=np.abs(wanted) > limits,
         ended=float(time[lost[0]]) if lost.size else None,

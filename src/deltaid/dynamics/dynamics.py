@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.equations import Equations, build_equations
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.rounding import beyond_rounding
 from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
@@ -17,10 +18,6 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
 Parameters = Float[np.ndarray, " parameters"]
-
-# Generic states in which entries of a mechanism of the user's own are looked at, and the share of
-# the largest entry below which one is zero: rounding leaves 1e-15 of it.
-_GENERIC, _ROUNDING = 64, 1e-12
 
 
 @dataclass(frozen=True)
@@ -172,15 +169,8 @@ class Dynamics:
         """
         if self.robot.mechanism is None:
             return np.arange(self.equations.Y.nnz())
-        e, rng, home = self.equations, np.random.default_rng(0), self.kinematics.home
-        turn = 0.5 * (self.robot.turn.high - self.robot.turn.low)
-        half = self.robot.within(0.0, turn)[1]
-        z = home + 0.5 * half * rng.uniform(-1, 1, (_GENERIC, self.dof))
-        others = rng.standard_normal((_GENERIC, 3 * self.dof))
-        Y = ca.Function("Y", [ca.vertcat(e.z, e.qd, e.qdd, e.load)], [e.Y.T.nz[:]])
-        sizes = np.abs(np.array(Y(np.hstack([z, others]).T)))
-        largest = np.nanmax(sizes, axis=1, initial=0.0)  # NaN out of reach
-        return np.flatnonzero(~(largest <= _ROUNDING * largest.max()))
+        e = self.equations
+        return beyond_rounding(self.kinematics, ca.vertcat(e.z, e.qd, e.qdd, e.load), e.Y.T.nz[:])
 
     def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """Drive torques τ = Y(q, q̇, q̈) p, eq. (2).

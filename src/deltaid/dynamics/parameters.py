@@ -132,6 +132,18 @@ def _body_parameters(robot: RobotDescription, name: str) -> list[Parameter]:
     ]  # fmt: skip
 
 
+def stated_spreads(robot: RobotDescription) -> dict[str, float]:
+    """Spreads of priors that the description gives, by the names of their entries of p."""
+    found = dict[str, float]()
+    for name in robot.body_names:
+        own = robot.bodies[name].spread
+        if isinstance(own, dict):
+            found |= {f"{name}.{symbol}": spread for symbol, spread in own.items()}
+        elif own is not None:
+            found |= {f"{name}.{symbol}": own for symbol in INERTIA_NAMES}
+    return found
+
+
 def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
     """|p| of one body; m ℓ for a first moment and m ℓ² for an inertia that is zero.
 

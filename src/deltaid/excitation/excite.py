@@ -10,10 +10,11 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
+from deltaid.excitation.by_bodies import by_bodies
 from deltaid.excitation.criterion import Criterion
 from deltaid.excitation.graph import ExcitationGraph
-from deltaid.excitation.optimize import Optimum, Progress, conflict, optimise, random_start
-from deltaid.excitation.options import CriterionName
+from deltaid.excitation.optimize import Judge, Optimum, Progress, conflict, optimise, random_start
+from deltaid.excitation.options import CriterionName, PurposeName
 from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
@@ -47,6 +48,8 @@ class ExcitationSettings:
             torque on random motions.
         rate: sampling rate of the recording [Hz].
         starts, seed: how many starts, and the first one's seed.
+        by: what decides between the motions of all starts: the criterion, of torques, or what
+            `sensors` and measured values of the description tell of all bodies besides.
     """
 
     criterion: CriterionName = "logdet"
@@ -60,6 +63,7 @@ class ExcitationSettings:
     rate: float = 1000.0
     starts: int = 8
     seed: int = 0
+    by: PurposeName = "torques"
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,7 @@ class Exciter:
         self._shape = self._problem(blank, np.ones(dof))
         self.torque_reference, self._speed, self._column_rms = self._references()
         self.problem = self._problem(self._weighting(), self._speed)
+        self._judge = self._judged_by_bodies() if settings.by == "sensors" else None
 
     def optimise(
         self, stop: Event | None = None, progress: Progress = lambda _: None, *, offset: int = 0
@@ -145,10 +150,9 @@ class Exciter:
         """
         first = self.settings.seed + offset
         seeds = range(first, first + self.settings.starts)
-        optimum = optimise(self.problem, seeds, stop=stop, progress=progress)
+        optimum = optimise(self.problem, seeds, stop=stop, progress=progress, judge=self._judge)
         periods = max(1, round(self.settings.duration / optimum.motion.period))
         run = plan_run(self.problem, optimum.motion, periods * self.settings.repeats)
-        best = min((a for a in optimum.accounts if a.feasible), key=lambda a: a.after)
         torque_max = np.abs(self.preview(run)).max(axis=0)
         names, use = self.problem.limit_names, run_use(self.problem, run, 4000)
         for k, (i, largest) in enumerate(torque_limits(self.dynamics.robot).items()):
@@ -156,7 +160,7 @@ class Exciter:
         return Excitation(
             run=run,
             optimum=optimum,
-            criterion_before=self._criterion(random_start(self.problem, best.seed)),
+            criterion_before=self._criterion(random_start(self.problem, optimum.best.seed)),
             criterion_after=self._criterion(optimum.x),
             limits=tuple(LimitUse(n, float(u)) for n, u in zip(names, use, strict=True)),
             predictions=self.predict(run),
@@ -186,6 +190,11 @@ class Exciter:
         units = [self.dynamics.layout.units[group.representative] for group in self.base.groups]
         rows = zip(self.base.formulas, self._values, std, units, strict=True)
         return tuple(Prediction(f, float(v), float(s), u) for f, v, s, u in rows)
+
+    def _judged_by_bodies(self) -> Judge:
+        s = self.settings
+        noise, seconds = s.torque_noise * self.torque_reference, s.duration * s.repeats
+        return by_bodies(self.dynamics, noise, seconds * s.rate)
 
     def _criterion(self, x: np.ndarray) -> float:
         G = self.problem.information(x, 10 * self.problem.samples)

@@ -4,7 +4,7 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Event
 
 import numpy as np
@@ -39,6 +39,7 @@ class StartAccount:
         use: largest use of any limit on the fine grid.
         evaluations, seconds: the effort.
         message: the solver's own word.
+        judged: what another judge says of the motion, smaller is better; None without one.
     """
 
     seed: int
@@ -48,6 +49,12 @@ class StartAccount:
     evaluations: int
     seconds: float
     message: str
+    judged: float | None = None
+
+    @property
+    def merit(self) -> float:
+        """What feasible motions are compared by: the judge's word, or the objective."""
+        return self.after if self.judged is None else self.judged
 
     @property
     def feasible(self) -> bool:
@@ -64,8 +71,14 @@ class Optimum:
     value: float
     accounts: tuple[StartAccount, ...]
 
+    @property
+    def best(self) -> StartAccount:
+        """The start that it comes from."""
+        return min((a for a in self.accounts if a.feasible), key=lambda a: a.merit)
+
 
 Progress = Callable[[StartAccount], None]
+Judge = Callable[[FourierMotion], float]
 
 
 def optimise(
@@ -74,6 +87,7 @@ def optimise(
     *,
     stop: Event | None = None,
     progress: Progress = lambda _: None,
+    judge: Judge | None = None,
 ) -> Optimum:
     """The best feasible motion from several starts, on all cores.
 
@@ -83,6 +97,7 @@ def optimise(
         seeds: one start for each; the same seeds give the same motion.
         stop: when set, running searches end and the best feasible motion so far is returned.
         progress: called when a start has ended.
+        judge: which of the feasible results is best, where it is not the objective that says so.
 
     Raises:
         DeltaidError: no start led to a feasible motion; says which limits fight.
@@ -91,13 +106,16 @@ def optimise(
     results = []
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         for account, x in pool.map(lambda seed: _from_start(problem, seed, stop), seeds):
+            if judge is not None and account.feasible:
+                account = replace(account, judged=judge(problem.series.motion(x)))
             progress(account)
             results.append((account, x))
-    feasible = [(account.after, x) for account, x in results if account.feasible]
+    feasible = [(account, x) for account, x in results if account.feasible]
     if not feasible:
         raise conflict(problem, results[0][1])
-    value, x = min(feasible, key=lambda pair: pair[0])
-    return Optimum(x, problem.series.motion(x), value, tuple(account for account, _ in results))
+    best, x = min(feasible, key=lambda pair: pair[0].merit)
+    accounts = tuple(account for account, _ in results)
+    return Optimum(x, problem.series.motion(x), best.after, accounts)
 
 
 def random_start(problem: ExcitationProblem, seed: int) -> Vector:

@@ -3,3 +3,4 @@
 from typing import Literal
 
 CriterionName = Literal["logdet", "cond", "a-optimal", "e-optimal"]
+PurposeName = Literal["torques", "sensors"]

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
 from deltaid.errors import DescriptionError, Doubt
-from deltaid.forces.equations import ForceEquations, build_forces, splits
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.recording.recording import Recording
@@ -25,7 +25,7 @@ class ConstraintForces:
     """Constraint forces of a described robot. Arrays have one sample a row.
 
     Every force is linear in the parameters: F = C(z, q̇, q̈) p. Names, frames and signs of the
-    channels stand in `docs/forces.md`; the equations in `forces.equations`.
+    channels stand in `docs/forces.md`; the equations in `dynamics.force_equations`.
 
     Attributes:
         names: of the channels, such as 'strut1a.platform.x'.

@@ -27,6 +27,7 @@ from deltaid.errors import DescriptionError, RecordingError
 from deltaid.forces.ball import REACH, Ball
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.balance import balanced
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.generic_motion import random_motion_base
@@ -34,6 +35,7 @@ from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.scatter import Groups, half_width
 from deltaid.model.model import Model, ModelLike, load
@@ -41,6 +43,7 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
+from deltaid.sensors.weighings import weighings
 
 # A force of whose prior variance torques leave less than this share (squared) is determined.
 _DETERMINED = 1e-6
@@ -140,7 +143,9 @@ def evidence(
     _require_sources(known, recordings)
     recordings = [as_known(model_filtered(model, one.log), model) for one in recordings]
     predicted_by = model.p if model.robot.load_drives else None
-    gathered = gather_all(dynamics, recordings, predicted_by, progress)
+    facts = weighings(model.robot)
+    rows = MeasuredRows(dynamics, facts)
+    gathered = balanced(gather_all(rows, recordings, predicted_by, progress), facts)
     information = gathered.information
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
@@ -181,7 +186,7 @@ class Ranges:
         self._noise, self._known, self._p = given.estimate.noise, known, p
         self._shifts = given.geometry.shifts
         information, unknown = given.information, known.unknowns
-        factor = information.weighted(information.drive_weights)
+        factor = information.weighted()
         at, Y, tau = information.columns, factor[:, :-1], factor[:, -1]
         rows = np.column_stack([Y @ unknown.A[at], tau - Y @ unknown.p_0[at]])
         self._data = triangle(rows)

@@ -73,6 +73,11 @@ class Addition(ABC):
         """Whether it is known in kg or N m by itself, so that it tells how large torques are."""
         return False
 
+    @property
+    def witness(self) -> str:
+        """What it is called where it tells how large torques are."""
+        return "what is known"
+
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What the fit found of it, as corrections.
 

@@ -101,6 +101,8 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
             parameter on the edge of being determined.
     """
     Y = information.weighted(np.ones(len(information.factors)))[:, :-1]
+    if information.facts is not None:
+        Y = np.vstack([Y, information.facts[:, :-1]])
     norms = np.linalg.norm(Y, axis=0)
     shown = np.flatnonzero(norms > _DEPENDENT * norms.max())
     scaled = Y[:, shown] / norms[shown]

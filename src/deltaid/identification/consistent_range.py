@@ -30,6 +30,7 @@ from deltaid.identification.free_body import Block
 from deltaid.identification.information import Information
 from deltaid.identification.objective import NOISE_FLOOR, Objective
 from deltaid.identification.scatter import Noise, half_width, quantile
+from deltaid.identification.sources import Sources
 from deltaid.model.parameter_record import Share
 
 # A singular value below this share of the largest is what the recording does not show.
@@ -80,6 +81,7 @@ class ConsistentRanges:
         shifts: Float[np.ndarray, "base quantities"] | None = None,
     ) -> None:
         self._reduction, self._noise = objective.reduction, noise
+        self._sources = Sources.of(information, base, noise)
         self._white = max(noise.sigma, NOISE_FLOOR)
         rows = np.sqrt(information.mean_samples) / self._white
         R, b = rows * objective.data.R, rows * objective.data.b
@@ -115,7 +117,16 @@ class ConsistentRanges:
         ratio = float(rest / whole) if whole > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
         noise, geometry = (1 - unseen) * reach.noise, (1 - unseen) * (1 - reach.noise)
-        return Share(noise=noise, prior=0.0, geometry=geometry, unseen=unseen)
+        U = (self._scores @ cost[: self._rank])[:, None]
+        torques, sensors, measured = (float(part[0]) for part in self._sources.parts(U))
+        return Share(
+            noise=noise * torques,
+            prior=0.0,
+            geometry=geometry,
+            unseen=unseen,
+            sensors=noise * sensors,
+            measured=noise * measured,
+        )
 
     def _ends(self, cost: Vector, t: float) -> tuple[float, float]:
         """Least and largest cost·(v, a)."""

@@ -40,7 +40,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
 def _misfit(problem: FittedProblem) -> list[str]:
     """Torques that no consistent parameters explain."""
     noise = max(problem.noise, NOISE_FLOOR)
-    rows = len(problem.information.torque_max)
+    rows = problem.information.rows / problem.information.mean_samples
     left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
     if left <= max(_WORSE * noise, _SHARE):
         return []
@@ -71,9 +71,7 @@ def _grown(problem: FittedProblem) -> list[str]:
 
 def _scale(problem: FittedProblem) -> float:
     """How many times the prior's torques the measured ones are, by least squares."""
-    largest = problem.information.torque_max
-    weights = np.where(largest > 0, largest, np.inf) ** -2.0  # a drive that rests has no say
-    factor = problem.information.weighted(weights)
+    factor = problem.information.of_drives.weighted()
     prior = factor[:, :-1] @ problem.reduction.p_reg[problem.information.columns]
     square = float(prior @ prior)
     return float(prior @ factor[:, -1]) / square if square > 0 else np.nan

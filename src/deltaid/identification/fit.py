@@ -11,6 +11,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.identification.additions import Addition, extended
+from deltaid.identification.balance import balanced
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.conic import Conic
 from deltaid.identification.gathering import Gathered, gather_all
@@ -18,6 +19,7 @@ from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.log_cholesky import LogCholesky
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.objective import Objective, data_term, default_gamma, noise_level
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.identification.regularizer import (
@@ -35,6 +37,7 @@ from deltaid.model.corrections import Correction
 from deltaid.model.options import Method, RegularizerName
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
+from deltaid.sensors.weighings import weighings
 
 Progress = Callable[[str], None]
 
@@ -248,12 +251,12 @@ def _posed(
     progress: Progress = lambda _: None,
 ) -> FittedProblem:
     """A fit where gears carry what parameters `load` say."""
-    regressor = extended(dynamics, additions)
-    gathered = gather_all(regressor, recordings, load, progress)
+    rows = MeasuredRows(extended(dynamics, additions), weighings(dynamics.robot))
+    gathered = balanced(gather_all(rows, recordings, load, progress), rows.weighings)
     information = gathered.information
     progress("fitting")
     added = [(one.parameters, one.free) for one in additions]
-    reduction = build_reduction(dynamics.robot, information.columns, added)
+    reduction = build_reduction(dynamics.robot, information.columns, added, settings.prior_spread)
     objective = pose(information, reduction, settings)
     try:
         solution = minimise(objective, SOLVERS[settings.method])

@@ -111,7 +111,9 @@ def freed(problem: FittedProblem) -> FittedProblem:
     added = [(one.parameters, own) for one, own in zip(problem.additions, free, strict=True)]
     information = problem.information
     reduction = replace(
-        build_reduction(problem.dynamics.robot, information.columns, added),
+        build_reduction(
+            problem.dynamics.robot, information.columns, added, problem.settings.prior_spread
+        ),
         widened=problem.reduction.widened,
     )
     objective = replace(

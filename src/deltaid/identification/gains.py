@@ -101,10 +101,15 @@ class Gains(Addition):
             first += len(one.parameters)
         return -torque
 
+    @property
+    def _witness(self) -> str:
+        """What knows N m by itself."""
+        return " and by ".join(one.witness for one in self.others if one.is_absolute)
+
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         pairs = list(zip(self.gain.tolist(), judged, strict=True))
         if not self.alike:
-            return tuple(_told(c, one) for c, one in pairs)
+            return tuple(_told(c, one, self._witness) for c, one in pairs)
         drives = self.dynamics.robot.drives
         silent = [drive for i, drive in enumerate(drives) if i not in self.alike]
         return tuple(_told_ratio(*pairs[i], silent) for i in self.alike)
@@ -125,20 +130,20 @@ def _told_ratio(c: float, judged: Judged, silent: Sequence[str]) -> Correction:
     )
 
 
-def _told(c: float, judged: Judged) -> Correction:
+def _told(c: float, judged: Judged, witness: str) -> Correction:
     drive, value = judged.name.removeprefix("gain."), c * np.exp(judged.value)
     low, high = (c * np.exp(np.nan if x is None else x) for x in (judged.low, judged.high))
     if judged.std < _TOLD * SPREAD:
         text = (
-            f"the joint gets {value:.4g} times the torque that {drive} records: what the known "
-            "load weighs and how it resists say so"
-            + (", which is 1 as far as they can tell" if low <= 1.0 <= high else "")
+            f"the joint gets {value:.4g} times the torque that {drive} records, told by {witness}"
+            + (", which is 1 as far as this can tell" if low <= 1.0 <= high else "")
         )
     else:
         text = (
-            f"the known load hardly shows in {drive}, so its gain rests on torque constants being "
-            f"right within {100 * SPREAD:.0f} % (one sigma); a load of known inertia about this "
-            "drive's axis, off the tool's axis where this is the tool's drive, would tell it"
+            f"what is known in N m by itself hardly shows in {drive}, so its gain "
+            f"rests on torque constants being right within {100 * SPREAD:.0f} % (one sigma); a "
+            "load of known inertia about this drive's axis, off the tool's axis where this is the "
+            "tool's drive, or a torque sensor at its gear would tell it"
         )
     return Correction(
         kind="gain", subject=drive, value=float(value), low=float(low), high=float(high), text=text
@@ -156,7 +161,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     alike = () if absolute else _alike(setup)
     if not (absolute or alike):
         return setup
-    progress("comparing drives with the known load" if absolute else "comparing drives")
+    progress("comparing drives with what is known in N m" if absolute else "comparing drives")
     dynamics, settings = setup.dynamics, setup.settings
     c = np.ones(dynamics.dof)
     problem = fit(dynamics, _with(setup, c), settings, additions=others)

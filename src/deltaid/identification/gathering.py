@@ -4,7 +4,7 @@ Windows are condensed to triangles apart from each other, on all cores, and adde
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -25,6 +25,7 @@ from deltaid.identification.information import (
     triangle,
 )
 from deltaid.identification.load_slope import LoadSlope
+from deltaid.identification.measured_rows import MeasuredRows, Shown
 from deltaid.identification.places import Places, Visits
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
@@ -46,10 +47,13 @@ class Gathered:
         parts: for each recording its consecutive blocks of equal length; apart they tell how much
             results change from one stretch of the recording to the next.
         places: the same samples place by place.
+        levels, facts: as of `Information`, for everything together (`balance`).
     """
 
     parts: tuple[tuple[Information, ...], ...]
-    places: Float[np.ndarray, "places drives augmented augmented"]
+    places: Float[np.ndarray, "places rows augmented augmented"]
+    levels: Float[np.ndarray, " channels"] | None = None
+    facts: Float[np.ndarray, "facts augmented"] | None = None
 
     @property
     def blocks(self) -> tuple[Information, ...]:
@@ -59,11 +63,11 @@ class Gathered:
     @cached_property
     def information(self) -> Information:
         """Everything together."""
-        return merge(self.blocks)
+        return replace(merge(self.blocks), levels=self.levels, facts=self.facts)
 
 
 def gather_all(
-    regressor: Regressor | Extended,
+    regressor: Regressor | Extended | MeasuredRows,
     recordings: Sequence[Recording],
     load: Parameters | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -73,15 +77,16 @@ def gather_all(
     Raises:
         IdentificationError: the regressor is not finite somewhere.
     """
-    places, parts = places_of(regressor, recordings), []
+    rows = regressor if isinstance(regressor, MeasuredRows) else MeasuredRows(regressor)
+    places, parts = places_of(rows, recordings), []
     for recording in recordings:
         progress(f"evaluating {recording.log.samples} samples of {recording.path}")
-        parts.append(gather(regressor, recording, places, load))
+        parts.append(gather(rows, recording, places, load))
     return Gathered(tuple(parts), places.sums)
 
 
 def gather(
-    regressor: Regressor | Extended,
+    regressor: Regressor | Extended | MeasuredRows,
     recording: Recording,
     places: Places | None = None,
     load: Parameters | None = None,
@@ -100,12 +105,14 @@ def gather(
         IdentificationError: the regressor is not finite somewhere.
     """
 
+    rows = regressor if isinstance(regressor, MeasuredRows) else MeasuredRows(regressor)
+
     def chunks(values: _Values, tau: _Torques) -> list[Chunk]:
-        return chunks_of_drives(regressor, values, tau)
+        return chunks_of_drives(rows.regressor, values, tau, rows.active)
 
     return tuple(
-        collect(regressor, block, str(recording.path))
-        for block in _blocks(regressor, recording, places, chunks, load)
+        collect(rows, block, str(recording.path), rows.channels)
+        for block in _blocks(rows, recording, places, chunks, load)
     )
 
 
@@ -131,7 +138,7 @@ def whitened(
         return [(everything, drive) for drive in np.einsum("ij,jks->iks", whitening, full)]
 
     factors = []
-    for block in _blocks(regressor, recording, places, chunks):
+    for block in _blocks(MeasuredRows(regressor), recording, places, chunks):
         factor = np.zeros((0, len(everything)))
         for part in block:
             factor = triangle(np.vstack([factor, *(R for _, R in part.triangles)]))
@@ -139,7 +146,9 @@ def whitened(
     return tuple(factors)
 
 
-def places_of(regressor: Regressor | Extended, recordings: Iterable[Recording]) -> Places:
+def places_of(
+    regressor: Regressor | Extended | MeasuredRows, recordings: Iterable[Recording]
+) -> Places:
     """Empty places over the range that recordings cover together."""
     return Places(recordings, regressor.dof, len(active_columns(regressor)) + 1)
 
@@ -153,27 +162,34 @@ class _Share:
 
 
 def _blocks(
-    regressor: Regressor | Extended,
+    rows: MeasuredRows,
     recording: Recording,
     places: Places | None,
     chunks: _Chunks,
     load: Parameters | None = None,
 ) -> Iterator[Iterator[Condensed]]:
     """The samples of each block of a recording, all blocks of equal length but the last."""
-    length, robot = _block_length(recording), regressor.kinematics.robot
+    regressor, length = rows.regressor, _block_length(recording)
+    robot = regressor.kinematics.robot
 
     def share(window: Window) -> _Share:
         values, tau, z = thinned(regressor, recording, window, load)
-        counted = window.counted(window.thinned)
-        visits = places.visits(robot.task.point(z), chunks(values, tau)) if places else []
-        pieces = (
-            (
-                number,
-                condense(chunks(values[:, part], tau[:, part]), tau[:, part], counted[:, part]),
-            )
-            for number, part in _cuts(window.start // window.thinned, tau.shape[1], length)
+        counted, shown = window.counted(window.thinned), rows.shown(window, recording)
+
+        def piece(part: slice) -> Condensed:
+            some = chunks(values[:, part], tau[:, part])
+            if shown is None:
+                return condense(some, tau[:, part], counted[:, part])
+            every = [np.vstack([one, other])[:, part] for one, other in _pairs(tau, counted, shown)]
+            return condense([*some, *rows.chunks(shown, part)], *every)
+
+        whole = slice(None)
+        beside = rows.chunks(shown, whole) if shown is not None and places else []
+        visits = (
+            places.visits(robot.task.point(z), [*chunks(values, tau), *beside]) if places else []
         )
-        return _Share(tuple(pieces), visits)
+        cuts = _cuts(window.start // window.thinned, tau.shape[1], length)
+        return _Share(tuple((number, piece(part)) for number, part in cuts), visits)
 
     def numbered() -> Iterator[tuple[int, Condensed]]:
         for one in recording.evaluate(regressor.kinematics, share):
@@ -183,6 +199,13 @@ def _blocks(
 
     for _, block in groupby(numbered(), key=lambda one: one[0]):
         yield (piece for _, piece in block)
+
+
+def _pairs(
+    tau: _Torques, counted: _Torques, shown: Shown
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """What is measured of drives and sensors, and what that is worth."""
+    return (tau, shown.y), (counted, shown.counted)
 
 
 def _block_length(recording: Recording) -> int:

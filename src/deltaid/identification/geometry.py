@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import geometric_errors
@@ -86,11 +86,14 @@ def geometry(
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
     weights, regressor = np.sqrt(information.drive_weights), extended(dynamics, additions)
-    rows = [geometric_rows(regressor, dynamics, one, p, weights) for one in recordings]
+    active = information.columns
+    rows = [
+        geometric_rows(regressor, dynamics, one, p, weights, active=active) for one in recordings
+    ]
     columns = [group.representative for group in base.groups]
     at = np.searchsorted(information.columns, columns)
     Y, D = (np.vstack(part) for part in zip(*((one.Y, one.D) for one in rows), strict=True))
-    Y, whole = Y[:, at], information.weighted(information.drive_weights)[:, at]
+    Y, whole = Y[:, at], information.weighted()[:, at]
     norms = np.linalg.norm(whole, axis=0)
     share = np.sqrt(_BESIDE) * np.linalg.norm(Y / norms) / np.sqrt(base.rank)
     shifts, *_ = np.linalg.lstsq(
@@ -108,11 +111,12 @@ def geometric_rows(
     p: Parameters,
     weights: Float[np.ndarray, " dof"],
     tolerances: Tolerances | None = None,
+    active: Int[np.ndarray, " columns"] | None = None,
 ) -> GeometricRows:
     """Samples spread evenly over the beginning of a recording, and what tolerances, by default
-    those of the description, do to torques there."""
+    those of the description, do to torques there; with the columns of torques, or those given."""
     rows, columns = regressor.regressor_pattern
-    active, dof = active_columns(regressor), dynamics.dof
+    active, dof = active_columns(regressor) if active is None else active, dynamics.dof
     parts = []
     for window in _beginning(recording, dynamics):
         values, tau, _ = thinned(regressor, recording, window, p)

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.additions import Addition
 from deltaid.identification.base_parameters import BaseParameters
+from deltaid.identification.contradicted import contradicted
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import (
     FittedProblem,
@@ -31,6 +32,7 @@ from deltaid.identification.lag_stage import doubtful_lags_left
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, unloaded
 from deltaid.identification.marginal import posterior_record
+from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
@@ -122,6 +124,7 @@ def identify(
         settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
         posterior=posterior_record(problem),
         loads=loads,
+        sensors=fitted_sensors(problem, judged[own:]),
         corrections=(
             *setup.corrections,
             *_told(setup.additions, judged[own:]),
@@ -136,6 +139,7 @@ def identify(
         warnings=(
             *(f"{one.path}: {text}" for one in recordings for text in one.log.warnings),
             *doubts(problem),
+            *contradicted(problem),
         ),
     )
     return Identification(model, problem, recordings, _unchanged(setup))

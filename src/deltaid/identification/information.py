@@ -1,5 +1,7 @@
 """Everything a fit needs from any number of samples: triangular factors of [Ȳ, τ̄], one a drive.
 
+What sensors show beside the drives' torques has factors too, behind those of the drives.
+
 For drive i let A_i = [Y_i, τ_i] hold its rows of all samples. Its QR factor R_i with
 R_iᵀ R_i = A_iᵀ A_i is all that least squares, (15) and the torque error of any p ever use. Factors
 of chunks stack and factor again (tall-skinny QR), so memory stays constant, results add up over
@@ -30,12 +32,22 @@ class Columns(Protocol):
 
     @property
     def dof(self) -> int:
-        """Number of drives δ."""
+        """Number of drives δ, and of channels of sensors."""
         ...
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every structurally nonzero entry."""
+        ...
+
+
+@runtime_checkable
+class Known(Protocol):
+    """Columns of which something is known without any sample."""
+
+    @property
+    def known_columns(self) -> Int[np.ndarray, " _"]:
+        """Which."""
         ...
 
 
@@ -49,45 +61,79 @@ class Information:
 
     Attributes:
         columns: the parameters (positions in p) that the factors' columns stand for; all others
-            have no effect on torques.
-        factors: for each drive a matrix F with Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
-        samples: number of samples behind each drive's factor; one whose noise the weights of a
+            have no effect on what is measured.
+        factors: for each drive, then for each channel of sensors, a matrix F with
+            Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
+        samples: number of samples behind each factor; one whose noise the weights of a
             recording leave in part counts as that part.
-        torque_max: largest |τ| of each drive.
+        torque_max: largest |τ| of each.
+        channels: how many of the factors, the last ones, are of sensors.
+        levels: what each channel counts as 1 of, so that its noise is σ̂ like that of torques over
+            their largest (`balance`); none before that is known.
+        facts: rows [c, v] of what is known without any sample, cᵀp = v, in the same measure.
     """
 
     columns: Int[np.ndarray, " columns"]
-    factors: Float[np.ndarray, "dof augmented augmented"]
-    samples: Float[np.ndarray, " dof"]
-    torque_max: Float[np.ndarray, " dof"]
+    factors: Float[np.ndarray, "rows augmented augmented"]
+    samples: Float[np.ndarray, " rows"]
+    torque_max: Float[np.ndarray, " rows"]
+    channels: int = 0
+    levels: Float[np.ndarray, " channels"] | None = None
+    facts: Float[np.ndarray, "facts augmented"] | None = None
+
+    @property
+    def drives(self) -> slice:
+        """Which of the factors are of drives."""
+        return slice(0, len(self.factors) - self.channels)
+
+    @property
+    def of_drives(self) -> "Information":
+        """What torques alone say."""
+        if not self.channels and self.facts is None:
+            return self
+        own = self.drives
+        return Information(self.columns, self.factors[own], self.samples[own], self.torque_max[own])
 
     @property
     def rows(self) -> float:
-        """Number of torque values behind it."""
-        return float(self.samples.sum())
+        """Number of values behind it."""
+        return float(self.samples.sum()) + (0 if self.facts is None else len(self.facts))
 
     @property
     def mean_samples(self) -> float:
         """s, the number of samples in the mean over the drives."""
-        return float(self.samples.mean())
+        return float(self.samples[self.drives].mean())
 
     @property
-    def drive_weights(self) -> Float[np.ndarray, " dof"]:
+    def drive_weights(self) -> Float[np.ndarray, " drives"]:
         """W_τ = diag(τ_max)⁻²; 0 for a drive of which nothing is used, such as one at rest."""
-        used = self.torque_max > 0
-        return np.where(used, np.where(used, self.torque_max, 1.0) ** -2.0, 0.0)
+        return self.weights[self.drives]
+
+    @property
+    def weights(self) -> Float[np.ndarray, " rows"]:
+        """The same, and behind it those of the channels of sensors by their noise."""
+        sizes = self.torque_max.copy()
+        if self.levels is not None:
+            sizes[self.drives.stop :] = np.where(sizes[self.drives.stop :] > 0, self.levels, 0.0)
+        used = sizes > 0
+        return np.where(used, np.where(used, sizes, 1.0) ** -2.0, 0.0)
 
     def weighted(
-        self, weights: Float[np.ndarray, " dof"]
+        self, weights: Float[np.ndarray, " rows"] | None = None
     ) -> Float[np.ndarray, "augmented augmented"]:
-        """Factor of W^½ [Ȳ, τ̄] with one weight a drive: rows of drive i times √weights_i."""
-        scaled = self.factors * np.sqrt(weights)[:, None, None]
-        return triangle(scaled.reshape(-1, scaled.shape[2]))
+        """Factor of W^½ [Ȳ, τ̄] with one weight a drive or channel: rows i times √weights_i.
 
-    def rms(self, p: Parameters) -> Float[np.ndarray, " dof"]:
-        """Root mean square of τ_i − Y_i p for each drive."""
+        With the weights of the fit, which are the default, facts are among the rows.
+        """
+        facts = self.facts if weights is None else None
+        scaled = self.factors * np.sqrt(self.weights if weights is None else weights)[:, None, None]
+        rows = scaled.reshape(-1, scaled.shape[2])
+        return triangle(rows if facts is None else np.vstack([rows, facts]))
+
+    def rms(self, p: Parameters) -> Float[np.ndarray, " rows"]:
+        """Root mean square of τ_i − Y_i p for each drive and channel; 0 without samples."""
         residual = self.factors @ np.append(-p[self.columns], 1.0)
-        return np.linalg.norm(residual, axis=1) / np.sqrt(self.samples)
+        return np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(self.samples, 1.0))
 
     def torque_rms(self) -> Float[np.ndarray, " dof"]:
         """Root mean square of τ_i for each drive."""
@@ -118,8 +164,13 @@ def condense(
     return Condensed(triangles, counted.sum(axis=1), np.abs(tau).max(axis=1, initial=0.0))
 
 
-def collect(regressor: Columns, parts: Iterable[Condensed], where: str) -> Information:
+def collect(
+    regressor: Columns, parts: Iterable[Condensed], where: str, channels: int = 0
+) -> Information:
     """The information of condensed samples, taken in one after the other.
+
+    Args:
+        channels: how many of the rows, the last ones, are of sensors.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere; `where` says in what.
@@ -140,7 +191,7 @@ def collect(regressor: Columns, parts: Iterable[Condensed], where: str) -> Infor
             where=where,
             cure="leave out what comes near a singular pose, and check the robot's lengths",
         )
-    return Information(columns, factors, samples, torque_max)
+    return Information(columns, factors, samples, torque_max, channels)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -174,21 +225,28 @@ def merge(parts: Iterable[Information]) -> Information:
         factors=np.stack(factors),
         samples=np.sum([part.samples for part in parts], axis=0),
         torque_max=np.max([part.torque_max for part in parts], axis=0),
+        channels=first.channels,
     )
 
 
 def active_columns(regressor: Columns) -> Int[np.ndarray, " columns"]:
     """Parameters whose column of Y is not zero by structure, in the order of p."""
-    return np.unique(regressor.regressor_pattern[1])
+    known = [regressor.known_columns] if isinstance(regressor, Known) else []
+    return np.unique(np.concatenate([regressor.regressor_pattern[1], *known]))
 
 
 def chunks_of_drives(
     regressor: Columns,
     values: Float[np.ndarray, "entries samples"],
     tau: Float[np.ndarray, "dof samples"],
+    active: Int[np.ndarray, " columns"] | None = None,
 ) -> list[Chunk]:
-    """Each drive's rows of [Y, τ], without the columns that are zero for it by structure."""
-    columns = active_columns(regressor)
+    """Each drive's rows of [Y, τ], without the columns that are zero for it by structure.
+
+    Args:
+        active: the columns that are gathered, if they are more than torques show.
+    """
+    columns = active_columns(regressor) if active is None else active
     rows, entries = regressor.regressor_pattern
     return [
         (

@@ -1,10 +1,11 @@
-"""What decided each parameter of a fit: data, data with others' priors, prior, or consistency."""
+"""What decided each parameter of a fit: data, measured values, data with others' priors, prior, or
+consistency."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
 from deltaid.identification.consistent_range import ConsistentRanges, Range
@@ -19,6 +20,9 @@ _SHRUNK = 0.5
 # A positive parameter below this share of its prior has fallen to its bound, and one whose body
 # leaves less room than this share of the prior below it is at the edge of consistency.
 _FELL = 1e-3
+# Measured values have decided what they leave more than this share of open.
+_MOSTLY = 0.5
+_ROUNDING = 1e-9
 # Half the width of a 95 % interval in standard deviations.
 _REACH = 1.959963984540054
 
@@ -52,7 +56,7 @@ class Labels:
         spread, scale = problem.settings.prior_spread, prior_scale(reduction)
         self._held_std = spread * scale
         # What a prior that is wide enough would say of a value of this size.
-        self._own_std = spread * np.maximum(scale / reduction.wider, np.abs(self._p))
+        self._own_std = spread * np.maximum(scale / reduction.factors, np.abs(self._p))
 
     def of(self, i: int) -> Label:
         """The label of parameter i."""
@@ -77,7 +81,7 @@ class Labels:
         std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
         around = self._around_prior(i, "prior", prior_std)
         if not self._visible[i]:
-            return around
+            return replace(around, by="consistency") if self._raised[i] else around
         low, high = within = self._ranges.of(np.eye(len(self._p))[i])
         ended = np.isfinite(low) and np.isfinite(high)
         if self._at_edge(i) and self._p[i] < _FELL * self._reduction.p_reg[i]:
@@ -86,11 +90,19 @@ class Labels:
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < _REACH * enough or (ended and std < enough and not on):
-            return Label("data", min(std, half / _REACH), low, high, share=self._share(i, within))
+            share = self._share(i, within)
+            by = "measured" if share.measured > _MOSTLY else "data"
+            return Label(by, min(std, half / _REACH), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
             return Label("sum", std, low, high, names, self._share(i, within))
         return self._limit(i, low, high) if ended and self._at_edge(i) else around
+
+    @cached_property
+    def _raised(self) -> Bool[np.ndarray, " parameters"]:
+        """Which entries grew beyond the free variables to keep their bodies consistent."""
+        alone = self._reduction.A @ self._problem.solution.x + self._reduction.p_0
+        return self._p > alone + _ROUNDING * np.abs(alone)
 
     def _share(self, i: int, within: Range) -> Share:
         """What its range comes from."""

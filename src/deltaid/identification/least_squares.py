@@ -16,10 +16,12 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.errors import IdentificationError, RecordingError
+from deltaid.identification.balance import balanced
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import gather_all, places_of, whitened
 from deltaid.identification.geometry import geometry, nearest
 from deltaid.identification.information import Information, triangle
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.scatter import (
     Groups,
     Noise,
@@ -34,6 +36,7 @@ from deltaid.model.options import LeastSquaresMethod
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
+from deltaid.sensors.weighings import weighings
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,8 @@ def identify_base(
                 where=str(one.path),
                 cure="give a recording without load; `deltaid identify` fits loads with the robot",
             )
-    gathered = gather_all(dynamics, recordings)
+    facts = weighings(dynamics.robot)
+    gathered = balanced(gather_all(MeasuredRows(dynamics, facts), recordings), facts)
     information, groups = gathered.information, Groups(gathered.blocks, gathered.places)
     base = base_parameters(information, dynamics.layout)
     if method == "gauss-markov":
@@ -134,10 +138,11 @@ def estimate_base(
     With groups of the samples, intervals come from the scatter between these (`scatter`). Without,
     the noise is taken to be white: Cov = σ̂² (Y_BᵀWY_B)⁻¹ with σ̂² from the residual.
     """
-    dof = len(information.factors)
-    weights = np.ones(dof) if method == "ordinary" else information.drive_weights
+    ordinary = method == "ordinary"
+    weights = np.ones(len(information.factors)) if ordinary else information.weights
     sums = groups.weighted(weights) if groups else {}
-    return _least_squares(base, information, information.weighted(weights), method, sums)
+    factor = information.weighted(weights if ordinary else None)
+    return _least_squares(base, information, factor, method, sums)
 
 
 def estimate_gauss_markov(

@@ -183,6 +183,10 @@ class LoadColumns(Addition):
         mass, tolerance = self.load.mass, self.load.mass_tolerance or 0.0
         return mass is not None and tolerance <= _SURE * mass
 
+    @property
+    def witness(self) -> str:
+        return "what the known load weighs and how it resists"
+
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         mass = self.whole(judged)[0]
         known = self.load.mass is not None and not self.load.mass_tolerance

@@ -56,7 +56,7 @@ class Objective:
 
 def data_term(information: Information, reduction: Reduction) -> DataTerm:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
-    factor = information.weighted(information.drive_weights)
+    factor = information.weighted()
     Y, tau = factor[:, :-1], factor[:, -1]
     at = information.columns
     reduced = np.column_stack([Y @ reduction.A[at], tau - Y @ reduction.p_0[at]])
@@ -71,14 +71,15 @@ def noise_level(information: Information) -> float:
 
     The residual of the unconstrained least squares over all columns, with its degrees of freedom.
     """
-    factor = information.weighted(information.drive_weights)
+    drives = information.of_drives
+    factor = drives.weighted()
     Y, tau = factor[:, :-1], factor[:, -1]
     norms = np.linalg.norm(Y, axis=0)
     scaled = Y / np.where(norms > 0, norms, 1.0)
     U, singular, _ = np.linalg.svd(scaled)
     rank = int(np.sum(singular > 1e-9 * singular[0]))
     residual = tau - U[:, :rank] @ (U[:, :rank].T @ tau)
-    return float(np.linalg.norm(residual) / np.sqrt(max(information.rows - rank, 1)))
+    return float(np.linalg.norm(residual) / np.sqrt(max(drives.rows - rank, 1)))
 
 
 # Torques are never taken to be known better than this share of the largest one.

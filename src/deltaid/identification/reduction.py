@@ -19,6 +19,7 @@ from deltaid.dynamics.parameters import (
     ParameterLayout,
     least_margin,
     parameter_layout,
+    stated_spreads,
 )
 from deltaid.errors import IdentificationError
 from deltaid.identification.free_body import Block, Free, free_body, free_coefficients
@@ -29,7 +30,7 @@ from deltaid.robot.inertia import (
     inertia_parameters,
     pseudo_inertia,
 )
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 # ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
 # above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
@@ -50,6 +51,8 @@ class Reduction:
         blocks: what must be positive definite.
         p_reg: p at the prior, reduced.
         completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
+        stated: spread of the prior over that of the fit, for entries of p that have one of their
+            own.
         widened: how many times wider than stated the prior is, for entries of p whose prior the
             recording contradicts (`widening`).
     """
@@ -61,6 +64,7 @@ class Reduction:
     blocks: tuple[Block, ...]
     p_reg: Float[np.ndarray, " parameters"]
     completed: dict[str, tuple[int, ...]]
+    stated: Mapping[str, float] = field(default_factory=dict[str, float])
     widened: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
@@ -74,9 +78,19 @@ class Reduction:
         return tuple(variable.name for variable in self.variables)
 
     @cached_property
-    def wider(self) -> Float[np.ndarray, " parameters"]:
+    def own_spread(self) -> Float[np.ndarray, " parameters"]:
+        """Spread of the prior of each entry of p, as stated, over that of the fit."""
+        return np.array([self.stated.get(name, 1.0) for name in self.layout.names])
+
+    @cached_property
+    def factors(self) -> Float[np.ndarray, " parameters"]:
         """How many times wider than stated the prior of each entry of p is."""
         return np.array([self.widened.get(name, 1.0) for name in self.layout.names])
+
+    @property
+    def wider(self) -> Float[np.ndarray, " parameters"]:
+        """How many times wider than by the spread of the fit the prior of each entry of p is."""
+        return self.own_spread * self.factors
 
     @cached_property
     def prior(self) -> Float[np.ndarray, " n"]:
@@ -121,11 +135,13 @@ def build_reduction(
     robot: RobotDescription,
     visible: Int[np.ndarray, " columns"],
     additions: Sequence[tuple[Sequence[Parameter], Free]] = (),
+    spread: float = PRIOR_SPREAD,
 ) -> Reduction:
     """The reduction of a described robot.
 
     Args:
         visible: parameters whose regressor column is not zero.
+        spread: of the prior where the description gives none; the fit's own.
         additions: groups of parameters behind those of the robot, and what is free of them.
 
     Raises:
@@ -154,6 +170,7 @@ def build_reduction(
         ),
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
+        stated={name: own / spread for name, own in stated_spreads(robot).items()},
     )
 
 

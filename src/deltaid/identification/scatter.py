@@ -12,6 +12,9 @@ scatter as the noise has it, correlated inside a group or not, with whatever lev
 noise, after the fit has taken its share of e. So v is unbiased then, and by Satterthwaite's rule it
 is distributed as σ²‖u‖² χ²_ν/ν: intervals take Student's t with ν degrees of freedom (Bell and
 McCaffrey 2002; Imbens and Kolesár 2016).
+
+Facts, whose noise is known, are in no group: H_0 = 1 − Σ_g H_g is theirs, they add σ̂² uᵀH_0 u, and
+uᵀ(1 − H_0)u stands for ‖u‖² above.
 """
 
 from collections.abc import Iterable
@@ -27,6 +30,8 @@ from deltaid.identification.information import Information
 # A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
 # white level is taken with the widest t there is.
 _NO_SCATTER = 1e-6
+# Shares of ‖u‖² below this are rounding, and what facts alone tell has so many degrees of freedom.
+_ROUNDING, _SURE = 1e-9, 1e9
 # Noise that is so many times smaller than the standard deviation does not matter.
 _HARDLY = 100.0
 
@@ -41,14 +46,14 @@ class Groups:
 
     Attributes:
         blocks: consecutive stretches of time.
-        places: [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of the platform and drive i.
+        places: [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of the platform and drive (or channel) i.
     """
 
     blocks: tuple[Information, ...]
-    places: Float[np.ndarray, "places dof augmented augmented"]
+    places: Float[np.ndarray, "places rows augmented augmented"]
 
-    def weighted(self, weights: Float[np.ndarray, " dof"]) -> dict[str, Sums]:
-        """Sums of both groupings with one weight a drive."""
+    def weighted(self, weights: Float[np.ndarray, " rows"]) -> dict[str, Sums]:
+        """Sums of both groupings with one weight a drive or channel."""
         factors = np.stack([block.factors for block in self.blocks])
         factors *= np.sqrt(weights)[:, None, None]
         stacked = factors.reshape(len(factors), -1, factors.shape[-1])
@@ -63,20 +68,40 @@ class Scatter:
     """Contributions of groups of samples.
 
     Attributes:
-        shares: H_g of every group; they add up to 1.
+        shares: H_g of every group; with that of facts they add up to 1.
         scores: s_g of every group.
+        sigma: σ̂.
     """
 
     shares: Float[np.ndarray, "groups n n"]
     scores: Float[np.ndarray, "groups n"]
+    sigma: float = 0.0
+
+    def by_facts(self, U: Combinations) -> Float[np.ndarray, " combinations"]:
+        """σ̂² uᵀH_0 u, what facts leave open of the columns of U; 0 but for rounding without any."""
+        size, whole = np.sum(U**2, axis=0), np.sum(U * (self.shares.sum(axis=0) @ U), axis=0)
+        share = 1.0 - whole / np.where(size > 0, size, 1.0)
+        return self.sigma**2 * np.where(share > _ROUNDING, share, 0.0) * size
 
     def variances(
         self, U: Combinations
     ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
         """v and ν of the columns of U; NaN where the groups do not tell."""
-        size = np.sum(U**2, axis=0)
+        v, nu = self._by_groups(U)
+        facts = self.by_facts(U)
+        if not facts.any():
+            return v, nu
+        return v + facts, nu * np.where(v > 0, (1.0 + facts / np.where(v > 0, v, 1.0)) ** 2, _SURE)
+
+    def _by_groups(
+        self, U: Combinations
+    ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
+        """The part of groups alone; 0 where there is hardly any."""
         HU = np.moveaxis(self.shares @ U, 2, 0)  # combinations, groups, n
         own = np.einsum("cgn,nc->cg", HU, U)
+        whole = np.sum(U**2, axis=0)
+        size = own.sum(axis=1)
+        size = np.where(whole - size > _ROUNDING * whole, size, whole)
         omega = -HU @ np.swapaxes(HU, 1, 2)
         diagonal = np.arange(len(self.shares))
         omega[:, diagonal, diagonal] += own
@@ -84,7 +109,9 @@ class Scatter:
         told = t > _NO_SCATTER * size
         t = np.where(told, t, np.nan)
         v = size * np.sum((self.scores @ U) ** 2, axis=0) / t
-        return v, np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0)
+        nu = np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0)
+        none = size <= _NO_SCATTER * whole
+        return np.where(none, 0.0, v), np.where(none, 1.0, nu)
 
 
 @dataclass(frozen=True)
@@ -151,7 +178,8 @@ def observe(
     U = inverse(root).T
     for name, sums in groupings:
         half = U @ sums[:, :-1]  # R⁻ᵀ [Y_gᵀY_g, Y_gᵀτ_g]
-        scatter = Scatter(half[:, :, :-1] @ U.T, half[:, :, -1] - half[:, :, :-1] @ values)
+        scores = half[:, :, -1] - half[:, :, :-1] @ values
+        scatter = Scatter(half[:, :, :-1] @ U.T, scores, sigma)
         v, _ = scatter.variances(U)
         told = v > 0
         if not told.any():

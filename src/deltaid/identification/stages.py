@@ -6,6 +6,7 @@ from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_put_right
 from deltaid.identification.loads import declared_loads
+from deltaid.identification.sensor_stage import sensors_settled, sensors_taken_in
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.sharpness import sharpened
 from deltaid.identification.study import studied
@@ -20,6 +21,7 @@ def recordings_studied(setup: Setup, progress: Progress) -> Setup:
 
 
 STAGES: tuple[Stage, ...] = (
+    sensors_taken_in,
     late_rates_left_out,
     declared_loads,
     without_events,
@@ -32,6 +34,7 @@ STAGES: tuple[Stage, ...] = (
     changing_friction,
     lags_put_right,
     gains,
+    sensors_settled,
     sharpened,
 )
 

@@ -12,6 +12,7 @@ from deltaid.identification.information import triangle
 from deltaid.identification.objective import NOISE_FLOOR
 from deltaid.identification.regularizer import prior_scale
 from deltaid.identification.scatter import half_width
+from deltaid.identification.sources import Sources
 
 # Others whose priors a parameter rests on are named until they make up this share of what priors
 # leave open, so many at most.
@@ -25,7 +26,8 @@ class Uncertainty:
     Attributes:
         std, interval: standard deviation, and half the width of the 95 % interval.
         prior_std: standard deviation given the prior alone, widened where it is.
-        shares: of the variance, by noise, by the prior, and by geometry.
+        shares: of the variance: by noise of torques, of sensors and of measured values, by the
+            prior, and by geometry.
         moves: column i is by how many standard deviations of its own prior each parameter moves
             along what priors leave open of parameter i.
     """
@@ -33,7 +35,7 @@ class Uncertainty:
     std: Float[np.ndarray, " parameters"]
     interval: Float[np.ndarray, " parameters"]
     prior_std: Float[np.ndarray, " parameters"]
-    shares: Float[np.ndarray, "parameters 3"]
+    shares: Float[np.ndarray, "parameters 5"]
     moves: Float[np.ndarray, "others parameters"]
 
     def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
@@ -98,7 +100,9 @@ def uncertainty(
     geometry = problem.geometry
     shifts = geometry.shifts if geometry else np.zeros((problem.base.rank, 0))
     by_geometry = np.sum((to_scores.T @ noise.root @ shifts) ** 2, axis=1)
-    parts = np.stack([by_noise**2, prior_share, by_geometry], axis=1)
+    sources = Sources.of(problem.information, problem.base, noise).parts(to_scores)
+    of_noise = [by_noise**2 * part for part in sources]
+    parts = np.stack([*of_noise, prior_share, by_geometry], axis=1)
     variance = parts.sum(axis=1)
     std, half = np.sqrt(variance), half_width(np.sqrt(variance), by_noise, freedom)
     prior_std = unit * np.linalg.norm(solve_triangular(root, wanted.T, trans="T"), axis=0)

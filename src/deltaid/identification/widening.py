@@ -176,7 +176,7 @@ def evidence(
     changed = np.flatnonzero(np.any(reduction.A != 0, axis=1))
     asked = np.array([parameters[i].kind in _KINDS for i in changed], dtype=bool)
     order = np.concatenate([changed[asked], changed[~asked]])
-    scale = spread * parameter_scale(reduction.layout, reduction.p_reg)
+    scale = spread * reduction.own_spread * parameter_scale(reduction.layout, reduction.p_reg)
     K, A = base.combination(), reduction.A * reduction.scale  # x in its own sizes
     deviations = np.maximum(estimate.std, _FLOOR * np.linalg.norm(K * scale, axis=1))
     half = inverse(estimate.noise.root)

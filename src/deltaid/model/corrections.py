@@ -15,6 +15,7 @@ Kind = Literal[
     "friction",
     "temperature",
     "gain",
+    "sensor",
     "compliance",
     "prior",
     "cutoff",

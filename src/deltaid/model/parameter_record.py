@@ -11,26 +11,30 @@ from deltaid.robot.quantities import Coordinate
 
 
 class Share(Part):
-    """What an interval comes from: noise of the recording, the prior, the robot's geometry, and
-    what torques do not show, which ends where bodies would no longer be possible.
+    """What an interval comes from: noise of torques, of sensors beside them and of measured values,
+    the prior, the robot's geometry, and what nothing shows, which ends where bodies would no longer
+    be possible.
 
     Shares of its squared width, together one.
     """
 
-    noise: Annotated[float, Field(ge=0, le=1)]
+    noise: Annotated[float, Field(ge=0, le=1, description="of the recorded torques")]
     prior: Annotated[float, Field(ge=0, le=1)]
     geometry: Annotated[float, Field(ge=0, le=1)]
     unseen: Annotated[float, Field(ge=0, le=1)] = 0.0
+    sensors: Annotated[float, Field(ge=0, le=1, description="noise of sensors")] = 0.0
+    measured: Annotated[float, Field(ge=0, le=1, description="of measured values")] = 0.0
 
     @classmethod
-    def of(cls, shares: Float[np.ndarray, " 3"]) -> "Share":
-        """From those of noise, prior and geometry, where a prior ends what is not shown."""
-        noise, prior, geometry = (float(share) for share in shares)
-        return cls(noise=noise, prior=prior, geometry=geometry)
+    def of(cls, shares: Float[np.ndarray, " 5"]) -> "Share":
+        """From those of torques, sensors, measured values, prior and geometry, where a prior ends
+        what is not shown."""
+        noise, sensors, measured, prior, geometry = (float(share) for share in shares)
+        return cls(noise=noise, prior=prior, geometry=geometry, sensors=sensors, measured=measured)
 
 
 # What decided a parameter.
-Origin = Literal["data", "sum", "prior", "limit", "structure", "fixed", "consistency"]
+Origin = Literal["data", "measured", "sum", "prior", "limit", "structure", "fixed", "consistency"]
 
 
 class Parameter(Part):
@@ -39,6 +43,8 @@ class Parameter(Part):
     `determined_by` is
 
     - 'data' where the recording knows it to less than half of the prior's spread by itself;
+    - 'measured' where it is known as well, and most of what is left open of it comes from values
+      that were measured of bodies, by a scale or the like;
     - 'sum' where it does so only with the priors of others, which `rests_on` names: torques show a
       sum of it and these. `std` takes these priors at their word, the interval does not;
     - 'prior' where neither is the case; standard deviation and interval are the prior's own;

@@ -27,6 +27,7 @@ from deltaid.model.options import (
 )
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.model.posterior_record import PosteriorRecord
+from deltaid.model.sensor_record import FittedSensor
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
@@ -139,6 +140,9 @@ class IdentifiedModel(Part):
     settings: Settings
     loads: tuple[HeldLoad, ...] = Field(
         default=(), description="what the recordings held; the model is of the robot without it"
+    )
+    sensors: tuple[FittedSensor, ...] = Field(
+        default=(), description="sensors beside the drives that recordings had"
     )
     corrections: tuple[Correction, ...] = Field(
         default=(), description="what was put right; missing in earlier files"

@@ -15,6 +15,7 @@ from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.sensors.simulated import simulated_sensors
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
@@ -83,7 +84,9 @@ def simulate_recording(
 ) -> pl.DataFrame:
     """Time, measured angles and measured torques of a motion: columns t, q1…, tau1….
 
-    Without noise the velocities and accelerations are recorded as well.
+    Without noise the velocities and accelerations are recorded as well. What the robot's sensors
+    show stands in columns of their default names, with the noise and unknowns that they are
+    described with; without `noise` these show the truth.
 
     Args:
         unmodelled: torques that no model of the robot has, a function of the drive speeds q̇.
@@ -105,6 +108,8 @@ def simulate_recording(
         largest = np.abs(tau).max(axis=0)
         noisy = tau + noise.torque * largest * rng.standard_normal(tau.shape)
         columns |= _named("q", measured) | _named("tau", noisy)
+    if dynamics.robot.sensors:
+        columns |= simulated_sensors(dynamics, p, z, qd, qdd, None if noise is None else rng)
     return pl.DataFrame(columns)
 
 

@@ -119,7 +119,7 @@ def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
         for name, body in model.robot.bodies.items()
     }
     reduction = build_reduction(model.robot.changed(bodies=bodies), visible)
-    return replace(reduction, widened=record.wider)
+    return replace(reduction, stated={}, widened=record.wider)
 
 
 def _normal(

@@ -95,6 +95,8 @@ def beside(
 ) -> dict[str, np.ndarray]:
     """Columns of what was recorded beside the drives; truth values as 1 and 0.
 
+    Of an array of several columns these are called `key[0]`, `key[1]`, …
+
     Args:
         taken: names of the other columns.
     """
@@ -108,13 +110,16 @@ def beside(
             )  # fmt: skip
         states = np.asarray(value)
         array = states.astype(float) if states.dtype == bool else numbers_of(value, where)
-        if array.shape != (samples,):
+        if array.ndim not in (1, 2) or len(array) != samples:
             raise RecordingError(
                 f"has shape {array.shape}, but q has {samples} rows",
                 where=where,
-                cure="give one number a sample",
+                cure="give one number a sample, or of a sensor one row a sample",
             )
-        columns[key] = copied(array)
+        if array.ndim == 1:
+            columns[key] = copied(array)
+        else:
+            columns |= {f"{key}[{i}]": copied(array[:, i]) for i in range(array.shape[1])}
     return columns
 
 

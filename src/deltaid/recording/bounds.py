@@ -23,7 +23,7 @@ _UNITS = {False: ("rad", "rad/s", "rad/s²", "N m"), True: ("m", "m/s", "m/s²",
 
 
 class Bounds:
-    """The largest magnitude that each channel of a log may have, in the order of `Columns.all`."""
+    """The largest magnitude of each channel but those beside the drives, as in `Columns.all`."""
 
     def __init__(self, table: Table, columns: Columns, robot: RobotDescription) -> None:
         self._table, self._columns = table, columns
@@ -36,8 +36,6 @@ class Bounds:
                 highest = (_SLIDING if slides else _TURNING)[quantity]
                 largest.append(min(highest, _FACTOR * stated) if stated else highest)
                 units.append(_UNITS[slides][quantity])
-        largest += [np.inf] * len(columns.extra)
-        units += [""] * len(columns.extra)
         self._largest, self._units = np.array(largest), units
 
     def check(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
@@ -46,6 +44,7 @@ class Bounds:
         Raises:
             RecordingError: with row, column, number and bound.
         """
+        values = values[:, : len(self._largest)]
         if np.all(np.abs(values).max(axis=0) <= self._largest):
             return
         i, k = (int(index) for index in np.argwhere(np.abs(values) > self._largest)[0])

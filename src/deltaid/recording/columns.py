@@ -1,6 +1,6 @@
 """Columns of a log by what they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -36,14 +36,31 @@ class TimeChannel(Channel):
 
 
 @dataclass(frozen=True)
+class SensorChannels:
+    """The columns of a sensor beside the drives.
+
+    Attributes:
+        name: of the sensor in the description.
+        channels: with their maps to N or N m, in the order of what it shows.
+        delay: it is recorded so much later than the motion [s].
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
 class Columns:
     """Channels of a log; a quantity that the log does not have is empty.
 
     Attributes:
-        extra: what is recorded beside the drives, in no unit: each column once, whatever asks for
+        extra: what is recorded beside the drives, in no unit: first the columns of sensors, NaN
+            where these show nothing that counts, then states, each column once, whatever asks for
             it.
         loads: what the robot carries, and when.
         temperature: one of `extra`, with its map to degrees Celsius; None if there is none.
+        sensors: those that the log has; their channels are the first of `extra`.
     """
 
     time: TimeChannel
@@ -54,6 +71,7 @@ class Columns:
     extra: tuple[Channel, ...] = ()
     loads: tuple[Load, ...] = ()
     temperature: Channel | None = None
+    sensors: tuple[SensorChannels, ...] = ()
 
     @property
     def drives(self) -> tuple[Channel, ...]:
@@ -79,6 +97,50 @@ class Columns:
     def extra_places(self) -> slice:
         """Where the channels beside the drives stand in `all`."""
         return slice(1 + len(self.drives), 1 + len(self.drives) + len(self.extra))
+
+    @property
+    def sensor_places(self) -> slice:
+        """Where the channels of sensors stand in `all`."""
+        start = self.extra_places.start
+        return slice(start, start + sum(len(one.channels) for one in self.sensors))
+
+    @property
+    def states(self) -> int:
+        """How many channels beside the drives hold their value until it is recorded again."""
+        return self.extra_places.stop - self.sensor_places.stop
+
+    @property
+    def without_sensors(self) -> "Columns":
+        """The same of a log whose sensors are not asked for."""
+        count = self.sensor_places.stop - self.sensor_places.start
+        return replace(self, extra=self.extra[count:], sensors=())
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors that the log has."""
+        return tuple(one.name for one in self.sensors)
+
+    def shown(
+        self, extra: Float[np.ndarray, "samples extra"]
+    ) -> dict[str, Float[np.ndarray, "_ samples"]]:
+        """What each sensor of the log shows, by its name: (channels, samples) [N, N m].
+
+        All channels of a sensor are NaN in samples that do not count for it: where it recorded no
+        number, in holes and stale rows, and in stretches that are left out for all drives.
+
+        Args:
+            extra: numbers of the channels beside the drives.
+        """
+        found: dict[str, np.ndarray] = {}
+        start = 0
+        for sensor in self.sensors:
+            numbers = extra[:, start : start + len(sensor.channels)]
+            start += len(sensor.channels)
+            zeros = [channel.zero for channel in sensor.channels]
+            values = (numbers - zeros) * [channel.scale for channel in sensor.channels]
+            values[~np.isfinite(values).all(axis=1)] = np.nan
+            found[sensor.name] = np.ascontiguousarray(values.T)
+        return found
 
     def beside(self, column: str) -> int:
         """Where a column stands in `extra`."""

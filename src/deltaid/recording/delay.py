@@ -6,10 +6,10 @@ A torque recorded δ_i late is read δ_i further on. What this is in samples,
 
 is whole samples k_i, a part f of a sample that drives have in common, |f| ≤ ½, and what is left
 of each, r_i. The common part moves the motion instead, to the instant t − f / rate: positions are
-smooth and can be interpolated, while a torque jumps where a joint turns round, and interpolating
-spreads the jump over neighbouring samples. So where all drives have the same lag, every torque
-stays as it was recorded. Only of drives that differ, by no whole number of samples, torques are
-interpolated, r_i ≠ 0.
+smooth and can be interpolated, as can what sensors show, while a torque jumps where a joint turns
+round, and interpolating spreads the jump over neighbouring samples. So where all drives have the
+same lag, every torque stays as it was recorded. Only of drives that differ, by no whole number of
+samples, torques are interpolated, r_i ≠ 0.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -72,13 +72,14 @@ class Shift:
         moved = _MOTION if self.common else 0
         return max(moved, around - first, 0), max(moved, around + last, 0)
 
-    def rows(self, wide: Rows, motion: int, rate: float) -> Rows:
+    def rows(self, wide: Rows, motion: int, rate: float, sensors: slice = slice(0, 0)) -> Rows:
         """Rows put right, all but the first and last of `wide`, as `reach` says.
 
         Args:
             wide: time, so many columns of motion, a torque a drive; at the end a weight a drive.
             motion: number of columns.
             rate: rows per second.
+            sensors: columns of what sensors show, which go with the motion.
         """
         before, after = self.reach
         count, drives = len(wide) - before - after, len(self.whole)
@@ -88,14 +89,15 @@ class Shift:
             return wide[before + by : before + by + count, channels]
 
         if self.common:
-            moved, at = slice(1, 1 + motion), _around(-self.common, _MOTION)
-            out[:, moved] = sum(share * later(moved, by) for by, share in at)
+            at = around(-self.common, _MOTION)
+            for moved in (slice(1, 1 + motion), sensors):
+                out[:, moved] = sum(share * later(moved, by) for by, share in at)
             out[:, 0] -= self.common / rate
             beyond = np.any([np.isnan(later(0, by)) for by, _ in at], axis=0)
             out[beyond, wide.shape[1] - drives :] = 0.0
         for i, (whole, rest) in enumerate(zip(self.whole, self.rest, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
-            at = [(whole + by, share) for by, share in _around(rest, _TORQUE)]
+            at = [(whole + by, share) for by, share in around(rest, _TORQUE)]
             out[:, tau] = sum(share * later(tau, by) for by, share in at)
             least = np.min([later(weight, by) for by, _ in at], axis=0)
             out[:, weight] = np.minimum(out[:, weight], least)
@@ -119,13 +121,14 @@ def delayed(
     shift = Shift.of(delay, rate)
     before, after = shift.reach
     motion = columns.motion_places.stop - 1
-    padded = _padded(segment, before, after, len(columns.torque))
+    padded = _padded(segment, before, after, columns)
     for wide in recut(padded, _AT_ONCE, before + after):
-        yield shift.rows(wide, motion, rate)
+        yield shift.rows(wide, motion, rate, columns.sensor_places)
 
 
-def _padded(segment: Iterable[Rows], before: int, after: int, drives: int) -> Iterator[Rows]:
+def _padded(segment: Iterable[Rows], before: int, after: int, columns: Columns) -> Iterator[Rows]:
     """A segment with its end rows again beyond its ends, where they have no time and no weight."""
+    drives = len(columns.torque)
     blocks = (block for block in segment if len(block))
     last = next(blocks, None)
     if last is None:
@@ -134,6 +137,7 @@ def _padded(segment: Iterable[Rows], before: int, after: int, drives: int) -> It
     def beyond(row: Rows, times: int) -> Rows:
         rows = np.repeat(row, times, axis=0)
         rows[:, 0], rows[:, rows.shape[1] - drives :] = np.nan, 0.0
+        rows[:, columns.sensor_places] = np.nan
         return rows
 
     yield beyond(last[:1], before)
@@ -148,7 +152,7 @@ def _to_nearest(x: np.ndarray) -> np.ndarray:
     return x - np.round(x)
 
 
-def _around(place: float, half: int) -> list[tuple[int, float]]:
+def around(place: float, half: int) -> list[tuple[int, float]]:
     """Samples about a place and their shares of the value there, by Lagrange's polynomial.
 
     Args:

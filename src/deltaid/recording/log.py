@@ -107,6 +107,12 @@ class Log:
     def _stale(self) -> list[Mask]:
         return [mask for mask in self.masks if mask.reason == "stale rows"]
 
+    @property
+    def _untold(self) -> list[Mask]:
+        """Where rows or motion are wrong, so that nothing beside the drives counts either."""
+        reasons = ("stale rows", "emergency stop", "before a stop", "load changes")
+        return [replace(mask, drives=(0,)) for mask in self.masks if mask.reason in reasons]
+
     def _is_long(self, mask: Mask) -> bool:
         return mask.last - mask.first >= _HELD * self.rate
 
@@ -114,13 +120,18 @@ class Log:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
 
         A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
-        torques has none. In the place of a few stale rows stands a smooth motion.
+        torques has none. In the place of a few stale rows stands a smooth motion. Sensors show NaN
+        where nothing counts.
         """
         weights = Weights(self.masks, len(self.columns.torque))
+        sensors, untold = self.columns.sensor_places, Weights(self._untold, 1)
         stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, motion = 0, self.columns.motion_places
         for batch in bridged(self._read(), stale, motion):
-            yield Batch(batch.row, np.hstack([batch.values, weights.of(row, len(batch.values))]))
+            values = np.hstack([batch.values, weights.of(row, len(batch.values))])
+            if sensors.start < sensors.stop:
+                values[untold.of(row, len(values))[:, 0] == 0.0, sensors] = np.nan
+            yield Batch(batch.row, values)
             row += len(batch.values)
 
     def _read(self) -> Iterator[Batch]:
@@ -135,8 +146,10 @@ class Log:
         if self.held is not None:
             return self.held.segments(self.columns)
         rows = (batch.values for batch in self.batches())
-        weights, held = len(self.columns.torque), len(self.columns.extra)
-        return segments(rows, self.laid, self.bridged(cutoff), weights, held)
+        c = self.columns
+        sensors = c.sensor_places.stop - c.sensor_places.start
+        longest = self.bridged(cutoff)
+        return segments(rows, self.laid, longest, len(c.torque), c.states, sensors)
 
     def bridged(self, cutoff: float | None) -> int:
         """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""

@@ -4,25 +4,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
+from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from deltaid.errors import RecordingError
 from deltaid.recording.carried import Load, as_loads
+from deltaid.recording.column_name import Name
+from deltaid.recording.sensor_columns import SensorColumns
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
 
-
-def _numbered(value: object) -> object:
-    """A column's number as the name that it has in a log without header."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-Name = Annotated[
-    str,
-    BeforeValidator(_numbered, json_schema_input_type=str | int),
-    Field(min_length=1, description="as in the log's header; its number from 1 if there is none"),
-]
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
 # Default names of the time.
@@ -173,6 +164,11 @@ class ColumnMapping(Part):
     )
     temperature: TemperatureColumn | None = Field(
         default=None, description="what friction may change with"
+    )
+    sensors: dict[str, SensorColumns | None] = Field(
+        default_factory=dict[str, SensorColumns | None],
+        description="columns of the description's sensors, by their names there; null for one "
+        "whose columns are not to be used",
     )
     header_row: Annotated[int, Field(ge=1)] = Field(
         default=1,

@@ -112,7 +112,7 @@ class Recording:
             t: time, (samples,); or
             rate: the sampling rate in its place [Hz].
             extra: what was recorded beside the drives, such as the state of a gripper, by the names
-                that a mapping gives, (samples,) each.
+                that a mapping gives, (samples,) each; of a sensor by its name (samples, channels).
             name: of the recording, for messages and reports.
 
         Raises:

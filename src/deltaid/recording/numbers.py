@@ -11,6 +11,8 @@ from deltaid.recording.time.unwrap import Unwrapping
 
 # How states are written as text.
 _TRUE, _FALSE = ("true", "on"), ("false", "off")
+# Numbers of sensors beyond this stand for nothing, such as the 1e38 of some loggers.
+_LARGEST = 1e12
 
 
 def to_si(
@@ -24,6 +26,8 @@ def to_si(
         row: the first row.
         unwrapping: what makes counters and angles go on that start again.
 
+    Where a sensor has no number, or one that no sensor shows, there is NaN.
+
     Raises:
         RecordingError: one of them is not finite; names the first such row.
     """
@@ -35,12 +39,15 @@ def to_si(
             array = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
             if unwrapper := unwrapping.of(k):
                 array = unwrapper.add(np.asarray(array, dtype=np.float64), row)
-            if k >= columns.extra_places.start:
+            if k >= columns.sensor_places.stop:
                 array = _states(array, rows.written[k])
             np.subtract(array, channel.zero, out=values[:, k])
             if channel.scale != 1:
                 values[:, k] *= channel.scale
+    shown = values[:, columns.sensor_places]
+    shown[~(np.abs(shown) <= _LARGEST)] = np.nan
     finite = np.isfinite(values)
+    finite[:, columns.sensor_places] = True
     if not finite.all():
         i, k = (int(index) for index in np.argwhere(~finite)[0])
         raise _bad_value(table, channels[k], rows.written[k][i], row + i)

@@ -27,6 +27,7 @@ from deltaid.recording.time.clock import Clock, require_rate
 from deltaid.recording.time.segments import segments
 from deltaid.recording.time.study import study
 from deltaid.recording.time.unwrap import Unwrapping
+from deltaid.robot.sensor_channels import sensor_channels
 
 # Holes that are bridged while the cut-off is not known yet [s].
 _BRIDGED = 0.005
@@ -57,7 +58,7 @@ def open_log(
     """
     table, columns, mapping = resolved_table(source, kinematics, mapping)
     if not need_torque:
-        columns = replace(columns, torque=())
+        columns = replace(columns.without_sensors, torque=())
     elif not columns.torque:
         raise RecordingError(
             f"has no torque columns; its columns are {listing(table.fields)}",
@@ -117,13 +118,15 @@ def resolved_table(
     if isinstance(source, Recording):
         source.require_drives(kinematics.dof)
         if source.mapping is not None:
-            mapping = source.mapping.changed(load=mapping.load)
+            beside = {key: getattr(mapping, key) for key in ("load", "temperature", "sensors")}
+            mapping = source.mapping.changed(**beside)
         table = source.table
     else:
         table = open_table(source, mapping)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    return table, resolve_columns(table, linear, mapping), mapping
+    columns = resolve_columns(table, linear, mapping, sensor_channels(robot))
+    return table, columns, mapping
 
 
 def _masks(survey: Survey, clock: Clock) -> tuple[Mask, ...]:

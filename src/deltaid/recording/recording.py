@@ -21,6 +21,7 @@ from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Repairs
+from deltaid.recording.sensor_delay import in_time
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
@@ -123,7 +124,8 @@ class Recording:
         if self.repairs.loads:
             burden = Burden.of(kinematics.robot, log.columns, self.repairs.loads)
         for rows in log.segments(self.motion_cutoff):
-            repaired = self.repairs.of(rows, log.columns, log.rate)
+            timed = in_time(rows, log.columns, log.rate)
+            repaired = self.repairs.of(timed, log.columns, log.rate)
             for uncut in cut(repaired, log.columns, kinematics, self.low_pass, directions, burden):
                 if uncut.samples:
                     yield replace(uncut, start=start)

@@ -94,7 +94,7 @@ class Repairs:
         if not columns.torque:  # a planned motion: all of this is about torques
             return segment
         if self.left_out:  # as recorded, so that a delay takes weights along with torques
-            segment = (self._weighed(rows, len(columns.torque)) for rows in segment)
+            segment = (self._weighed(rows, columns) for rows in segment)
         if any(self.delay):
             segment = delayed(segment, columns, self.delay, rate)
         if self.gain:
@@ -113,10 +113,14 @@ class Repairs:
         """Over how many samples to either side each drive's torque is spread; empty for none."""
         return Shift.of(self.delay, rate).smear
 
-    def _weighed(self, rows: Rows, drives: int) -> Rows:
-        """Weights of zero in all stretches that are left out; few of many are near a block."""
+    def _weighed(self, rows: Rows, columns: Columns) -> Rows:
+        """Weights of zero in all stretches that are left out; few of many are near a block.
+
+        Sensors show nothing that counts in those that are left out for all drives.
+        """
         if not len(rows):
             return rows
+        drives = len(columns.torque)
         copied, time = rows, rows[:, 0]
         for which, ends in self._stretches(drives):
             near = slice(
@@ -128,9 +132,11 @@ class Repairs:
             copied = rows.copy() if copied is rows else copied
             starts = np.searchsorted(time, ends[near, 0], side="left")
             stops = np.searchsorted(time, ends[near, 1], side="right")
-            columns = rows.shape[1] - drives + which
+            weights = rows.shape[1] - drives + which
             for first, last in zip(starts, stops, strict=True):
-                copied[first:last, columns] = 0.0
+                copied[first:last, weights] = 0.0
+                if len(which) == drives:
+                    copied[first:last, columns.sensor_places] = np.nan
         return copied
 
     def _stretches(self, drives: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -15,6 +15,7 @@ from deltaid.recording.mapping import (
     DriveColumn,
     Quantity,
 )
+from deltaid.recording.sensor_resolution import Sensors, sensor_columns
 from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
 
@@ -26,7 +27,10 @@ _CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, 273.15), "degF": (5 / 9, 32.0)}
 
 
 def resolve_columns(
-    table: Table, linear: tuple[bool, ...], mapping: ColumnMapping | None = None
+    table: Table,
+    linear: tuple[bool, ...],
+    mapping: ColumnMapping | None = None,
+    sensors: Sensors | None = None,
 ) -> Columns:
     """Match what a log holds with a mapping, or with the default names.
 
@@ -37,6 +41,7 @@ def resolve_columns(
     Args:
         table: the log.
         linear: for each drive whether it is a linear one.
+        sensors: what the robot's sensors show, by their names.
 
     Raises:
         RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
@@ -54,16 +59,24 @@ def resolve_columns(
     warm = mapping.temperature
     if warm is not None:
         beside[warm.column] = None
-    extra = tuple(Channel(name, 1.0, 0.0) for name in beside)
     degrees = Channel(warm.column, *_CELSIUS[warm.unit]) if warm is not None else None
-    columns = Columns(time, **channels, extra=extra, loads=mapping.loads, temperature=degrees)
+    shown = sensor_columns(table, sensors or {}, mapping)
+    measured = [channel.column for sensor in shown for channel in sensor.channels]
+    columns = Columns(
+        time,
+        **channels,
+        extra=tuple(Channel(name, 1.0, 0.0) for name in (*measured, *beside)),
+        loads=mapping.loads,
+        temperature=degrees,
+        sensors=shown,
+    )
     names = [channel.column for channel in columns.recorded]
     if not columns.position:
         names += _default_names("position", len(linear))
     _require_once(names, table, mapping.source)
     picks = table.picks(names)[not time.is_absent :]
     _require_no_dates(picks, str(table.path))
-    _require_no_truths(picks[: len(picks) - len(extra)], str(table.path))
+    _require_no_truths(picks[: len(picks) - columns.states], str(table.path))
     return columns
 
 

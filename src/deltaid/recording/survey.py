@@ -15,6 +15,7 @@ from deltaid.recording.masks.loads import LoadSearch
 from deltaid.recording.masks.search import MaskSearch
 from deltaid.recording.reach import ReachCheck
 from deltaid.recording.seen import Seen
+from deltaid.recording.sensor_survey import SensorCheck
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.table import Batch, recut
@@ -48,6 +49,7 @@ class Survey:
     clock: ClockCheck = field(init=False)
     search: MaskSearch | None = field(init=False)
     loads: LoadSearch = field(init=False)
+    sensors: SensorCheck = field(init=False)
 
     def __post_init__(self) -> None:
         self.begin_again()
@@ -60,6 +62,7 @@ class Survey:
         dof = self.kinematics.dof
         self.search = MaskSearch(dof, efforts) if self.columns.torque else None
         self.loads = LoadSearch(self.table, self.columns)
+        self.sensors = SensorCheck(self.table, self.columns)
 
     def begin_again(self) -> None:
         """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
@@ -101,6 +104,7 @@ class Survey:
         if self.search is not None:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
         self.loads.add(values, batch.row)
+        self.sensors.add(values, batch.row)
         self.low = np.minimum(self.low, values.min(axis=0))
         self.high = np.maximum(self.high, values.max(axis=0))
         q = values[:, 1 : 1 + self.kinematics.dof]
@@ -145,9 +149,10 @@ class Survey:
             differentiated=not (self.columns.velocity and self.columns.acceleration),
         )
         self._check_constant()
+        self.sensors.require()
         self.warnings += self.derivatives.warnings(where)
         self.warnings += self.reach.told(self.samples)
-        self.warnings += self.loads.told()
+        self.warnings += self.loads.told() + self.sensors.told()
         self.warnings += told_of_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
 

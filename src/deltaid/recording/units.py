@@ -20,6 +20,8 @@ nano- = 1e-9 = n-
 micro- = 1e-6 = µ- = μ- = u-
 milli- = 1e-3 = m-
 centi- = 1e-2 = c-
+deci- = 1e-1 = d-
+deca- = 10 = da-
 kilo- = 1e3 = k-
 radian = [angle] = rad
 degree = 0.017453292519943295 * radian = deg = °
@@ -33,14 +35,22 @@ meter = [length] = m = metre
 inch = 0.0254 * meter = in
 foot = 12 * inch = ft
 newton = [force] = N
-kilogram_force = 9.80665 * newton = kgf
+gram_force = 0.00980665 * newton = gf
+kilogram_force = 9.80665 * newton = kgf = kp
 pound_force = 4.4482216152605 * newton = lbf
 ounce_force = pound_force / 16 = ozf
 newton_meter = newton * meter = Nm
 newton_centimeter = 0.01 * newton_meter = Ncm
 newton_millimeter = 0.001 * newton_meter = Nmm
+kilogram_force_meter = kilogram_force * meter = kgfm = kpm
+kilogram_force_centimeter = 0.01 * kilogram_force_meter = kgfcm
+pound_force_foot = pound_force * foot = ftlbf = lbfft = ftlb = lbft = ft_lb = lb_ft = ft_lbf
+pound_force_inch = pound_force * inch = inlbf = lbfin = inlb = lbin = in_lb = lb_in = in_lbf
+ounce_force_inch = ounce_force * inch = ozin = inoz = oz_in = in_oz
 ampere = [current] = A
 """
+# Masses, and the forces that people mean by them.
+_MASSES = {"kg": "kgf", "g": "gf", "lb": "lbf", "lbs": "lbf", "oz": "ozf"}
 _NUMBER = r"\d+(?:\.\d*)?(?:[eE][+-]?\d{1,2})?"
 _POWER = r"(?:(?:\^|\*\*)-?[1-3]|[²³])?"
 _NAME = rf"[A-Za-zµμ°_]{{1,24}}{_POWER}"
@@ -50,7 +60,14 @@ _GRAMMAR = re.compile(
 )
 
 
-def si_factor(unit: str, target: str, *, where: str, torque_constant: float | None = None) -> float:
+def si_factor(
+    unit: str,
+    target: str,
+    *,
+    where: str,
+    torque_constant: float | None = None,
+    cure: str = "",
+) -> float:
     """The number by which values in `unit` become values in `target`.
 
     Args:
@@ -58,6 +75,7 @@ def si_factor(unit: str, target: str, *, where: str, torque_constant: float | No
         target: the SI unit wanted.
         torque_constant: N m per A, for a current where a torque is wanted.
         where: file and key for messages.
+        cure: what to do about a unit of something else, in place of what helps with drives.
 
     Raises:
         RecordingError: the unit is not known, or is a unit of something else.
@@ -77,7 +95,7 @@ def si_factor(unit: str, target: str, *, where: str, torque_constant: float | No
     except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
         raise _unknown(unit, where) from None
     except pint.DimensionalityError:
-        raise _other_kind(unit, target, where, torque_constant) from None
+        raise _other_kind(unit, target, where, torque_constant, cure) from None
 
 
 def is_unit(unit: str) -> bool:
@@ -100,6 +118,12 @@ def _number(match: re.Match[str]) -> float:
 
 
 def _unknown(unit: str, where: str) -> RecordingError:
+    if unit.strip() in _MASSES:
+        return RecordingError(
+            f"unit '{unit.strip()}' is one of mass, not of force",
+            where=where,
+            cure=f"what a scale shows as weight is a force: {_MASSES[unit.strip()]}",
+        )
     return RecordingError(
         f"unit '{unit[:40]}' is not known",
         where=where,
@@ -109,7 +133,7 @@ def _unknown(unit: str, where: str) -> RecordingError:
 
 
 def _other_kind(
-    unit: str, target: str, where: str, torque_constant: float | None
+    unit: str, target: str, where: str, torque_constant: float | None, other: str = ""
 ) -> RecordingError:
     what, cure = f"is not a unit of {target}", "revolutions are rev, and rev/min is rpm"
     if target in ("m", "m/s", "m/s^2", "N"):
@@ -118,7 +142,7 @@ def _other_kind(
         what, cure = "is not a current", "leave torque_constant out, or give the unit as A or mA"
     elif target == "N m":
         cure = "a current also needs its torque_constant in N m/A"
-    return RecordingError(f"unit '{unit}' {what}", where=where, cure=cure)
+    return RecordingError(f"unit '{unit}' {what}", where=where, cure=other or cure)
 
 
 @cache

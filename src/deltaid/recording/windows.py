@@ -127,9 +127,15 @@ class Window:
         Args:
             every: how many own samples lie between two: `stride` or `thinned`.
         """
-        low_pass, weights = self.low_pass, self.wide.weights.T
+        return self.worth(self.wide.weights.T, every)
+
+    def worth(
+        self, weights: Float[np.ndarray, "channels wide"], every: int
+    ) -> Float[np.ndarray, "channels kept"]:
+        """The same for weights of channels at the wide samples."""
+        low_pass = self.low_pass
         if low_pass is None or np.all(weights == 1.0):
-            return self.own.weights.T[:, ::every] ** 2
+            return self.trimmed(weights.T)[::every].T ** 2
         return apply(low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
     def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:

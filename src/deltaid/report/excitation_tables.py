@@ -34,6 +34,8 @@ def prediction_table(result: Excitation) -> Table:
 
 def start_table(result: Excitation) -> Table:
     """What became of each start of the search."""
+    accounts = result.optimum.accounts
+    judged = any(a.judged is not None for a in accounts)
     rows = tuple(
         (
             str(a.seed),
@@ -43,8 +45,15 @@ def start_table(result: Excitation) -> Table:
             f"{a.seconds:.1f}",
             f"{100 * a.use:.1f} %",
             "yes" if a.feasible else "no",
+            *([number(a.judged, 5) if a.judged is not None else ""] if judged else []),
         )
-        for a in result.optimum.accounts
+        for a in accounts
     )
     columns = ("start", "before", "after", "evaluations", "seconds", "fullest limit", "feasible")
-    return Table(columns, rows, "Objective of the search at each start's beginning and end.")
+    caption = "Objective of the search at each start's beginning and end."
+    if judged:
+        caption += (
+            " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
+            "in nats, by which the motion was chosen."
+        )
+    return Table((*columns, *(["bodies"] if judged else [])), rows, caption)

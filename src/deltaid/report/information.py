@@ -40,7 +40,7 @@ def _scaled_factor(result: Identification) -> Float[np.ndarray, "base base"]:
     information = result.problem.information
     columns = [group.representative for group in result.problem.base.groups]
     at = np.searchsorted(information.columns, columns)
-    Y = information.weighted(information.drive_weights)[:, at]
+    Y = information.weighted()[:, at]
     return triangle(Y / np.linalg.norm(Y, axis=0))
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordin
     from deltaid.model.record import IdentifiedModel
 
 # What has an interval that does not come from its own prior.
-MEASURED = ("data", "sum", "limit")
+MEASURED = ("data", "measured", "sum", "limit")
 # Intervals whose longer side is so many times the shorter one are written as their two ends.
 _LOPSIDED = 2.0
 # What ± stands for in tables.
@@ -56,7 +56,8 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
         "that are zero by structure are left out. “Data, with the prior of …”: torques show only a "
         "sum of the parameter and these; its value takes their priors at their word, its interval "
-        "does not. “At the limit of consistency”: as small as physics allows. Grey rows are not "
+        "does not. “Measured”: mostly what a scale or the like said. “At the "
+        "limit of consistency”: as small as physics allows. Grey rows are not "
         "decided by the data: behind “prior” stands how far that may be off; “fixed” is held by "
         "the description; “consistency” is a lower bound.",
         frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by not in MEASURED),
@@ -87,7 +88,8 @@ def value_and_width(parameter: "Parameter") -> tuple[str, str]:
     if parameter.high is None or parameter.low is None:  # a model of an earlier version
         return with_uncertainty(parameter.value, WIDTH * parameter.std)
     up, down = parameter.high - parameter.value, parameter.value - parameter.low
-    if parameter.determined_by == "data" and max(up, down) < _LOPSIDED * min(up, down):
+    known = parameter.determined_by in ("data", "measured")
+    if known and max(up, down) < _LOPSIDED * min(up, down):
         return with_uncertainty(parameter.value, max(up, down))
     return number(parameter.value), span(parameter.low, parameter.high)
 

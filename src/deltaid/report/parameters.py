@@ -52,6 +52,7 @@ def _chart(parameters: tuple[Parameter, ...]) -> Figure:
     figure = go.Figure()
     for kind, name, color, symbol in (
         ("data", "identified, with 95 % interval", style.IDENTIFIED, "circle"),
+        ("measured", "by measured values", style.IDENTIFIED, "square"),
         ("sum", "with the prior of others", style.IDENTIFIED, "circle-open"),
         ("limit", "at the limit of consistency", style.IDENTIFIED, "triangle-left-open"),
         ("prior", "from the prior, no interval", style.PRIOR, "circle-open"),

@@ -3,17 +3,19 @@
 from deltaid.model.record import IdentifiedModel
 from deltaid.report.corrections import correction_table
 from deltaid.report.events import event_table
+from deltaid.report.fitted_sensors import sensor_tables
 from deltaid.report.left_out import left_out_table
 from deltaid.report.loads import load_table
 from deltaid.report.table import Table
 
 
 def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
-    """Corrections, loads, events and what was left out, as far as there are any."""
+    """Corrections, loads, sensors, events and what was left out, as far as there are any."""
     sources = model.sources
     tables = (
         correction_table(model.corrections),
         load_table(model.loads),
+        *sensor_tables(model.sensors),
         event_table(((source.log, source.events) for source in sources), most_events),
         left_out_table((source.log, source.left_out) for source in sources),
     )

@@ -1,4 +1,4 @@
-"""What intervals come from: noise, the prior, geometry, or what torques do not show."""
+"""What decided a number: torques, sensors, measured values, the prior, geometry, or nothing."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,16 @@ from deltaid.model.parameter_record import Parameter, Share
 from deltaid.model.record import IdentifiedModel
 from deltaid.report.table import Table
 
-_SOURCES = ("noise", "prior", "geometry", "not shown")
+_SOURCES = {
+    "noise": "torques",
+    "sensors": "sensors",
+    "measured": "measured values",
+    "prior": "prior",
+    "geometry": "geometry",
+    "unseen": "not shown",
+}
+# Left out where a model has nothing of it.
+_BESIDE = ("sensors", "measured")
 # A source that makes so much of an interval decides it.
 _DECIDES = 0.5
 
@@ -20,17 +29,21 @@ def share_table(model: IdentifiedModel) -> Table | None:
     """
     shown = [(p.name, p.share) for p in _decided(model.parameters)]
     shown += [(f"base: {b.representative}", b.share) for b in model.base_parameters]
-    rows = tuple((name, *_percents(share)) for name, share in shown if share is not None)
-    if not rows:
+    known = [(name, share) for name, share in shown if share is not None]
+    if not known:
         return None
+    keys = _keys([share for _, share in known])
+    beside = [_SOURCES[key] for key in keys if key in _BESIDE]
+    more = f", of {' and of '.join(beside)}" if beside else ""
     return Table(
-        ("interval of", *_SOURCES),
-        rows,
-        "How much of each interval, by its squared width, comes from the noise of the recordings, "
+        ("what decided", *(_SOURCES[key] for key in keys)),
+        tuple((name, *_percents(share, keys)) for name, share in known),
+        f"How much of each interval, by its squared width, comes from the noise of torques{more}, "
         "from how far the prior may be off, from lengths, zeros of drives and mounting within "
-        "their tolerances, and from what torques do not show: there it ends where a body would no "
-        "longer be possible. Longer recordings shrink the first only. Base parameters have noise "
-        "and geometry alone; each is named by its first term.",
+        "their tolerances, and from what nothing shows: there it ends where a body would no "
+        "longer be possible. Of several sources with noise, each has the share that it has in the "
+        "value too. Longer recordings shrink the noise of torques and sensors only. Base "
+        "parameters have no prior; each is named by its first term.",
     )
 
 
@@ -39,21 +52,32 @@ def shares_sentence(model: IdentifiedModel) -> str:
     parts = [(p.name, p.share) for p in _decided(model.parameters) if p.share is not None]
     if not parts:
         return ""
-    middle = np.mean([_numbers(share) for _, share in parts], axis=0)
-    told = ", ".join(f"{100 * x:.0f} % {name}" for x, name in zip(middle, _SOURCES, strict=True))
+    keys = _keys([share for _, share in parts])
+    middle = np.mean([_numbers(share, keys) for _, share in parts], axis=0)
+    told = ", ".join(
+        f"{100 * x:.0f} % {_SOURCES[key]}" for x, key in zip(middle, keys, strict=True)
+    )
     most = [name for name, share in parts if share.geometry > _DECIDES]
     rest = f"; mostly geometry: {', '.join(most)}" if most else ""
     return f"intervals come in the mean from: {told}{rest}"
 
 
 def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:
-    return [p for p in parameters if p.determined_by == "data" and p.share is not None]
+    known = ("data", "measured")
+    return [p for p in parameters if p.determined_by in known and p.share is not None]
 
 
-def _numbers(share: Share) -> list[float]:
-    return [share.noise, share.prior, share.geometry, share.unseen]
+def _keys(shares: Sequence[Share]) -> list[str]:
+    """The sources that are told of."""
+    return [
+        key for key in _SOURCES if key not in _BESIDE or any(getattr(one, key) for one in shares)
+    ]
 
 
-def _percents(share: Share) -> list[str]:
+def _numbers(share: Share, keys: Sequence[str]) -> list[float]:
+    return [getattr(share, key) for key in keys]
+
+
+def _percents(share: Share, keys: Sequence[str]) -> list[str]:
     """In whole per cent; what is less is said to be."""
-    return [f"{100 * x:.0f} %" if x >= 0.005 or x == 0 else "< 1 %" for x in _numbers(share)]
+    return [f"{100 * x:.0f} %" if x >= 0.005 or x == 0 else "< 1 %" for x in _numbers(share, keys)]

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from deltaid.robot.body import Body
+from deltaid.robot.fitting_sensors import require_sensors_that_fit
 from deltaid.robot.limbs import Limbs
 from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.tolerances import LENGTHS
@@ -41,6 +42,7 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
     ):
         if isinstance(given, dict):
             _among(f"tolerances.{key}", given, known)
+    require_sensors_that_fit(robot)
 
 
 def _check_workspace(robot: "RobotDescription") -> None:

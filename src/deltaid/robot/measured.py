@@ -63,7 +63,7 @@ class Measured(Part):
             raise ValueError(f"{given[0]} needs its axis: x, y, z or a direction")
         if not isinstance(self.axis, str) and self.axis is not None and not any(self.axis):
             raise ValueError("axis has no direction")
-        if given != ["inertia"] and "about" in self.model_fields_set:
+        if given != ["inertia"] and any(self.about):
             raise ValueError("about is for inertia alone")
         return self
 

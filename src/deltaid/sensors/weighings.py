@@ -11,6 +11,7 @@ the axes of the measurement,
 each summed over all bodies that were measured together. All are linear in p.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -56,6 +57,11 @@ class Weighing:
     coefficients: Float[np.ndarray, " parameters"]
     value: float
     std: float
+
+    def shown(self, value: float) -> str:
+        """A value of it to a tenth of its standard deviation."""
+        digits = max(0, 1 - math.floor(math.log10(self.std)))
+        return f"{value:.{digits}f}"
 
 
 def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:

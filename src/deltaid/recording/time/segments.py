@@ -1,13 +1,13 @@
 """A recording as segments: runs of samples on an even grid, of rows that may not have been.
 
-A short hole is bridged: positions and velocities go on as the motion about it does, and no torque
-counts there. A long one ends a segment. Where samples were taken unevenly, all of them are
-interpolated. What is recorded beside the drives, such as the state of a gripper, stays as it was
-until it is recorded again.
+A short hole is bridged: positions and velocities go on as the motion about it does, no torque
+counts there, and sensors show NaN. A long one ends a segment. Where samples were taken unevenly,
+all of them are interpolated. What is recorded beside the drives and sensors, such as the state of a
+gripper, stays as it was until it is recorded again.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
@@ -36,7 +36,12 @@ def longest_hole(rate: float, cutoff: float) -> int:
 
 
 def segments(
-    batches: Iterable[Rows], clock: Clock, longest: int, drives: int, held: int = 0
+    batches: Iterable[Rows],
+    clock: Clock,
+    longest: int,
+    drives: int,
+    held: int = 0,
+    sensors: int = 0,
 ) -> Iterator[Iterator[Rows]]:
     """The samples of each segment, in blocks. Use each segment up before the next.
 
@@ -46,22 +51,21 @@ def segments(
         longest: rows missing that may be bridged.
         drives: number of weights in a row.
         held: number of channels before the weights that hold their value between rows.
+        sensors: number of channels before these that are NaN where nothing was recorded.
     """
     if clock.steady:
         yield iter(batches)
         return
-    parts = _parts(batches, clock, longest, drives, held)
+    parts = _parts(batches, clock, _Run(clock, longest, drives, held, sensors))
     for _, part in groupby(parts, key=lambda one: one[0]):
         yield (rows for _, rows in part)
 
 
-def _parts(
-    batches: Iterable[Rows], clock: Clock, longest: int, drives: int, held: int
-) -> Iterator[tuple[int, Rows]]:
-    """Consecutive samples with the number of their segment."""
-    cuts = clock.cuts(longest)
+def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple[int, Rows]]:
+    """Consecutive samples with the number of their segment; `run` is the first, still empty."""
+    cuts = clock.cuts(run.longest)
     steps = np.where(cuts, 0, clock.lost)
-    number, start, run = 0, 0, _Run(clock, longest, drives, held)
+    number, start, empty = 0, 0, replace(run)
     for rows in batches:
         stop = start + len(rows)
         kept = np.ones(len(rows), dtype=bool)
@@ -79,7 +83,7 @@ def _parts(
             if k:
                 yield from ((number, block) for block in run.end())
                 begin = float(clock.until[here][cuts[here]][k - 1])
-                number, run = number + 1, _Run(clock, longest, drives, held, begin)
+                number, run = number + 1, replace(empty, begin=begin)
             yield from ((number, block) for block in run.add(values[own], missing[own]))
         start = stop
     yield from ((number, block) for block in run.end())
@@ -97,6 +101,7 @@ class _Run:
     longest: int
     drives: int
     held: int
+    sensors: int
     begin: float = np.nan
     waiting: Rows = field(default_factory=lambda: np.zeros((0, 0)))
     places: Places = field(default_factory=lambda: np.zeros(0))
@@ -107,6 +112,12 @@ class _Run:
     def _beside(self) -> int:
         """Rows that must lie on either side of one that is interpolated."""
         return _SIDE * (self.longest + 1)
+
+    @property
+    def _shown(self) -> slice:
+        """Channels of sensors."""
+        stop = self.waiting.shape[1] - self.drives - self.held
+        return slice(stop - self.sensors, stop)
 
     def add(self, rows: Rows, lost: Int[np.ndarray, " rows"]) -> Iterator[Rows]:
         """Take in consecutive rows; gives the samples that are ready."""
@@ -144,6 +155,7 @@ class _Run:
             weights = np.minimum(self.waiting[after - 1, first:], self.waiting[after, first:])
             told = self.places[after] - self.places[after - 1] < _UNTOLD
             out[:, first:] = weights * told[:, None]
+            out[~told, self._shown] = np.nan
         else:
             out = self._bridged(wanted, first)
         before = np.clip(np.searchsorted(self.places, wanted, side="right") - 1, 0, None)
@@ -164,6 +176,7 @@ class _Run:
             weights = weights_at(self.places[under], wanted[holes])
             out[holes] = np.einsum("np,npc->nc", weights, self.waiting[under])
         out[holes, first:] = 0.0
+        out[holes, self._shown] = np.nan
         return out
 
 

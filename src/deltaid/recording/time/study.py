@@ -239,7 +239,9 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
 
     Where several rows share a stamp, equal rows of a robot that stands are no repetition.
     """
-    equal = np.append(False, (block[1:, 1:] == block[:-1, 1:]).all(axis=1))
+    here, before = block[1:, 1:], block[:-1, 1:]
+    same = (here == before) | (np.isnan(here) & np.isnan(before))
+    equal = np.append(False, same.all(axis=1))
     if not equal.any():
         return equal
     usual, sharing = usual_step(block[:, 0])

@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from deltaid.dynamics.force_parts import Bar, Part, Strut, bar_forces, bearing_load, strut_forces
 from deltaid.dynamics.speed_forces import SpeedForces
-from deltaid.forces.parts import Bar, Part, Strut, bar_forces, bearing_load, strut_forces
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription

@@ -1,0 +1,1 @@
+"""What a robot's sensors show against what torques say of it."""

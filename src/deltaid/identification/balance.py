@@ -1,0 +1,76 @@
+"""How much rows beside the drives' torques count: sensors by the noise they show, facts by theirs.
+
+The fit weighs each drive by its largest torque, and σ̂ is the noise as a share of that. A sensor's
+channel counts as 1 of what makes its own noise σ̂ too: its residual's root mean square over σ̂, found
+by turns with the residual (iterated generalised least squares). A fact cᵀp = v ± σ has the row
+(σ̂/σ) [c, v]. Then all rows have the noise σ̂, and (15) is as probable as it was.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.identification.gathering import Gathered
+from deltaid.identification.information import Information
+from deltaid.identification.objective import NOISE_FLOOR, noise_level
+from deltaid.sensors.weighings import Weighing
+
+# Rounds at most, and the relative step below which levels have settled.
+_ROUNDS, _SETTLED = 30, 1e-3
+# Singular values below this share of the largest are zero.
+_DEPENDENT = 1e-9
+
+
+def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
+    """The same with channels of sensors weighed by their noise, and with what weighings say."""
+    information = gathered.information
+    if not (information.channels or weighings):
+        return gathered
+    sigma = max(noise_level(information), NOISE_FLOOR)
+    facts = _facts(information, weighings, sigma)
+    levels = _levels(replace(information, facts=facts), sigma)
+    return replace(gathered, levels=levels, facts=facts)
+
+
+def _facts(
+    information: Information, weighings: Sequence[Weighing], sigma: float
+) -> Float[np.ndarray, "facts augmented"]:
+    rows = [
+        sigma / one.std * np.append(one.coefficients[information.columns], one.value)
+        for one in weighings
+    ]
+    return np.reshape(rows, (len(rows), len(information.columns) + 1))
+
+
+def _levels(information: Information, sigma: float) -> Float[np.ndarray, " channels"]:
+    """What each channel counts as 1 of."""
+    channels = slice(information.drives.stop, None)
+    largest = information.torque_max[channels]
+    levels = largest.copy()
+    for _ in range(_ROUNDS if information.channels else 0):
+        left = _residual(replace(information, levels=levels))[channels]
+        before, levels = levels, np.maximum(left, NOISE_FLOOR * largest) / sigma
+        if np.allclose(levels, before, rtol=_SETTLED, atol=0):
+            break
+    return levels
+
+
+def _residual(information: Information) -> Float[np.ndarray, " rows"]:
+    """What least squares over all rows leaves of each drive and channel, root mean square.
+
+    Each channel's share of the degrees of freedom that the fit takes is given back.
+    """
+    factor = information.weighted()
+    Y, y = factor[:, :-1], factor[:, -1]
+    norms = np.linalg.norm(Y, axis=0)
+    norms[norms == 0] = 1.0
+    U, s, Vt = np.linalg.svd(Y / norms, full_matrices=False)
+    rank = int(np.sum(s > _DEPENDENT * s[0]))
+    half = Vt[:rank].T / s[:rank] / norms[:, None]
+    p = half @ (U[:, :rank].T @ y)
+    left = np.linalg.norm(information.factors @ np.append(-p, 1.0), axis=1)
+    weights = np.sqrt(information.weights)
+    taken = np.sum((information.factors[:, :, :-1] @ half) ** 2, axis=(1, 2)) * weights**2
+    return left / np.sqrt(np.maximum(information.samples - taken, 1.0))

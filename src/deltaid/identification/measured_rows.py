@@ -1,0 +1,216 @@
+"""All rows of a fit: the drives' torques, then what sensors show; and what is known beside them.
+
+A sensor shows y = C p + D u of the robot and its own unknowns (`sensors.rows`). What the robot
+holds adds to it as it adds to torques: a load's columns are its carrier's while it is held, and
+what has been taken out of the torques is taken out here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.dynamics import Regressor
+from deltaid.identification.additions import Extended
+from deltaid.identification.information import Chunk, active_columns
+from deltaid.identification.load_columns import LoadColumns
+from deltaid.identification.sensor_columns import SensorColumns
+from deltaid.recording.carried import carrier
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples, Window
+from deltaid.sensors.weighings import Weighing
+
+Values = Float[np.ndarray, "entries samples"]
+PerChannel = Float[np.ndarray, "channels samples"]
+Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What all sensors show along filtered samples.
+
+    Attributes:
+        values: entries of their rows, in the order of the pattern.
+        y: what they show, one row a channel.
+        counted: how many samples each is worth.
+    """
+
+    values: Float[np.ndarray, "entries samples"]
+    y: Float[np.ndarray, "channels samples"]
+    counted: Float[np.ndarray, "channels samples"]
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPart:
+    """The rows of one sensor among those of a fit.
+
+    Attributes:
+        columns: the sensor.
+        pattern: channel and column of each entry, columns as of the fit; those of loads last.
+        loads: for each load its number among the additions, the entries of its carrier, and the
+            first of its columns.
+    """
+
+    columns: SensorColumns
+    pattern: Pattern
+    loads: tuple[tuple[LoadColumns, Int[np.ndarray, " _"]], ...]
+
+    @property
+    def channels(self) -> int:
+        """How many channels it has."""
+        return len(self.columns.rows.channels)
+
+    def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
+        """Entries, what it shows, and weights, along samples; zero where there is no number."""
+        rows, columns = self.columns.rows, recording.log.columns
+        shown = columns.shown(w.extra).get(rows.name)
+        if shown is None:
+            nothing = np.zeros((self.channels, len(w.time)))
+            return np.zeros((len(self.pattern[0]), len(w.time))), nothing, nothing
+        counts = np.isfinite(shown)
+        y = np.where(counts, shown, 0.0)
+        # What makes the torque of one drive useless, such as its own friction or clipping, does not
+        # reach a sensor; what makes all of them useless does.
+        weights = counts * w.weights.max(axis=1, initial=0.0)
+        own = rows.entries(w.z, w.qd, w.qdd, y)
+        values, held = [own], columns.held(w.time, w.extra)
+        names = [load.name for load in columns.loads]
+        for load, at in self.loads:
+            name = load.load.name
+            state = held[names.index(name)] if name in names else np.zeros(len(w.time))
+            values.append(own[at] * state)
+        y = y - self._carried(own, w, recording, held)
+        channels, _ = self.pattern
+        every = np.vstack(values)
+        return every * weights[channels], y * weights, weights
+
+    def _carried(
+        self, own: Values, w: Samples, recording: Recording, held: np.ndarray
+    ) -> Float[np.ndarray, "channels samples"]:
+        """What loads whose torques have been taken out of the recording make it show."""
+        robot, layout = self.columns.dynamics.robot, self.columns.dynamics.layout
+        total = np.zeros((self.channels, len(w.time)))
+        channels, columns = self.columns.rows.pattern
+        pairs = zip(recording.log.columns.loads, recording.repairs.loads, strict=False)
+        for k, (load, p) in enumerate(pairs):
+            part = layout.body(carrier(load, robot))
+            at = np.flatnonzero((columns >= part.start) & (columns < part.stop))
+            shares = np.array(p)[columns[at] - part.start][:, None] * held[k]
+            np.add.at(total, channels[at], own[at] * shares)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRows:
+    """Rows and columns of a fit.
+
+    Attributes:
+        regressor: the columns of torques.
+        weighings: what is known of p without a recording.
+    """
+
+    regressor: Regressor | Extended
+    weighings: tuple[Weighing, ...] = ()
+
+    @property
+    def drives(self) -> int:
+        """Number of drives δ."""
+        return self.regressor.dof
+
+    @property
+    def dof(self) -> int:
+        """Number of drives and channels."""
+        return self.drives + self.channels
+
+    @property
+    def channels(self) -> int:
+        """Number of channels of all sensors."""
+        return sum(part.channels for part in self.sensors)
+
+    @property
+    def known_columns(self) -> Int[np.ndarray, " _"]:
+        """Columns that weighings tell of."""
+        found = [np.flatnonzero(one.coefficients) for one in self.weighings]
+        return np.concatenate([np.zeros(0, dtype=int), *found])
+
+    @cached_property
+    def active(self) -> Int[np.ndarray, " columns"]:
+        """All columns that something tells of."""
+        return active_columns(self)
+
+    @property
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of every entry that is not always zero."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
+        first = self.drives
+        for part in self.sensors:
+            rows.append(first + part.pattern[0])
+            columns.append(part.pattern[1])
+            first += part.channels
+        return np.concatenate(rows), np.concatenate(columns)
+
+    @cached_property
+    def sensors(self) -> tuple[SensorPart, ...]:
+        """The sensors among the additions."""
+        if not isinstance(self.regressor, Extended):
+            return ()
+        first, found, loads = self.regressor.own, list[tuple[SensorColumns, int]](), []
+        for one in self.regressor.additions:
+            if isinstance(one, SensorColumns):
+                found.append((one, first))
+            if isinstance(one, LoadColumns) and not one.is_fixed:
+                loads.append((one, first))
+            first += len(one.parameters)
+        return tuple(_part(one, at, self.regressor.own, loads) for one, at in found)
+
+    def shown(self, window: Window, recording: Recording) -> Shown | None:
+        """What the sensors show in a window, weighted, filtered and thinned; None without any."""
+        if not self.sensors:
+            return None
+        entries = len(self.regressor_pattern[0]) - len(self.regressor.regressor_pattern[0])
+
+        def of(w: Samples) -> Values:
+            parts = [part.of(w, recording) for part in self.sensors]
+            return np.vstack([*(one[0] for one in parts), *(one[1] for one in parts)])
+
+        filtered = window.filtered(of)
+        weights = np.vstack([part.of(window.wide, recording)[2] for part in self.sensors])
+        counted = window.worth(weights, window.thinned)
+        return Shown(filtered[:entries], filtered[entries:], counted)
+
+    def chunks(self, shown: Shown, part: slice) -> list[Chunk]:
+        """Each channel's rows of [C, y], as `chunks_of_drives` has those of drives."""
+        rows, columns = self.regressor_pattern
+        own = rows >= self.drives
+        channels, at = rows[own] - self.drives, np.searchsorted(self.active, columns[own])
+        return [
+            (
+                np.append(at[channels == k], len(self.active)),
+                np.vstack([shown.values[channels == k, part], shown.y[k, part]]),
+            )
+            for k in range(self.channels)
+        ]
+
+
+def _part(
+    one: SensorColumns, first: int, own: int, loads: Sequence[tuple[LoadColumns, int]]
+) -> SensorPart:
+    """A sensor whose unknowns stand in columns from `first` on, beside a robot's `own` columns."""
+    channels, columns = one.rows.pattern
+    beside = len(one.dynamics.layout.names)
+    placed = np.where(columns < beside, columns, columns - beside + first)
+    assert beside == own or not np.any(columns >= own), "unknowns follow the robot's columns"
+    rows, at, carried = [channels], [placed], []
+    for load, start in loads:
+        part = one.dynamics.layout.body(load.body)
+        entries = np.flatnonzero((columns >= part.start) & (columns < part.stop))
+        rows.append(channels[entries])
+        at.append(columns[entries] - part.start + start)
+        carried.append((load, entries))
+    return SensorPart(one, (np.concatenate(rows), np.concatenate(at)), tuple(carried))

@@ -1,0 +1,106 @@
+"""A sensor beside the drives as part of a fit: its own unknowns are columns, what it shows is rows.
+
+Drives' torques have no entry in its columns; `measured_rows.MeasuredRows` puts its rows below
+theirs.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.additions import Addition, Own, Values
+from deltaid.model.corrections import Correction
+from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
+from deltaid.robot.parameter import Parameter
+from deltaid.sensors.about import about
+from deltaid.sensors.of_robot import sensor_rows
+from deltaid.sensors.rows import SensorRows
+
+# A sensor whose gain is known no better than this says less of torques than torque constants do.
+_SURE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class SensorColumns(Addition):
+    """One sensor.
+
+    Attributes:
+        dynamics: of the robot.
+        rows: what it shows of robot and unknowns.
+        prior_spread: of the fit, which all scales of parameters are relative to.
+        known: parameters by their names that gain and pose are seen from; the prior if left out.
+    """
+
+    dynamics: Dynamics
+    rows: SensorRows
+    prior_spread: float
+    known: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @classmethod
+    def of(
+        cls,
+        dynamics: Dynamics,
+        name: str,
+        prior_spread: float,
+        known: Mapping[str, float] | None = None,
+    ) -> "SensorColumns":
+        """A sensor of a robot by its name in the description."""
+        known = known or {}
+        rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
+        if any(_depends(one) for one in rows.parameters):
+            every = (*dynamics.layout.parameters, *rows.parameters)
+            rows = about(rows, np.array([known.get(one.name, one.prior) for one in every]))
+        return cls(dynamics, rows, prior_spread, known)
+
+    @property
+    def is_bilinear(self) -> bool:
+        """Whether some of its columns depend on the other parameters."""
+        return any(_depends(one) for one in self.rows.parameters)
+
+    def on(self, dynamics: Dynamics) -> "SensorColumns":
+        if dynamics is self.dynamics:
+            return self
+        return self.of(dynamics, self.rows.name, self.prior_spread, self.known)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.rows.parameters
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        return np.zeros((0, len(w.time)))
+
+    @property
+    def is_absolute(self) -> bool:
+        return self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
+
+    @property
+    def witness(self) -> str:
+        return f"sensor {self.rows.name}"
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        shown = ", ".join(_told(self.rows.name, one) for one in judged)
+        text = "what it showed was fitted with the torques, in its own units"
+        if judged:
+            text += f"; of the sensor itself this tells {shown}"
+        return (Correction(kind="sensor", subject=self.rows.name, text=text),)
+
+
+def _depends(one: Parameter) -> bool:
+    """Whether the column of a sensor's unknown goes by what the sensor should show."""
+    return one.symbol == "gain" or one.symbol.startswith(("position", "rotation"))
+
+
+def _told(sensor: str, one: Judged) -> str:
+    """One of its unknowns: value, half width of the interval, and what decided it."""
+    what = one.name.removesuffix(f".{sensor}").replace("_", " ")
+    unit = f" {one.unit}" if one.unit else ""
+    how = "" if one.determined_by == "data" else " (its prior)"
+    return f"{what} {one.value:.4g} ± {1.96 * one.std:.2g}{unit}{how}"

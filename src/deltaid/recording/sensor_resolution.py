@@ -1,0 +1,133 @@
+"""Which columns of a table are those of the robot's sensors."""
+
+import difflib
+import math
+from collections.abc import Mapping
+from typing import TypeVar
+
+from deltaid.errors import RecordingError
+from deltaid.recording.address import find
+from deltaid.recording.columns import Channel, SensorChannels
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.sensor_columns import SensorColumns
+from deltaid.recording.source import Table
+from deltaid.recording.units import si_factor
+from deltaid.robot.sensor_channels import Shown
+
+_Each = TypeVar("_Each")
+Sensors = Mapping[str, tuple[Shown, ...]]
+
+
+def sensor_columns(
+    table: Table, sensors: Sensors, mapping: ColumnMapping
+) -> tuple[SensorChannels, ...]:
+    """The channels of the sensors that a log has, in the order of the description.
+
+    A sensor that the mapping does not name has the columns `plate.fx`, …, `plate.mz` (or `gauge1`),
+    or those of an array `plate`; a log without them is one without that sensor.
+
+    Raises:
+        RecordingError: the mapping names a sensor that the robot does not have, a list has the
+            wrong length, a unit does not fit, or some columns of a sensor are missing.
+    """
+    for name in mapping.sensors:
+        _require_known(name, sensors, mapping.source)
+    found: list[SensorChannels] = []
+    for name, shown in sensors.items():
+        given = mapping.sensors.get(name)
+        if name not in mapping.sensors:
+            channels = _by_default(table, name, shown)
+        elif given is not None:
+            channels = _declared(table, given, shown, f"{mapping.source}, sensors.{name}")
+        else:
+            channels = ()
+        if channels:
+            found.append(SensorChannels(name, channels, given.delay if given else 0.0))
+    return tuple(found)
+
+
+def _require_known(name: str, sensors: Sensors, source: str) -> None:
+    if name in sensors:
+        return
+    near = difflib.get_close_matches(name, sensors, n=1)
+    has = f"its sensors are {', '.join(sensors)}" if sensors else "it has none"
+    raise RecordingError(
+        f"the robot has no sensor {name[:40]}; {has}",
+        where=f"{source}, sensors",
+        cure=f"did you mean {near[0]}?"
+        if near
+        else "describe it under `sensors:` of the robot, or leave it out here",
+    )
+
+
+def _by_default(table: Table, name: str, shown: tuple[Shown, ...]) -> tuple[Channel, ...]:
+    names = [one.name for one in shown]
+    there = [find(table.fields, column) is not None for column in names]
+    if not any(there):
+        names = [f"{name}[{i}]" for i in range(len(shown))]
+        if not find(table.fields, names[0]):
+            return ()
+    elif not all(there):
+        missing = [one for one, is_there in zip(names, there, strict=True) if not is_there]
+        raise RecordingError(
+            f"has some columns of sensor {name}, but no {', '.join(missing)}",
+            where=table.header_place,
+            cure="say which columns are its own by the line "
+            f"`sensors: {{{name}: {{columns: [{', '.join(['…'] * len(shown))}]}}}}` of a mapping, "
+            f"or leave it out of this recording by `sensors: {{{name}: null}}`",
+        )
+    return tuple(
+        Channel(column, _scale(None, column, one, table, ""), 0.0)
+        for column, one in zip(names, shown, strict=True)
+    )
+
+
+def _declared(
+    table: Table, given: SensorColumns, shown: tuple[Shown, ...], where: str
+) -> tuple[Channel, ...]:
+    count = len(shown)
+    names = given.names(count)
+    if len(names) != count:
+        raise RecordingError(
+            f"lists {len(names)} column{'s' if len(names) != 1 else ''}, but the sensor shows "
+            f"{count} number{'s' if count > 1 else ''}: {', '.join(one.name for one in shown)}",
+            where=f"{where}.columns",
+            cure="list one a number, in this order",
+        )
+    units = _each(given.unit, count, f"{where}.unit")
+    signs = _each(given.sign, count, f"{where}.sign")
+    zeros = _each(given.zero, count, f"{where}.zero")
+    return tuple(
+        Channel(name, sign * _scale(unit, name, one, table, f"{where}.unit"), zero)
+        for name, one, unit, sign, zero in zip(names, shown, units, signs, zeros, strict=True)
+    )
+
+
+def _each(given: _Each | tuple[_Each, ...], count: int, where: str) -> tuple[_Each, ...]:
+    if not isinstance(given, tuple):
+        return (given,) * count
+    if len(given) != count:
+        raise RecordingError(
+            f"lists {len(given)} value{'s' if len(given) != 1 else ''}, but the sensor shows "
+            f"{count} number{'s' if count > 1 else ''}",
+            where=where,
+            cure="list one a column, or give one value for all",
+        )
+    return given
+
+
+def _scale(unit: str | None, column: str, shown: Shown, table: Table, where: str) -> float:
+    """What a column's numbers are to be multiplied by to become SI."""
+    if unit is None:
+        where = f"{table.header_place}, unit of {column}"
+        unit = table.units.get(column, shown.unit)
+    cure = "a force is in N, kN, lbf or kgf, a moment in N*m, mN*m or lbf*in; a number may stand "
+    cure += "before it, such as 12.5 N for each volt; of a wrench list six units, forces first"
+    factor = si_factor(unit, shown.unit, where=where, cure=cure)
+    if not 0 < factor < math.inf:
+        raise RecordingError(
+            f"unit '{unit[:40]}' makes a factor of {factor:g}, which is no number to go on with",
+            where=where,
+            cure="check the number before the unit",
+        )
+    return factor

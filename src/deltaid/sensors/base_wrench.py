@@ -1,0 +1,193 @@
+"""A six-axis sensor under the base: rows of the force and moment that it exerts on the robot.
+
+Forces inside the robot cancel, so the sensor carries what all moving bodies take from the motion,
+
+    f = Σ (m a + …),    n = Σ (moment about the link frame + (r − o) × force),
+
+by `dynamics.rigid_body.wrench` about its origin o. Of springs, friction and whatever closes loops
+nothing is left. A rotor of inertia I, as its drive feels it, turns n times as fast as the drive, so
+that its own is I/n², its spin I/n q̇ about the drive's axis, and the base gives it I/n q̈. For a
+rail n is 2π times the spindle's turns per metre, about the rail's direction.
+
+Where its origin is off by δ and its axes are turned by θ, both along its own axes, it shows
+
+    f + f × θ,    m + m × θ + f × δ.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.force_parts import Part
+from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.errors import DescriptionError
+from deltaid.mechanism.vectors import fixed
+from deltaid.robot.parameter import Parameter
+from deltaid.robot.sensors import BaseWrench
+from deltaid.sensors.graph_rows import GraphRows, Shown, Unknown
+from deltaid.sensors.halves import with_turned_half
+from deltaid.sensors.rows import SensorChannel
+from deltaid.sensors.size import wide_force, wide_moment
+from deltaid.sensors.weighings import rotation
+
+_AXES = "xyz"
+_FORCES, _MOMENTS = (0, 1, 2), (3, 4, 5)
+
+
+@dataclass(frozen=True)
+class _Spin:
+    """A rotor's moment on the base for I/n q̈ = 1, in the world, where n is not known."""
+
+    drive: str
+    symbol: str
+    axis: Float[np.ndarray, " 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseWrenchRows(GraphRows):
+    """One base wrench sensor.
+
+    Raises:
+        DescriptionError: a motor that does not turn, or turns of motors of a mechanism of the
+            user's own, whose axes are not known.
+    """
+
+    sensor: BaseWrench
+
+    def __post_init__(self) -> None:
+        given = [n for n in map(self._turns, self.dynamics.robot.rotor_drives) if n is not None]
+        if given and self.dynamics.robot.mechanism is not None:
+            raise DescriptionError(
+                "a mechanism of your own does not say about which axes its motors turn",
+                where=f"sensors.{self.name}.motor_turns",
+                cure="leave it out; what rotors do to the base is identified then",
+            )
+        if 0.0 in given:
+            raise DescriptionError(
+                "a motor that makes no turn moves nothing",
+                where=f"sensors.{self.name}.motor_turns",
+                cure="give the ratio of its gear, 1 for a direct drive; or leave it out",
+            )
+
+    @property
+    def channels(self) -> tuple[SensorChannel, ...]:
+        s = self.sensor
+        kinds = (("f", "N", s.force_noise), ("m", "N m", s.moment_noise))
+        return tuple(
+            SensorChannel(f"{self.name}.{letter}{axis}", unit, noise)
+            for letter, unit, noise in kinds
+            for axis in _AXES
+        )
+
+    @property
+    def graph(self) -> ca.SX:
+        robot, mechanism = self.dynamics.robot, with_turned_half(self.dynamics.kinematics.mechanism)
+        forces, origin = SpeedForces(robot, mechanism), ca.SX(ca.DM(self.sensor.position))
+        force, moment = ca.SX(3, 1), ca.SX(3, 1)
+        for body in mechanism.bodies:
+            part = Part(body, forces.wrench(body))
+            f = ca.densify(part.world_force)
+            force += body.count * f
+            moment += body.count * (part.world_moment + ca.cross(part.origin - origin, f))
+        columns = ca.jacobian(ca.vertcat(force, moment), forces.p)
+        columns[3:, :] += self._rotors()
+        accelerations = mechanism.speeds.q.ud
+        spins = [fixed(one.axis) * accelerations[self._index(one.drive)] for one in self._spins]
+        beside = ca.vertcat(ca.SX(3, len(spins)), ca.horzcat(ca.SX(3, 0), *spins))
+        R = fixed(rotation(self.sensor.rotation_deg).T)
+        to_sensor = ca.diagcat(R, R)
+        return mechanism.speeds.by_drives()(to_sensor @ ca.horzcat(columns, beside))
+
+    @property
+    def moving(self) -> tuple[Parameter, ...]:
+        """I/n of rotors whose n is not known: up to I, as for a motor that turns with its drive."""
+        found, robot = [], self.dynamics.robot
+        for one in self._spins:
+            inertia, rail = robot.rotor_inertia[one.drive], robot.is_linear(one.drive)
+            std = inertia / (2 * np.pi) if rail else inertia
+            found.append(self.unknown(one.symbol, "kg m" if rail else "kg m²", std))
+        return tuple(found)
+
+    @property
+    def still(self) -> tuple[Unknown, ...]:
+        return self._still
+
+    @cached_property
+    def _still(self) -> tuple[Unknown, ...]:
+        s, found = self.sensor, []
+        force, moment = s.force_bias, s.moment_bias
+        force = wide_force(self.dynamics) if force is None else force
+        if moment is None:
+            moment = wide_moment(self.dynamics, np.array(s.position))
+        for k, std in enumerate([force] * 3 + [moment] * 3):
+            found += self.bias(k, f"{self.channels[k].name.rpartition('.')[2]}_bias", std)
+        for j, axis in enumerate(_AXES):
+            if s.position_tolerance:
+                found.append(self._off(f"position_{axis}", "m", s.position_tolerance, j, _FORCES))
+        for j, axis in enumerate(_AXES):
+            if s.rotation_tolerance:
+                std = s.rotation_tolerance
+                found.append(self._off(f"rotation_{axis}", "rad", std, j, _FORCES + _MOMENTS))
+        return (*found, *self.gain(s.gain_tolerance))
+
+    def _off(self, symbol: str, unit: str, std: float, j: int, what: tuple[int, ...]) -> Unknown:
+        """An error of the pose along axis j: v × e_j of what was shown, behind it for a position.
+
+        Args:
+            what: the forces, whose lever changes moments, or all channels that are turned.
+        """
+        k, l = (j + 1) % 3, (j + 2) % 3  # v × e_j has v_l along k and −v_k along l
+        starts = range(0, len(what), 3)
+        moved = 3 if len(what) == 3 else 0
+
+        def column(shown: Shown) -> np.ndarray:
+            return np.vstack([row for s in starts for row in (shown[s + l], -shown[s + k])])
+
+        channels = tuple(moved + s + axis for s in starts for axis in (k, l))
+        return Unknown(self.unknown(symbol, unit, std), channels, column)
+
+    def _rotors(self) -> ca.SX:
+        """Moments on the base, in the world, by rotors whose turns are known; over p."""
+        robot, layout = self.dynamics.robot, self.dynamics.layout
+        accelerations = self.dynamics.kinematics.mechanism.speeds.q.ud
+        columns = ca.SX(3, len(layout.parameters))
+        for k, drive in enumerate(robot.rotor_drives, start=layout.rotor.start):
+            n = self._turns(drive)
+            if n is not None:
+                speed = 2 * np.pi * n if robot.is_linear(drive) else n
+                axis = fixed(self._axis(drive)) / speed
+                columns[:, k] = axis * accelerations[self._index(drive)]
+        return columns
+
+    @cached_property
+    def _spins(self) -> tuple[_Spin, ...]:
+        return tuple(self._unknown_spins())
+
+    def _unknown_spins(self) -> Iterator[_Spin]:
+        robot = self.dynamics.robot
+        for drive in robot.rotor_drives:
+            if robot.mechanism is not None:
+                for axis, e in zip(_AXES, np.eye(3), strict=True):
+                    yield _Spin(drive, f"spin_{axis}_{drive}", e)
+            elif self._turns(drive) is None:
+                yield _Spin(drive, f"spin_{drive}", self._axis(drive))
+
+    def _axis(self, drive: str) -> Float[np.ndarray, " 3"]:
+        """Axis of a drive of a described robot in the world, of a rail its direction."""
+        limbs, i = self.dynamics.robot.limb_geometry, self._index(drive)
+        if i >= len(limbs):
+            return np.array([0.0, 0.0, 1.0])
+        limb = limbs[i]
+        return limb.R_WL @ limb.rail if limb.drive == "linear" else limb.R_WL[:, 1]
+
+    def _index(self, drive: str) -> int:
+        return self.dynamics.robot.drives.index(drive)
+
+    def _turns(self, drive: str) -> float | None:
+        """n of a drive, None where it is not known."""
+        turns = self.sensor.motor_turns
+        return turns.get(drive) if isinstance(turns, dict) else turns

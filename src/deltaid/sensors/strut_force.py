@@ -1,0 +1,151 @@
+"""A gauge along a strut, or along both of a limb: rows of the force along it, a pull positive.
+
+At the platform's joint and at the elbow's it is that of `dynamics.force_equations`, which also has
+the moment that the elbow exerts about the axis perpendicular to both of its axes. A cut somewhere
+between them leaves the part of the strut beyond it, with a mass and a first moment of its own, to
+the platform's end:
+
+    N = N_platform − x · (m_o (a − g) + ω × (ω × mc_o) + ω̇ × mc_o),    mc_o along x.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
+from deltaid.dynamics.rigid_body import wrench
+from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.errors import DescriptionError
+from deltaid.robot.parameter import Parameter
+from deltaid.robot.platform import H4Platform, RigidPlatform
+from deltaid.robot.sensors import StrutForce
+from deltaid.sensors.graph_rows import OneChannelRows
+from deltaid.sensors.halves import with_turned_half
+from deltaid.sensors.rows import SensorChannel
+from deltaid.sensors.size import wide_force
+
+
+@dataclass(frozen=True, eq=False)
+class StrutForceRows(OneChannelRows):
+    """One gauge.
+
+    Raises:
+        DescriptionError: there is no such strut, or only the sum of a limb's struts is determined.
+    """
+
+    sensor: StrutForce
+
+    def __post_init__(self) -> None:
+        _ = self._struts
+
+    @property
+    def channel(self) -> SensorChannel:
+        return SensorChannel(self.name, "N", self.sensor.noise)
+
+    @property
+    def offsets(self) -> tuple[float, float]:
+        bias = self.sensor.bias
+        return wide_force(self.dynamics) if bias is None else bias, self.sensor.gain_tolerance
+
+    @property
+    def graph(self) -> ca.SX:
+        forces = self._forces
+        values = {channel.name: channel.value for channel in forces.channels}
+        end = "elbow" if self.sensor.at == "elbow" else "platform"
+        along = [values[f"{strut}.{end}.x"] for strut in self._struts]
+        columns = ca.jacobian(sum(along[1:], along[0]), forces.p)
+        return ca.horzcat(columns, self._beyond()) if self.sensor.at == "middle" else columns
+
+    @property
+    def moving(self) -> tuple[Parameter, ...]:
+        """Mass and first moment of one strut's part beyond the cut, half of a uniform strut's."""
+        if self.sensor.at != "middle":
+            return ()
+        m = self.dynamics.robot.bodies[self._body.name].prior_parameters()[0]
+        l = self.dynamics.robot.limb_geometry[self._limb].strut
+        return (
+            self.unknown("outer_m", "kg", 0.5 * float(m), 0.5 * float(m)),
+            self.unknown("outer_mcx", "kg m", 0.25 * float(m * l), 0.375 * float(m * l)),
+        )
+
+    def _beyond(self) -> ca.SX:
+        """Columns of mass and first moment of the part beyond the cut."""
+        mechanism, body = self.dynamics.kinematics.mechanism, self._body
+        turned, own = body.rotation, ca.SX.sym("own", 2)
+        a = body.origin.acceleration - SpeedForces(self.dynamics.robot, mechanism).gravity(body)
+        taken = wrench(turned.R, ca.vertcat(own, ca.SX(8, 1)), a, turned.alpha, turned.w)
+        along = (turned.R.T @ taken.push + taken.swing)[0]
+        struts = self.dynamics.robot.limb_geometry[self._limb].struts
+        count = 1 if self._is_single else struts
+        return mechanism.speeds.by_drives()(-count * ca.jacobian(along, own))
+
+    @property
+    def _limb(self) -> int:
+        return int(self.sensor.strut.removeprefix("strut").rstrip("ab")) - 1
+
+    @property
+    def _is_single(self) -> bool:
+        return self.sensor.strut[-1] in "ab"
+
+    @property
+    def _body(self):
+        return self.dynamics.kinematics.mechanism.limbs[self._limb].strut
+
+    @property
+    def _forces(self) -> ForceEquations:
+        return _equations(self.dynamics)
+
+    @cached_property
+    def _struts(self) -> tuple[str, ...]:
+        """Names of what the gauge shows, or shows the sum of, among those that are determined."""
+        wanted, where = self.sensor.strut, f"sensors.{self.name}.strut"
+        if self.dynamics.robot.mechanism is not None:
+            raise DescriptionError(
+                "a mechanism of your own says how bodies move, but not which joints carry them, so "
+                "forces along struts cannot be computed",
+                where=where,
+                cure="describe the robot by limbs and platform if it is composed of them",
+            )
+        known = self._forces.struts
+        if wanted in known:
+            return (wanted,)
+        both = tuple(f"{wanted}{side}" for side in "ab")
+        if set(both) <= set(known):
+            return both
+        if wanted[:-1] in known and wanted[-1] in "ab":
+            raise _only_sums(self.dynamics, where, wanted)
+        raise DescriptionError(
+            f"there is no strut '{wanted}'; there are {', '.join(known)}"
+            + (", and strut1, … for the sums of limbs" if splits(self.dynamics.robot) else ""),
+            where=where,
+            cure="name one of these",
+        )
+
+
+@lru_cache(maxsize=8)
+def _equations(dynamics: Dynamics) -> ForceEquations:
+    """Of all gauges of a robot."""
+    return build_forces(dynamics.robot, with_turned_half(dynamics.kinematics.mechanism))
+
+
+def _only_sums(dynamics: Dynamics, where: str, wanted: str) -> DescriptionError:
+    robot, limb = dynamics.robot, wanted[:-1]
+    if robot.limb_geometry[0].struts == 1:
+        return DescriptionError(
+            "the limbs have one strut each", where=where, cure=f"name it {limb}"
+        )
+    if isinstance(robot.platform, RigidPlatform | H4Platform):
+        return DescriptionError(
+            f"how {limb} shares its force between its two struts follows from their distance, "
+            "which is not described",
+            where=where,
+            cure=f"give limbs.strut_spacing, or name the sum of both, {limb}",
+        )
+    return DescriptionError(
+        f"how {limb} shares its force between its two struts depends on how stiff they are: a "
+        f"platform of kind {robot.platform.kind} has one joint less than its eight struts need",
+        where=where,
+        cure=f"put gauges on both and name the sum, {limb}",
+    )

@@ -1,0 +1,88 @@
+"""Rows of sensors as dense matrices, and random robots whose sensors an oracle knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from composed import Make, describe, parameters, random_composed, random_states
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.robot.sensors import Sensor
+from deltaid.sensors.about import RowsAbout
+from deltaid.sensors.graph_rows import GraphRows
+from deltaid.sensors.of_robot import sensor_rows
+from deltaid.sensors.rows import SensorRows
+from oracle.sensors import SensorOracle, StrutOracle
+from oracle.tree import Body, random_body
+
+SPACING = 0.6  # of the oracle's struts
+
+
+@dataclass(frozen=True, eq=False)
+class SensorTwin:
+    """A robot twice, its parameters, and generic states: z, qd, qdd."""
+
+    dynamics: Dynamics
+    oracle: SensorOracle
+    p: np.ndarray
+    states: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    def rows(self, sensor: Sensor, spread: float = 0.5) -> SensorRows:
+        return sensor_rows(self.dynamics, "s", sensor, spread)
+
+
+@cache
+def sensor_twin(make: Make, seed: int = 5) -> SensorTwin:
+    """A random robot with motors that turn either way; rods of a Par4 lie about its middle."""
+    rng = np.random.default_rng(seed)
+    plain = random_composed(make, rng)
+    corner = np.array([0.01, 0.06, 0.02])
+    plain = replace(plain, corners=np.array([corner, -corner]))
+    if make.kind == "h4":  # a tool that the middle bar can carry
+        plain = replace(plain, tool=np.array([0.0, 0.0, -0.07]))
+    cut = {name: _on_the_axis(rng) for name in {limb.strut_body for limb in plain.limbs}}
+    bodies = plain.bodies | {name: _sum(plain.bodies[name], one) for name, one in cut.items()}
+    plain = replace(plain, bodies=bodies)
+    turns = rng.uniform(2, 9, plain.dof) * rng.choice([-1, 1], plain.dof)
+    if make.linear:
+        turns[: len(plain.limbs)] *= 2 * np.pi
+    single = make.struts == 2 and make.kind in ("rigid", "h4")
+    oracle = (StrutOracle if single else SensorOracle).with_sensors(plain, turns=turns, outer=cut)
+    robot = describe(oracle, make)
+    if single:
+        assert robot.limbs is not None
+        robot = robot.changed(limbs=robot.limbs.changed(strut_spacing=SPACING))
+    z, _, qd, qdd = random_states(oracle, rng, 4)
+    return SensorTwin(Dynamics(robot), oracle, parameters(oracle), (z, qd, qdd))
+
+
+def _on_the_axis(rng: np.random.Generator) -> Body:
+    """A part of a strut with its centre of mass on the strut's axis."""
+    one, place = random_body(rng, 0.2, 0.1), rng.uniform(0.4, 0.7)
+    c = one.mc / one.m
+    about_centre = one.inertia - one.m * (c @ c * np.eye(3) - np.outer(c, c))
+    shift = one.m * place**2 * np.diag([0.0, 1.0, 1.0])
+    return Body(one.m, np.array([one.m * place, 0.0, 0.0]), about_centre + shift)
+
+
+def _sum(a: Body, b: Body) -> Body:
+    return Body(a.m + b.m, a.mc + b.mc, a.inertia + b.inertia)
+
+
+def dense(
+    rows: SensorRows,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+    shown: np.ndarray | None = None,
+) -> np.ndarray:
+    """[C, D] at some states: samples × channels × (p, u)."""
+    channels, columns = rows.pattern
+    graph = rows.rows if isinstance(rows, RowsAbout) else rows
+    assert isinstance(graph, GraphRows)
+    first = len(graph.dynamics.layout.parameters)
+    if shown is None:
+        shown = np.zeros((len(rows.channels), len(states[0])))
+    found = np.zeros((len(states[0]), len(rows.channels), first + len(rows.parameters)))
+    found[:, channels, columns] = rows.entries(*states, shown).T
+    return found

@@ -1,0 +1,91 @@
+"""`deltaid sensors`: tables, JSON, page, a list of one's own, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from command import run
+from deltaid.planning.offers import load_offers, shipped_offers
+
+DELTA = "clavel-delta3"
+
+
+def test_tables_name_what_stays_open_and_what_to_buy() -> None:
+    outcome = run("sensors", DELTA, "--goal", "P", "--budget", 100, width=120)
+    assert outcome.code == 0
+    for said in (
+        "a random motion within the robot's limits",
+        "all ten entries of each are unknown",
+        "what to buy next for body P",
+        "mass at the elbow's ball joints may pass between upper arm and strut",
+        "parted by kitchen-scale:S, kitchen-scale:P, lab-scale:S",
+        "nothing else in the list is worth it, or within the budget",
+    ):
+        assert said in outcome.out, said
+    assert outcome.out == run("sensors", DELTA, "--goal", "P", "--budget", 100, width=120).out
+
+
+def test_json_has_what_the_tables_say() -> None:
+    arguments = ("sensors", DELTA, "--combine", "edge:S,kitchen-scale:P", "--steps", 2, "--json")
+    found = json.loads(run(*arguments).out)
+    assert found["described"] is None
+    assert found["combinations"][0]["name"] == "edge:S + kitchen-scale:P"
+    assert len(found["steps"]) == 2
+    torques, plan = found["torques"]["std"], found["steps"][-1]["std"]
+    assert all(plan[name] <= torques[name] * (1 + 1e-9) for name in torques)
+    opened = {one["with"]: one for one in found["open"]}
+    assert (opened["torques"]["seen"], opened["torques"]["told"]) == (20, 18)
+    assert len(opened["plan"]["directions"]) == opened["plan"]["seen"] - opened["plan"]["told"]
+    assert set(opened) == {"torques", "plan", *(one["name"] for one in found["uses"])}
+
+
+def test_the_list_is_printed_and_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "list.yaml"
+    path.write_text(run("sensors", DELTA, "--list").out, encoding="utf-8")
+    assert load_offers(path) == shipped_offers()
+    cheap = path.read_text("utf-8").replace("price: 8000", "price: 0").replace("hours: 16", "")
+    path.write_text(cheap, encoding="utf-8")
+    found = json.loads(run("sensors", DELTA, "--sensors", path, "--json").out)
+    assert found["steps"][0]["name"] == "plate-tared"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--goal", "Q"), "choose from bodies, forces, gains, U, S, P"),
+        (("--combine", "edge:Q"), "nothing called 'edge:Q'"),
+        (("--entries", "S.mcx,Q.m"), "no entry 'Q.m'"),
+        (("--budget", "0"), "must be a positive number"),
+        (("--torque-noise", "-1"), "must be a positive number"),
+        (("--enough", "2"), "must lie between"),
+        (("--gain-spread", "nan"), "must lie between"),
+        (("--sensors", "nowhere.yaml"), "no such file"),
+        (("nowhere.csv",), "nowhere.csv"),
+        (("--report", "page.txt"), "must end in .html"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_message(
+    arguments: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = run("sensors", DELTA, *arguments)
+    assert (outcome.code, outcome.errors, outcome.out) == (2, 1, "")
+    assert said in outcome.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mechanism_of_ones_own_and_its_page(tmp_path: Path) -> None:
+    folder = Path(__file__).parents[1] / "examples" / "planar_delta"
+    page = tmp_path / "page.html"
+    outcome = run(
+        "--mechanism", folder / "mechanism.py", "sensors", folder / "robot.yaml",
+        "--report", page, width=120,
+    )  # fmt: skip
+    assert outcome.code == 0
+    assert "mass where arm and rod meet may pass between arm and rod" in outcome.out
+    text = page.read_text(encoding="utf-8")
+    assert "gauges at the platform" in text  # the robot has no place for them: told
+    assert "What stays open" in text

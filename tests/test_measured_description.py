@@ -1,0 +1,129 @@
+"""Measured values and sensors in a description: what does not fit is refused with key and cure."""
+
+import pytest
+
+from deltaid.check.run import of_robot
+from deltaid.dynamics.parameters import stated_spreads
+from deltaid.errors import DescriptionError
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import catalogue_text, load_robot, parse
+from descriptions import CLAVEL, refusal, replaced
+
+SENSORS = """
+sensors:
+  plate: {kind: base-wrench, force_noise: 0.5}
+  gauge1: {kind: strut-force, strut: strut1a}
+  torque1: {kind: joint-torque, drive: drive1}
+"""
+
+
+def with_text(text: str) -> str:
+    return CLAVEL + text
+
+
+def of_body(text: str) -> str:
+    """The catalogue robot with other lines below the prior of its struts."""
+    return replaced("    free: [m, mcx, Sxx, Syy, Szz]\n  P:", f"    {text}\n  P:")
+
+
+def test_sensors_and_measured_values_that_fit() -> None:
+    text = with_text(SENSORS) + "measured: [{mass: 1.2, of: {U: 1, S: 2}, std: 0.01}]\n"
+    robot = parse(text, RobotDescription, where="robot.yaml")
+    assert list(robot.sensors) == ["plate", "gauge1", "torque1"]
+    assert robot.measured[0].placed[1].count == 2
+
+
+def test_a_spread_is_that_of_its_entries() -> None:
+    robot = parse(of_body("spread: {m: 0.1, Ixx: 0.2}"), RobotDescription, where="robot.yaml")
+    assert stated_spreads(robot) == {"S.m": 0.1, "S.Ixx": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sensors: {gauge: {kind: strut-force, strut: strut4}}", "unknown strut 'strut4'"),
+        ("sensors: {gauge: {kind: strut-force, strut: strut1c}}", "did you mean strut1"),
+        ("sensors: {gauge: {kind: joint-torque, drive: drive4}}", "unknown drive 'drive4'"),
+        ("sensors: {gauge: {kind: joint-torque, drive: driv1}}", "did you mean drive1?"),
+        ("sensors: {drive1: {kind: base-wrench}}", "sensors.drive1: is called as a joint is"),
+        ("sensors: {S: {kind: base-wrench}}", "sensors.S: is called as a body is"),
+        ("sensors: {tau1: {kind: base-wrench}}", "sensors.tau1: is called as another column"),
+        ("sensors: {load: {kind: base-wrench}}", "sensors.load: is called as another column"),
+        ("sensors: {'a b': {kind: base-wrench}}", "the name 'a b': begin with a letter"),
+        ("sensors: {plate.x: {kind: base-wrench}}", "the name 'plate.x': begin with a letter"),
+        ("sensors: {gauge: {kind: scale}}", "choose from 'base-wrench'"),
+        ("sensors: {p: {kind: base-wrench, motor_turns: 20}}", "no drive has a rotor_inertia"),
+        ("measured: [{mass: 1, of: X, std: 0.1}]", "unknown body 'X'; choose from U, S, P"),
+        ("measured: [{mass: 1, of: {}, std: 0.1}]", "measured[1].of names no body"),
+        ("measured: [{of: S, std: 0.1}]", "gives no value"),
+        ("measured: [{mass: 1, of: S}]", "std: is missing"),
+    ],
+)
+def test_what_the_robot_does_not_have_is_refused(text: str, words: str) -> None:
+    assert words in refusal(with_text(f"{text}\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("free: []\n    spread: 0.1", "bodies.S.spread: is given, but free: [] says"),
+        ("free: []\n    measured: [{mass: 0.1, std: 0.01}]", "is of S, which is known (free: [])"),
+        ("spread: {mass: 0.1}", "spread"),
+        (
+            "free: [m, mcx, Sxx]\n    measured: [{centre: 0.01, axis: y, std: 0.001}]",
+            "bodies.S.free leaves out mcy, which says that it is zero; name it there",
+        ),
+        (
+            "free: [m, mcx]\n    measured: [{first_moment: 1, axis: [1, 0, 1], std: 0.1}]",
+            "is along x, z, but bodies.S.free leaves out mcz",
+        ),
+    ],
+)
+def test_what_a_body_keeps_is_not_measured(text: str, words: str) -> None:
+    assert words in refusal(of_body(text))
+
+
+def test_turns_of_motors_are_of_drives_that_turn() -> None:
+    text = catalogue_text("irb360-6-1600")
+    for turns, words in (
+        ("{drive9: 10}", "unknown drive 'drive9'"),
+        ("{drive4: 0}", "sensors.plate.motor_turns.drive4: is 0"),
+        ("0", "sensors.plate.motor_turns: is 0"),
+    ):
+        line = f"sensors: {{plate: {{kind: base-wrench, motor_turns: {turns}}}}}\n"
+        assert words in refusal(f"{text}{line}")
+
+
+def test_known_bodies_may_be_weighed_with_others() -> None:
+    robot = load_robot("clavel-delta3")
+    bodies = dict(robot.bodies) | {"P": robot.bodies["P"].changed(free=())}
+    known = robot.changed(bodies=bodies)
+    assert known.changed(measured=({"mass": 1.0, "of": {"P": 1, "S": 2}, "std": 0.1},)).measured
+    with pytest.raises(DescriptionError, match="which is known"):
+        known.changed(measured=({"mass": 1.0, "of": "P", "std": 0.1},))
+
+
+@pytest.mark.parametrize(
+    ("value", "grade", "words"),
+    [
+        ("{mass: 0.21, std: 0.001}", "good", "1 measured value, as mass of S, goes"),
+        ("{mass: 0.05, std: 0.001}", "good", ""),
+        ("{mass: 210, std: 1}", "wrong", "is 210 kg, where the prior has 0.21 kg"),
+        ("{mass: 0.0002, std: 0.001}", "doubtful", "a value in another unit"),
+        ("{centre: 0.5, axis: x, std: 0.01}", "good", ""),
+        ("{first_moment: 110, axis: x, std: 1}", "wrong", "first moment in kg mm"),
+        ("{inertia: 80000, axis: y, std: 1}", "wrong", "kg mm²"),
+    ],
+)
+def test_measured_values_in_another_unit_are_told(value: str, grade: str, words: str) -> None:
+    text = of_body(f"free: [m, mcx, Sxx, Syy, Szz]\n    measured: [{value}]")
+    robot = parse(text, RobotDescription, where="robot.yaml")
+    (found,) = (one for one in of_robot(robot) if one.key == "measured-scale")
+    assert found.grade == grade
+    assert words in found.sentence
+    if "210" in value:
+        assert dict(found.proposals[0].changes)["bodies.S.measured[0].mass"] == 0.21
+
+
+def test_no_measured_value_no_verdict() -> None:
+    assert not any(v.key == "measured-scale" for v in of_robot(load_robot("clavel-delta3")))

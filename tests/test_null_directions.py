@@ -1,0 +1,310 @@
+"""What no row sees: how many directions, in words, and that nothing changes along them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from composed import Make, twin
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.planning.exchange import exchanges, point_mass
+from deltaid.planning.joints import instances
+from deltaid.planning.motion import generic_motion
+from deltaid.planning.null_space import NullSpace, null_space, whole_null_space
+from deltaid.planning.openings import openings
+from deltaid.planning.rows import Scene, sensor_rows, torque_rows, torques
+from deltaid.planning.uses import Use
+from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.load import load_robot
+from deltaid.robot.sensors import BaseWrench, StrutForce
+from deltaid.sensors.halves import with_turned_half
+from deltaid.sensors.of_robot import sensor_rows as rows_of
+
+ELBOW = "mass at the elbow's ball joints may pass between upper arm and strut"
+CARRIAGE = "mass at the carriage's ball joints may pass between carriage and strut"
+PLATFORM = "mass at the platform's ball joints may pass between strut and {}"
+TARED = {"force_bias": 0.0, "moment_bias": 0.0, "motor_turns": 20.0}
+TOOL = "{} on the tool's axis may pass between {} and tool"
+
+# By robot: parameters seen, combinations told, and what stays open to torques and a tared wrench.
+KNOWN = {
+    "clavel-delta3": (26, 24, {ELBOW, PLATFORM.format("platform")}),
+    "linear-delta": (26, 24, {CARRIAGE, PLATFORM.format("platform")}),
+    "irb360-6-1600": (
+        58,
+        46,
+        {
+            ELBOW,
+            PLATFORM.format("platform"),
+            "mass at the lower universal joint may pass between platform and lower part of the bar",
+            TOOL.format("mass", "platform"),
+            TOOL.format("first moment", "platform"),
+            "mass at rest in the base may pass between upper arm and upper part of the bar",
+            *(
+                f"the second moment {name} may pass between upper part of the bar and lower part "
+                "of the bar"
+                for name in ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz")
+            ),
+        },
+    ),
+    "par4": (
+        48,
+        42,
+        {
+            ELBOW,
+            PLATFORM.format("main part of the platform"),
+            "mass at the rods' ends may pass between main part of the platform and rod",
+            "first moment at the rods' ends may pass between main part of the platform and rod",
+            TOOL.format("mass", "rod"),
+            TOOL.format("first moment", "rod"),
+        },
+    ),
+    "h4": (
+        45,
+        39,
+        {
+            ELBOW,
+            PLATFORM.format("side bar"),
+            "mass at the middle bar's ends may pass between side bar and middle bar",
+            "first moment at the middle bar's ends may pass between side bar and middle bar",
+            TOOL.format("mass", "middle bar"),
+            TOOL.format("first moment", "middle bar"),
+        },
+    ),
+    "i4": (
+        40,
+        36,
+        {
+            ELBOW,
+            PLATFORM.format("half platform"),
+            "mass where rack and pinion meet may pass between half platform and tool",
+            "first moment along z may pass between half platform and tool",
+        },
+    ),
+}
+# The same by torques alone.
+ALONE = {
+    "clavel-delta3": (20, 18),
+    "linear-delta": (21, 19),
+    "irb360-6-1600": (48, 37),
+    "par4": (36, 30),
+    "h4": (32, 27),
+    "i4": (32, 28),
+}
+
+
+@cache
+def scene(name: str) -> Scene:
+    dynamics = compiled(load_robot(name))
+    p, motion = prior_parameters(dynamics.robot), generic_motion(dynamics, 20.0, 1)
+    noise = np.abs(torques(dynamics, p, motion) @ p).max(axis=0)
+    return Scene(dynamics, p, motion, 1.0, noise)
+
+
+def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
+    where = scene(name)
+    dynamics, motion = where.dynamics, where.motion
+    rows = [torque_rows(where, torques(dynamics, where.p, motion))]
+    rows += [sensor_rows(where, rows_of(dynamics, "s", one)).sure for one in sensors]
+    mechanism = with_turned_half(dynamics.kinematics.mechanism)
+    found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
+    return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)
+
+
+def gauge(at: str) -> tuple[StrutForce, ...]:
+    return tuple(
+        StrutForce.model_validate({"kind": "strut-force", "strut": f"strut{i}", "at": at})
+        for i in (1, 2, 3)
+    )
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_all_directions_by_name_with_a_wrench(name: str) -> None:
+    null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
+    seen, told, words = KNOWN[name]
+    assert (null.visible, null.rank) == (seen, told)
+    assert {one.words for one in null.directions} == words
+    assert len(null.directions) == seen - told == len(words)
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_all_directions_by_name_by_torques_alone(name: str) -> None:
+    null = left_open(name)
+    assert (null.visible, null.rank) == ALONE[name]
+    assert len(null.directions) == null.visible - null.rank
+    assert not any("combination" in one.words for one in null.directions)
+    assert "P.Sxx" not in null.invisible
+    assert all(entry not in null.invisible for one in null.directions for entry in one.entries)
+
+
+def test_an_offset_that_nobody_knows_hides_what_only_weighs() -> None:
+    tared = left_open("irb360-6-1600", BaseWrench(kind="base-wrench", **TARED))
+    open_ = left_open("irb360-6-1600", BaseWrench(kind="base-wrench", motor_turns=20.0))
+    assert (tared.rank, open_.rank) == (46, 45)
+    assert {"U.m", "TU.m"} <= set(open_.invisible)
+    # A rotor whose spin is not known takes what the plate tells of the tool.
+    spun = left_open("irb360-6-1600", BaseWrench(kind="base-wrench"))
+    assert spun.rank == 44
+    words = "inertia may pass between the rotor of drive4 and the tool"
+    assert words in {one.words for one in spun.directions}
+
+
+@pytest.mark.parametrize(
+    ("cut", "count"), [("platform", 1), ("elbow", 1), ("middle", 2), ("both", 0)]
+)
+def test_only_a_cut_at_a_joint_parts_it(cut: str, count: int) -> None:
+    sensors = (*gauge("platform"), *gauge("elbow")) if cut == "both" else gauge(cut)
+    null = left_open("clavel-delta3", *sensors)
+    words = {one.words for one in null.directions}
+    assert len(words) == count
+    if cut == "platform":
+        assert words == {ELBOW}
+    if cut == "elbow":
+        assert words == {PLATFORM.format("platform")}
+
+
+@pytest.mark.parametrize("name", [n for n in KNOWN if n != "linear-delta"])
+def test_nothing_changes_along_a_direction(name: str) -> None:
+    # From outside of rows and null spaces: torques of two different robots.
+    where, rng = scene(name), np.random.default_rng(2)
+    dynamics, motion = where.dynamics, where.motion
+    null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
+    some = slice(None, None, 100)
+    states = motion.z[some], motion.qd[some], motion.qdd[some]
+    wrench = rows_of(dynamics, "s", BaseWrench(kind="base-wrench", **TARED))
+    channels, columns = wrench.pattern
+    entries = wrench.entries(*states, np.zeros((6, len(states[0]))))
+
+    def shown(p: np.ndarray) -> np.ndarray:
+        values = np.zeros((6, len(states[0])))
+        np.add.at(values, channels, entries * p[columns][:, None])
+        return np.hstack([dynamics.torque(*states, p), values.T])
+
+    for one in null.directions:
+        p = where.p * rng.uniform(0.5, 2.0, len(where.p))
+        size = 0.1 / max(np.abs(one.direction / where.p[where.p != 0].max()).max(), 1e-9)
+        before, after = shown(p), shown(p + size * one.direction)
+        assert np.abs(after - before).max() < 1e-8 * np.abs(before).max(), one.words
+        assert np.abs(one.direction).max() > 0
+
+
+def test_forces_at_the_joint_do_change() -> None:
+    where = scene("clavel-delta3")
+    forces, motion = ConstraintForces(where.dynamics.robot), where.motion
+    null = left_open("clavel-delta3")
+    states = motion.z[::200], motion.qd[::200], motion.qdd[::200]
+    C = forces.coefficients(*states)
+    by_words = {one.words: C @ one.direction for one in null.directions}
+    elbow, platform = forces.index("strut1.elbow.x"), forces.index("strut1.platform.x")
+    at_elbow, at_platform = by_words[ELBOW], by_words[PLATFORM.format("platform")]
+    assert np.abs(at_elbow[:, elbow]).max() > 1.0 > 1e-9 > np.abs(at_elbow[:, platform]).max()
+    assert np.abs(at_platform[:, platform]).max() > 1.0 > 1e-9 > np.abs(at_platform[:, elbow]).max()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        Make(unequal=True),
+        Make(unequal=True, own=True),
+        Make(own=True),
+        Make(telescope=True, tilt=(-10, 10)),
+        Make(linear=True),
+        Make(kind="par4"),
+    ],
+    ids=["unequal", "all unequal", "own", "telescope", "linear", "par4"],
+)
+def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
+    robot = twin(make, 4).robot
+    dynamics = compiled(robot)
+    p, motion = prior_parameters(robot), generic_motion(dynamics, 20.0, 0)
+    where = Scene(dynamics, p, motion, 1.0, np.ones(dynamics.dof))
+    rows = torque_rows(where, torques(dynamics, p, motion))[:, : len(p)]
+    mechanism = with_turned_half(dynamics.kinematics.mechanism)
+    found = exchanges(robot, dynamics.layout, instances(mechanism, motion.z[::50]))
+    null = null_space(rows, dynamics.layout, found)
+    words = [one.words for one in null.directions]
+    assert len(words) == null.visible - null.rank > 0
+    assert not any("combination" in one for one in words), words
+    # Struts that are alike in limbs of unequal lengths share no end with any of them.
+    assert any("the platform's ball joints" in one for one in words) == (
+        make.own or not make.unequal
+    )
+    if make.own:
+        assert any("strut 3" in one for one in words)
+
+
+def test_what_no_proposal_explains_is_told_by_its_entries() -> None:
+    layout = parameter_layout(load_robot("clavel-delta3"))
+    names, rng = layout.names, np.random.default_rng(0)
+    at = [names.index(name) for name in ("U.m", "S.mcx", "P.Izz")]
+    rows = np.zeros((40, len(names)))
+    rows[:, at[:2]] = rng.standard_normal((40, 2))
+    rows[:, at[2]] = rows[:, at[0]] - 2 * rows[:, at[1]]
+    null = null_space(rows, layout, ())
+    assert (null.visible, null.rank) == (3, 2)
+    assert null.directions[0].words == "a combination of U.m, S.mcx, P.Izz"
+    d = null.directions[0].direction[at]
+    assert d / d[2] == pytest.approx([-1.0, 2.0, 1.0])
+    assert len(null.invisible) == len(names) - 3
+
+
+def test_what_is_left_beside_named_directions_is_told_sparsely() -> None:
+    layout = parameter_layout(load_robot("clavel-delta3"))
+    rng = np.random.default_rng(1)
+    rows = np.zeros((40, len(layout.names)))
+    a, b, c, d = 0, 1, 10, 11
+    rows[:, [a, c]] = rng.standard_normal((40, 2))
+    rows[:, b], rows[:, d] = rows[:, a], rows[:, c]
+    from deltaid.planning.exchange import Exchange
+
+    named = np.zeros(len(layout.names))
+    named[[a, b]] = 1.0, -1.0
+    null = null_space(rows, layout, [Exchange("the first two", named)])
+    assert [one.words for one in null.directions] == [
+        "the first two",
+        f"a combination of {layout.names[c]}, {layout.names[d]}",
+    ]
+
+
+def test_a_point_mass_is_a_body() -> None:
+    r = np.array([0.3, -0.2, 0.5])
+    M = pseudo_inertia(2.0 * point_mass(r))
+    assert np.allclose(M, 2.0 * np.outer([*r, 1.0], [*r, 1.0]))
+
+
+def test_what_parts_a_direction_is_what_leaves_it_no_way_out() -> None:
+    where = scene("clavel-delta3")
+    layout = where.dynamics.layout
+    torque = torque_rows(where, torques(where.dynamics, where.p, where.motion))
+
+    def weighed(*bodies: str) -> Use:
+        row = np.zeros((1, where.width))
+        for body in bodies:
+            row[0, layout.body(body).start] = 1e3
+        return Use(f"scale:{'+'.join(bodies)}", "", "scale", "scale", 0.0, 0.0, row, row)
+
+    uses = [weighed("S"), weighed("P"), weighed("U"), weighed("S", "P")]
+    none = np.zeros((0, where.width))
+    found = openings(where.dynamics, where.motion, torque, none, uses, [])
+    assert [one.name for one in found] == ["torques", *(one.name for one in uses)]
+    parted = {
+        one.words: names
+        for one, names in zip(found[0].null.directions, found[0].parted, strict=True)
+    }
+    # The arm's own mass is seen by no torque, so weighing it says nothing of what passes there.
+    assert parted[ELBOW] == ("scale:S", "scale:S+P")
+    assert parted[PLATFORM.format("platform")] == ("scale:S", "scale:P", "scale:S+P")
+    assert [len(one.null.directions) for one in found] == [2, 1, 1, 2, 1]
+
+
+def test_a_whole_null_space_holds_what_is_not_seen_at_all() -> None:
+    layout = parameter_layout(load_robot("clavel-delta3"))
+    rows = np.zeros((5, len(layout.names)))
+    rows[:, 3:5] = np.random.default_rng(0).standard_normal((5, 2))
+    basis = whole_null_space(rows, layout)
+    assert basis.shape == (len(layout.names), len(layout.names) - 2)
+    assert np.abs(rows * [one.scale for one in layout.parameters] @ basis).max() < 1e-9

@@ -1,0 +1,174 @@
+"""What sensors see of bodies with all ten entries free: ranks, and what stays open after them."""
+
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.body import Entry
+from deltaid.robot.load import load_robot
+from deltaid.robot.platform import RigidPlatform
+from deltaid.robot.sensors import BaseWrench, Sensor, StrutForce
+from deltaid.sensors.of_robot import sensor_rows
+from sensor_rows import dense
+
+# Singular values of rows with columns of equal length: rounding is below 1e-14, signal above 1e-3.
+ZERO = 1e-9
+GAUGE = {"kind": "strut-force", "bias": 0}
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A catalogue robot along a random motion, and its torques' rows."""
+
+    dynamics: Dynamics
+    states: tuple[np.ndarray, np.ndarray, np.ndarray]
+    Y: np.ndarray
+    known: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def rows(self, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+        """C and D, one row a channel and sample."""
+        key = sensor.model_dump_json()
+        if key not in self.known:
+            found = dense(sensor_rows(self.dynamics, "s", sensor), self.states)
+            self.known[key] = found.reshape(-1, found.shape[2])
+        found = self.known[key]
+        return found[:, : self.Y.shape[1]], found[:, self.Y.shape[1] :]
+
+
+@cache
+def moved(name: str) -> Moved:
+    robot = load_robot(name)
+    bodies = {k: body.changed(free=get_args(Entry)) for k, body in robot.bodies.items()}
+    dynamics = Dynamics(robot.changed(bodies=bodies))
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 500, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    Y = dynamics.regressor(dynamics.kinematics.inverse(z), qd, qdd)
+    return Moved(dynamics, (z, qd, qdd), Y.reshape(-1, Y.shape[2]))
+
+
+def plate(**more: Any) -> BaseWrench:
+    tared = {"kind": "base-wrench", "force_bias": 0, "moment_bias": 0, "motor_turns": 20}
+    return BaseWrench.model_validate(tared | more)
+
+
+def visible(A: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(A, axis=0)
+    return size > ZERO * size.max()
+
+
+def rank(A: np.ndarray) -> int:
+    """Rank of the columns that are not zero, each of length one."""
+    seen = A[:, visible(A)]
+    sizes = np.linalg.svd(seen / np.linalg.norm(seen, axis=0), compute_uv=False)
+    return int((sizes > ZERO * sizes[0]).sum())
+
+
+def beside(first: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray:
+    """Rows of p alone above rows of p and more unknowns."""
+    above = np.hstack([first, np.zeros((len(first), D.shape[1]))])
+    return np.vstack([above, np.hstack([C, D])])
+
+
+@pytest.mark.parametrize(
+    ("name", "torque", "tared", "biased"),
+    [
+        ("clavel-delta3", (18, 20), (24, 26), 23),
+        ("irb360-6-1600", (37, 48), (46, 58), 45),
+        ("linear-delta", (19, 21), (24, 26), 24),
+        ("par4", (30, 36), (42, 48), 41),
+        ("h4", (27, 32), (39, 45), 37),
+    ],
+)
+def test_ranks_of_visible_columns(
+    name: str, torque: tuple[int, int], tared: tuple[int, int], biased: int
+) -> None:
+    robot = moved(name)
+    assert (rank(robot.Y), visible(robot.Y).sum()) == torque
+    known = np.vstack([robot.Y, robot.rows(plate())[0]])
+    assert (rank(known), visible(known).sum()) == tared
+    unknown = beside(robot.Y, *robot.rows(plate(force_bias=None, moment_bias=None)))
+    assert rank(unknown) - 6 == biased  # all six biases are told
+    without = plate(motor_turns=None)
+    silent = rank(beside(robot.Y, *robot.rows(without))) - robot.rows(without)[1].shape[1]
+    assert silent == rank(known) - (name in ("irb360-6-1600", "par4"))  # rotor against EE.Izz
+
+
+def point(place: tuple[float, float, float]) -> np.ndarray:
+    """The ten parameters of one kilogram at a point."""
+    x, y, z = place
+    xx, yy, zz = x * x, y * y, z * z
+    return np.array([1, x, y, z, yy + zz, xx + zz, xx + yy, -x * y, -y * z, -x * z])
+
+
+def transfers(robot: Moved) -> dict[str, np.ndarray]:
+    """Changes of p that nothing but a cut at that joint can see."""
+    layout, description = robot.dynamics.layout, robot.dynamics.robot
+    limb = description.limb_geometry[0]
+    found = {}
+
+    def change(**parts: np.ndarray) -> np.ndarray:
+        p = np.zeros(len(layout.parameters))
+        for body, ten in parts.items():
+            p[layout.body(body)] = ten
+        return p
+
+    driven = "U" if limb.upper_arm else "C"
+    found["elbow"] = change(
+        **{driven: limb.struts * point((limb.upper_arm, 0, 0)), "S": -point((0, 0, 0))}
+    )
+    platform, geometry = description.platform, list(enumerate(description.limb_geometry))
+    if not isinstance(platform, RigidPlatform):  # a half turn takes one half to the other
+        geometry = [(i, one) for i, one in geometry if platform.on_first(i)]
+    places = [one.attachment.tolist() for _, one in geometry]
+    others = np.sum([limb.struts * point((x, y, z)) for x, y, z in places], axis=0)
+    found["platform"] = change(S=-point((limb.strut, 0, 0)), **{platform.bodies[0]: others})
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "open_after"),
+    [("clavel-delta3", 2), ("linear-delta", 2), ("irb360-6-1600", 12), ("par4", 6), ("h4", 6)],
+)
+def test_what_a_plate_leaves_open_is_what_joints_may_pass_on(name: str, open_after: int) -> None:
+    robot = moved(name)
+    plated = np.vstack([robot.Y, robot.rows(plate())[0]])
+    assert visible(plated).sum() - rank(plated) == open_after
+    for sensor in (None, "platform", "elbow", "middle"):
+        rows = np.zeros((0, plated.shape[1])), np.zeros((0, 0))
+        if sensor is not None:
+            rows = robot.rows(StrutForce.model_validate(GAUGE | {"strut": "strut1", "at": sensor}))
+        A = beside(plated, *rows)
+        for joint, p in transfers(robot).items():
+            C, D = rows
+            u = np.linalg.lstsq(D, -C @ p)[0] if D.size else np.zeros(D.shape[1])
+            left = A @ np.append(p, u)
+            seen = np.abs(left).max() / np.abs(A * np.append(p, u)).max()
+            assert (seen > 1e-3) if sensor == joint else (seen < 1e-12)
+
+
+@pytest.mark.parametrize("bias", [0, None])
+@pytest.mark.parametrize("name", ["clavel-delta3", "linear-delta", "irb360-6-1600", "par4", "h4"])
+def test_only_a_cut_at_a_joint_parts_what_it_joins(name: str, bias: float | None) -> None:
+    """A gauge at either joint closes one direction, both close two; one in the middle none."""
+    robot = moved(name)
+    plated = np.vstack([robot.Y, robot.rows(plate())[0]])
+
+    def told(*places: str) -> int:
+        A, own = plated, 0
+        for at in places:
+            sensor = GAUGE | {"strut": "strut1", "at": at, "bias": bias}
+            C, D = robot.rows(StrutForce.model_validate(sensor))
+            C = np.hstack([C, np.zeros((len(C), own))])
+            A, own = beside(A, C, D), own + D.shape[1]
+        return rank(A) - own
+
+    before = rank(plated)
+    assert told("platform") == told("elbow") == before + 1
+    assert told("platform", "elbow") == before + 2
+    assert told("middle") == before

@@ -1,0 +1,103 @@
+"""Sensors beside the drives in a fit: intervals hold, gains follow from a plate, facts scatter."""
+
+import numpy as np
+import pytest
+
+from deltaid.identification.identify import identify
+from deltaid.identification.scatter import Scatter
+from sensed import CASES, drawn, identified, recorded, sensed
+
+SPREAD = 0.2
+
+
+@pytest.mark.parametrize("case", ["wrench", "gauges"])
+def test_intervals_of_what_sensors_show_hold(case: str) -> None:
+    of, rng = sensed("clavel-delta3", case, SPREAD), np.random.default_rng(11)
+    held, z = [], []
+    for _ in range(5):
+        p = drawn(of.reduction, SPREAD, rng)
+        _, found = identified("clavel-delta3", of, p, SPREAD, rng)
+        told = [(one, x) for one, x in zip(found, p, strict=True) if one.determined_by == "data"]
+        held += [one.low <= x <= one.high for one, x in told if one.low is not None]
+        z += [(one.value - x) / one.std for one, x in told]
+        shares = {one.name: one.share for one, _ in told if one.share is not None}
+        name = "P.mcx" if case == "wrench" else "P.m"
+        assert shares[name].sensors > 0.5
+        assert shares["viscous.drive2"].sensors < 0.2
+    assert np.mean(held) > 0.88
+    assert 0.75 < np.std(z) < 1.3
+
+
+def test_gains_of_drives_follow_from_a_plate_without_any_load() -> None:
+    of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(2)
+    gains = {0: 1.05, 1: 0.93, 2: 1.02}
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, gains)
+    model = identify(of.robot, log).model
+    found = {one.subject: one for one in model.corrections if one.kind == "gain"}
+    for i, c in gains.items():
+        one = found[f"drive{i + 1}"]
+        assert one.value == pytest.approx(c, rel=3e-3)
+        assert "plate" in one.text
+    (plate,) = model.sensors
+    assert [one.name for one in plate.channels][:2] == ["plate.fx", "plate.fy"]
+    biases = [one for one in plate.parameters if "bias" in one.name]
+    assert len(biases) == 6
+
+
+def test_a_recording_without_the_sensor_is_fitted_as_ever() -> None:
+    of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(6)
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
+    bare = log.select([name for name in log.columns if not name.startswith("plate")])
+    alone = identify(of.robot, bare).model
+    assert alone.sensors == ()
+    both = identify(of.robot, [bare, recorded("clavel-delta3", of, of.reduction.p_reg, rng)]).model
+    assert both.sensors[0].name == "plate"
+
+
+def test_facts_add_their_own_variance_to_the_scatter_of_groups() -> None:
+    """Of least squares over rows in groups and rows whose noise is known, by simulation."""
+    rng = np.random.default_rng(0)
+    A, F, sigma = rng.normal(size=(400, 3)), np.diag([30.0, 5.0, 0.0]), 0.7
+    root = np.linalg.qr(np.vstack([A, F]), mode="r")
+    inverse = np.linalg.inv(root)
+    Q, shares = A @ inverse, []
+    groups = np.array_split(np.arange(400), 20)
+    shares = np.stack([Q[g].T @ Q[g] for g in groups])
+    seen, true = [], []
+    for _ in range(400):
+        # Twice the noise in rows, the known one in facts.
+        e, f = 2 * sigma * rng.normal(size=400), sigma * rng.normal(size=3)
+        s = Q.T @ e + (F @ inverse).T @ f
+        left = e - Q @ s
+        scores = np.stack([Q[g].T @ left[g] for g in groups])
+        v, _ = Scatter(shares, scores, sigma).variances(np.eye(3))
+        seen.append(v)
+        true.append(s**2)
+    assert np.mean(seen, axis=0) == pytest.approx(np.mean(true, axis=0), rel=0.15)
+
+
+def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> None:
+    CASES["plate unsure"] = {
+        "sensors": {
+            "plate": {
+                "kind": "base-wrench",
+                "force_noise": 8.0,
+                "moment_noise": 0.8,
+                "position_tolerance": 0.003,
+                "rotation_tolerance": 0.01,
+                "gain_tolerance": 0.02,
+            }
+        }
+    }
+    of, rng = sensed("clavel-delta3", "plate unsure", 0.5), np.random.default_rng(7)
+    (rows,) = of.sensors
+    true = np.array([0.0] * 6 + [0.002, -0.003, 0.004, 0.01, -0.005, 0.008, 0.02])
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, unknowns=true)
+    model = identify(of.robot, log).model
+    (plate,) = model.sensors
+    assert [one.name for one in plate.parameters] == [one.name for one in rows.parameters]
+    for one, x in zip(plate.parameters, true, strict=True):
+        assert abs(one.value - x) < 4 * one.std, one.name
+    # Neither torques nor the plate are known in N better than the plate's tolerance.
+    assert plate.parameters[-1].std > 1e-4
+    assert "gain" in plate.parameters[-1].name
