@@ -33,7 +33,7 @@ _REACH = 1.959963984540054
 # Newton steps at most, and when deviations agree.
 _STEPS, _AGREE = 100, 1e-9
 # Digits of the factor that are kept: the noise itself is known to two.
-_DIGITS = 9
+_DIGITS = 7
 # A coefficient below this share of its row's largest term is rounding.
 _NEGLIGIBLE = 1e-9
 

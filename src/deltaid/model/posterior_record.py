@@ -11,11 +11,11 @@ from deltaid.robot.quantities import Positive
 
 
 class PosteriorRecord(Part):
-    """What data and prior say about a robot's parameters, once all beside the robot is averaged out.
+    """What data and prior say about a robot's parameters, all beside the robot averaged out.
 
     The data gives combinations of parameters, b = K p + e with e ~ N(0, L Lᵀ). Deviations are those
-    that intervals of base parameters have: by the recording's scatter and by tolerances of geometry.
-    Lags, gains, loads and whatever else was fitted beside the robot have widened them already.
+    that intervals of base parameters have: by the recording's scatter and by tolerances of
+    geometry. Lags, gains, loads and all else beside the robot have widened them already.
 
     The prior of an entry of p has the standard deviation `spread` times `wider` (1 where it is not
     named) times its size.
@@ -38,15 +38,15 @@ class PosteriorRecord(Part):
         return {*self.wider, *self.unseen, *(name for row in self.combinations for name in row)}
 
     @property
-    def L(self) -> Float[np.ndarray, "rows rows"]:
-        """The factor of the covariance of b."""
+    def root(self) -> Float[np.ndarray, "rows rows"]:
+        """L, the factor of the covariance of b."""
         L = np.zeros((len(self.values), len(self.values)))
         for row, numbers in zip(L, self.factor, strict=True):
             row[: len(numbers)] = numbers
         return L
 
-    def K(self, names: tuple[str, ...]) -> Float[np.ndarray, "rows parameters"]:
-        """The combinations as a matrix over parameters of these names."""
+    def combination(self, names: tuple[str, ...]) -> Float[np.ndarray, "rows parameters"]:
+        """K as a matrix over parameters of these names."""
         K, at = np.zeros((len(self.values), len(names))), {name: i for i, name in enumerate(names)}
         for row, members in zip(K, self.combinations, strict=True):
             for name, coefficient in members.items():

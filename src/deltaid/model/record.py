@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
+from deltaid.model.above import above
 from deltaid.model.corrections import Correction
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
@@ -32,6 +33,9 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.part import Part
+
+if TYPE_CHECKING:
+    from deltaid.model.samples import Samples
 
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
 # 2: base parameters name their representative. 3: corrections; what a parameter rests on.
@@ -181,6 +185,10 @@ class IdentifiedModel(Part):
     def value(self, name: str) -> float:
         """One parameter by name, such as 'U.mcx' or 'viscous.drive1'."""
         return float(self.p[self.layout.names.index(name)])
+
+    def sample(self, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> "Samples":
+        """Consistent models drawn from the posterior, as of `Model.sample`."""
+        return above("model.model", "load")(self).sample(n, seed, limb_tolerance)
 
     def save(self, path: str | Path) -> None:
         """Write as YAML; numbers keep every bit.

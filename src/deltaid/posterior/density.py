@@ -4,8 +4,8 @@
 
 L, K, b are what data says (`PosteriorRecord`) and ρ is the regulariser of the fit. Free are the
 variables of the fit, and masses and second moments that the fit leaves at their prior because no
-torque shows them: of these the prior and consistency speak alone. Bodies with `free: []` and what is
-zero by structure stay.
+torque shows them: of these the prior and consistency speak alone. Bodies with `free: []` and what
+is zero by structure stay.
 
 With a quadratic ρ the posterior is a normal distribution on the cones. Else ρ's curvature at the
 prior stands in the normal distribution, and the rest of ρ is a factor beside it.
@@ -25,7 +25,6 @@ from deltaid.identification.regularizer import Regularizer, SpectralTerm
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel
 from deltaid.posterior.cones import Cones
-from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 
 _OF_ROWS = ("Sxx", "Syy", "Szz", "m")
@@ -103,7 +102,9 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
     if regularizer.spectral is not None:
         _, _, hessian = regularizer.spectral.evaluate(reduction.prior)
         rest = SpectralRest(regularizer.spectral, reduction.prior, hessian, record.spread)
-    fitted, prior = (np.linalg.solve(root, x - mean) for x in (_fitted(model, reduction), reduction.prior))
+    fitted, prior = (
+        np.linalg.solve(root, x - mean) for x in (_fitted(model, reduction), reduction.prior)
+    )
     return Density(reduction, mean, root, Cones.of(reduction, mean, root), fitted, prior, rest)
 
 
@@ -130,7 +131,7 @@ def _normal(
     Raises:
         IdentificationError: the prior's sizes are too far apart for the arithmetic.
     """
-    K, scale = record.K(reduction.layout.names), reduction.scale
+    K, scale = record.combination(reduction.layout.names), reduction.scale
     _, _, curvature = regularizer.evaluate(reduction.prior)
     try:
         prior = np.linalg.cholesky(0.5 * curvature * np.outer(scale, scale)).T / record.spread
@@ -144,7 +145,7 @@ def _normal(
     data = np.column_stack([K @ (reduction.A * scale), off])
     rows = np.vstack(
         [
-            solve_triangular(record.L, data, lower=True),
+            solve_triangular(record.root, data, lower=True),
             np.column_stack([prior, np.zeros(len(prior))]),
         ]
     )

@@ -7,9 +7,10 @@ exactly. On the ellipse all entries of the blocks are combinations of those of y
 costs no product of matrices.
 
 Where data would like a body to be one that cannot exist, the distribution is a thin layer at an
-edge, and no ellipse across it is long. So axes are turned: some are the normals of near edges, the
-rest is across them. Steps along each normal alone, across all of them, in halves of the axes chosen
-at random and in all axes take turns; each of these leaves the distribution as it is.
+edge, and no ellipse across it is long. Most directions, those that data knows well, meet no edge at
+all. So axes are turned to those of the curvature of −Σ log det M_b. Steps along each axis that soon
+meets an edge, in some of those chosen at random, in all that meet none, and in what is not alone
+take turns. Each leaves the distribution as it is, for axes stay once draws count.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +22,10 @@ from deltaid.errors import IdentificationError
 from deltaid.posterior.cones import Cones
 from deltaid.posterior.density import Density
 
-_ALONE, _FREE = 3.0, 0.1
+# An axis has steps of its own above the first curvature, and is next to free below the second one.
+_ALONE, _FREE = 0.3, 0.05
+# All others take steps together in so many parts, chosen anew each time.
+_PARTS = 4
 # After so many steps entries are computed anew, before rounding adds up.
 _ANEW = 50
 # Trials on an ellipse; an interval shrinks by half in each.
@@ -59,9 +63,10 @@ class Chains:
         self.turn()
 
     def turn(self) -> None:
-        """Choose axes anew, by where the chains are; before draws that count."""
+        """Choose axes anew, by the middle of where chains are; before draws that count."""
         y = self.y.T
-        self._turn, curvature = _axes(self.density.cones, y)
+        values, vectors = np.linalg.eigh(self.density.cones.curvature(y.mean(axis=1)))
+        self._turn, curvature = vectors[:, ::-1], values[::-1]
         self._near, self._middle = (int(np.sum(curvature > least)) for least in (_ALONE, _FREE))
         self._cones = self.density.cones.turned(self._turn)
         self._y = self._turn.T @ y
@@ -73,19 +78,13 @@ class Chains:
         """Where they are."""
         return (self._turn @ self._y).T
 
-    @property
-    def round(self) -> int:
-        """Steps after which every kind of step has had its turn."""
-        return self._near + 6
-
     def walk(self, rounds: int) -> None:
         """Go on so many rounds."""
         n = len(self._y)
         for _ in range(rounds):
             for k in range(self._near):
                 self._step(np.array([k]))
-            middle=self.rng.permutation(self._middle)
-            for part in np.array_split(middle, 4):
+            for part in np.array_split(self.rng.permutation(self._middle), _PARTS):
                 self._step(part)
             self._step(np.arange(self._middle, n))
             self._step(np.arange(self._near, n))
@@ -169,12 +168,6 @@ class Chains:
                 break
             length[outside] *= 0.7 * self.rng.random(outside.sum()) + 0.3
         return centre[:, None] + rays * length
-
-
-def _axes(cones: Cones, y: Points) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
-    """Orthogonal axes by how much they move towards edges, the most first, and these curvatures."""
-    values, vectors = np.linalg.eigh(cones.curvature(y.mean(axis=1)))
-    return vectors[:, ::-1], values[::-1]
 
 
 def _inner(density: Density) -> Float[np.ndarray, " n"]:
