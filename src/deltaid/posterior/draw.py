@@ -14,9 +14,9 @@ from deltaid.posterior.limbs import scattered, with_own_limbs
 from deltaid.posterior.sampler import Chains
 
 # Chains, draws of each at least, rounds before and between draws.
-_CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 2
+_CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 3
 # R̂ and share of effective draws that are aimed at, by walking twice as far so many times.
-_AIMED, _LONGER = (1.03, 0.5), 4
+_AIMED, _LONGER = (1.04, 0.4), 4
 # Beyond these, draws are refused.
 _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
 
