@@ -87,9 +87,9 @@ def _of_sensor(rows: Sheet, sensor: Sensed) -> list[Verdict]:
             return [*found, _late(sensor, late.delay, late.std, rows.row, plain.Q)]
         if (against := _contradiction(misfit, plain)) is not None:
             return [*found, against]
-    if late is not None and late.Q < _BETTER * plain.Q:
-        if abs(late.delay) > max(_ROWS * rows.row, _SURE * late.std):
-            found.append(_late(sensor, late.delay, late.std, rows.row, plain.Q))
+    least = max(_ROWS * rows.row, _SURE * late.std) if late is not None else 0.0
+    if late is not None and late.Q < _BETTER * plain.Q and abs(late.delay) > least:
+        found.append(_late(sensor, late.delay, late.std, rows.row, plain.Q))
     found += _noisy(rows, misfit, plain)
     return found if worst(found) is not Grade.GOOD else [_good(misfit, plain)]
 
