@@ -352,7 +352,7 @@ def test_enough_is_no_gain_to_exceed() -> None:
 def test_a_planned_motion_in_place_of_a_random_one(tmp_path: Path) -> None:
     from deltaid.excitation.motion_file import write_run
 
-    exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, starts=1))
+    exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, harmonics=2, starts=1))
     run = exciter.optimise().run
     write_run(exciter.dynamics.kinematics, run, 200.0, tmp_path / "motion.csv")
     plan = sensor_plan(DELTA, tmp_path / "motion.csv")
@@ -362,7 +362,7 @@ def test_a_planned_motion_in_place_of_a_random_one(tmp_path: Path) -> None:
 
 def test_a_motion_for_sensors_is_that_of_the_start_that_tells_most() -> None:
     robot = load_robot(DELTA).changed(sensors={"plate": PLATE})
-    settings = ExcitationSettings(duration=4.0, starts=3, by="sensors")
+    settings = ExcitationSettings(duration=4.0, harmonics=2, starts=2, by="sensors")
     result = Exciter(robot, settings).optimise()
     judged = [one.judged for one in result.optimum.accounts]
     assert result.optimum.best.judged == min(one for one in judged if one is not None)
