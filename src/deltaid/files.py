@@ -1,6 +1,7 @@
 """Writing files: each whole or not at all, and several together or none of them."""
 
 import os
+import shutil
 import tempfile
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager, suppress
@@ -165,3 +166,53 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+@contextmanager
+def new_folder(path: Path) -> Generator[Path, None, None]:
+    """A folder to fill, which appears under its name with all that is in it, or not at all.
+
+    Raises:
+        DeltaidError: there is such a file or folder, or it cannot be written.
+    """
+    target = _free_place(path)
+    try:
+        parent = next(folder for folder in target.parents if folder.is_dir())
+        temporary = Path(tempfile.mkdtemp(dir=parent, prefix=".", suffix=".part"))
+    except OSError as error:
+        raise _failure(path, error) from None
+    try:
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary.rename(_free_place(path))
+    except OSError as error:
+        raise _failure(path, error) from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def require_new_folder(path: Path) -> None:
+    """Find out before a long computation whether a new folder can be made.
+
+    Raises:
+        DeltaidError: it cannot, or there is one of that name.
+    """
+    target = _free_place(path)
+    parent = next(folder for folder in target.parents if folder.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK):
+        raise DeltaidError(
+            f"cannot be made in {parent}",
+            where=str(path),
+            cure="check the folder's permissions, or give another place",
+        )
+
+
+def _free_place(path: Path) -> Path:
+    """Where a path leads, if nothing is there."""
+    target = path.resolve()
+    if os.path.lexists(target):
+        raise DeltaidError(
+            "is there already", where=str(path), cure="give the name of a new folder, or remove it"
+        )
+    return target

@@ -15,6 +15,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Settings
+from deltaid.posterior.intervals import with_posterior_intervals
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import Recording
@@ -109,6 +110,9 @@ def identify(
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_others(result, found)))
+    if settings.intervals == "posterior":
+        progress("drawing models")
+        model = with_posterior_intervals(model)
     return Judged(model, result.problem, result.recordings, result.studies, found)
 
 

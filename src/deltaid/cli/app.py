@@ -23,6 +23,7 @@ from deltaid.cli import (
     identify,
     reproduce,
     robots,
+    sample,
     schema,
     sensors,
     show,
@@ -57,6 +58,7 @@ for module in (
     compare_controllers,
     base,
     export,
+    sample,
     forces,
     reproduce,
 ):

@@ -37,6 +37,7 @@ def as_dictionary(result: "Identification", verification: "TorqueError | None") 
         "robot": model.robot.name,
         "method": model.settings.method,
         "regularizer": model.settings.regularizer,
+        "intervals": model.settings.intervals,
         **model.fit.model_dump(),
         "samples": round(result.problem.information.mean_samples),
         "cutoff_hz": [source.cutoff_hz for source in model.sources],

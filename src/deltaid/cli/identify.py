@@ -14,6 +14,7 @@ from deltaid.model.options import (
     SPREAD_LIMITS,
     ComplianceChoice,
     FrictionLaws,
+    IntervalChoice,
     Method,
     RegularizerName,
 )
@@ -81,6 +82,12 @@ def identify(
             help="Look for contacts, stops, spikes and play in gears, and leave them out."
         ),
     ] = True,
+    intervals: Annotated[
+        IntervalChoice,
+        typer.Option(
+            help="Of parameters: linear about the fit, or of models drawn from the posterior."
+        ),
+    ] = "linear",
     force: Annotated[
         bool, typer.Option("--force", help="Go on with what the checks call wrong.")
     ] = False,
@@ -120,6 +127,7 @@ def identify(
         events=events,
         lag=lag_of(lag),
         compliance=compliance,
+        intervals=intervals,
     )
     inputs = [Path(robot), *logs, *([verify] if verify else ()), *(columns or ())]
     require_outputs(inputs, {"--output": output}, report)

@@ -31,6 +31,7 @@ from deltaid.identification.judgement import (
 from deltaid.identification.lag_stage import doubtful_lags_left
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, unloaded
+from deltaid.identification.marginal import posterior_record
 from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
@@ -120,7 +121,8 @@ def identify(
         base_parameters=judged_base(problem),
         consistency=eigenvalues(problem.layout, problem.p),
         fit=record(problem, error),
-        settings=settings,
+        settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
+        posterior=posterior_record(problem),
         loads=loads,
         sensors=fitted_sensors(problem, judged[own:]),
         corrections=(

@@ -42,6 +42,10 @@ class Divergence(Protocol):
 
     convex: ClassVar[bool]
 
+    def values(self, lam: Float[np.ndarray, "*batch k"]) -> Float[np.ndarray, "*batch k"]:
+        """φ(λ_i)."""
+        ...
+
     def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
         """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
         ...
@@ -53,9 +57,13 @@ class LogDet:
 
     convex: ClassVar[bool] = True
 
+    def values(self, lam: Float[np.ndarray, "*batch k"]) -> Float[np.ndarray, "*batch k"]:
+        """φ(λ_i)."""
+        return 2 * (lam - 1 - np.log(lam))
+
     def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
         """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
-        return float(np.sum(2 * (lam - 1 - np.log(lam)))), 2 * (1 - 1 / lam), 2 / lam**2
+        return float(np.sum(self.values(lam))), 2 * (1 - 1 / lam), 2 / lam**2
 
 
 @dataclass(frozen=True)
@@ -64,10 +72,14 @@ class AffineInvariant:
 
     convex: ClassVar[bool] = False
 
+    def values(self, lam: Float[np.ndarray, "*batch k"]) -> Float[np.ndarray, "*batch k"]:
+        """φ(λ_i)."""
+        return np.log(lam) ** 2
+
     def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
         """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
         log = np.log(lam)
-        return float(np.sum(log**2)), 2 * log / lam, 2 * (1 - log) / lam**2
+        return float(np.sum(self.values(lam))), 2 * log / lam, 2 * (1 - log) / lam**2
 
 
 @dataclass(frozen=True)
@@ -77,6 +89,16 @@ class SpectralTerm:
     divergence: Divergence
     blocks: tuple[Block, ...]
     weights: tuple[float, ...]
+
+    def values(self, x: Float[np.ndarray, "points n"]) -> Float[np.ndarray, " points"]:
+        """Values alone, at many points inside the cone."""
+        total = np.zeros(len(x))
+        for block, weight in zip(self.blocks, self.weights, strict=True):
+            inverse = np.linalg.inv(np.linalg.cholesky(block.prior))
+            M = block.constant + np.where(block.index >= 0, x[:, block.index], 0.0)
+            lam = np.linalg.eigvalsh(inverse @ M @ inverse.T)
+            total += weight * self.divergence.values(lam).sum(axis=1)
+        return total
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian; infinite outside the cone."""

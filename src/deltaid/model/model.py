@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -14,11 +15,15 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
 from deltaid.dynamics.prior import with_prior
 from deltaid.errors import DescriptionError
+from deltaid.model.above import above
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent, with_thickness
 from deltaid.robot.load import catalogue, holds_a_model, load_robot, read_text
 from deltaid.robot.parameter import PRIOR_SPREAD
+
+if TYPE_CHECKING:
+    from deltaid.model.samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +144,22 @@ class Model:
         p = self.p.copy()
         p[self.layout.friction] = 0.0
         return replace(self, p=p)
+
+    def sample(self, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> "Samples":
+        """Consistent models drawn from what data, prior and consistency say together.
+
+        Args:
+            n: how many.
+            seed: the same one gives the same models.
+            limb_tolerance: relative standard deviation of masses and second moments from limb to
+                limb, whose mean over the limbs stays; 0 for limbs that are the same.
+
+        Raises:
+            DescriptionError: this is a robot at its prior, or the model file is of a version that
+                kept no posterior.
+            IdentificationError: the draws could not be trusted.
+        """
+        return above("posterior.draw", "draw")(self, n, seed, limb_tolerance)
 
     def as_description(self) -> RobotDescription:
         """The robot with these parameters as its prior."""

@@ -7,9 +7,12 @@ RegularizerName = Literal["euclidean", "entropic", "riemannian"]
 FrictionLaws = Literal["described", "choose"]
 LagChoice = Literal["estimate", "none"]
 ComplianceChoice = Literal["estimate", "none"]
+IntervalChoice = Literal["linear", "posterior"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 # Beyond these the fit only sees the data's rounding, or only the prior.
 GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
 # The largest lag that can be given [s].
 LARGEST_LAG = 0.1
+# How many models can be drawn at once, and by how much limbs may scatter.
+SAMPLES_LIMITS, TOLERANCE_LIMITS = (1, 100_000), (0.0, 0.3)

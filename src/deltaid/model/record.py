@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
+from deltaid.model.above import above
 from deltaid.model.corrections import Correction
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
@@ -20,20 +21,26 @@ from deltaid.model.options import (
     SPREAD_LIMITS,
     ComplianceChoice,
     FrictionLaws,
+    IntervalChoice,
     LagChoice,
     Method,
     RegularizerName,
 )
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
+from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.sensor_record import FittedSensor
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.part import Part
 
+if TYPE_CHECKING:
+    from deltaid.model.samples import Samples
+
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
 # 2: base parameters name their representative. 3: corrections; what a parameter rests on.
-FORMAT = 3
+# 4: the posterior; how intervals were made.
+FORMAT = 4
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
@@ -54,6 +61,8 @@ class Settings(Part):
             or one a drive.
         compliance: of gears: estimated where none is stated, or none beside what is stated.
         events: whether contacts, stops, torque spikes and play in gears are found and left out.
+        intervals: of parameters, by linearisation about the fit and what data and consistency leave
+            open; or of models drawn from the posterior, which feel edges of consistency.
     """
 
     method: Method = "conic"
@@ -66,6 +75,7 @@ class Settings(Part):
     lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
     compliance: ComplianceChoice = "estimate"
     events: bool = True
+    intervals: IntervalChoice = "linear"
 
 
 class Source(Part):
@@ -145,6 +155,9 @@ class IdentifiedModel(Part):
     friction_curves: tuple[FrictionCurve, ...] = Field(
         default=(), description="friction over speed with intervals; missing in earlier files"
     )
+    posterior: PosteriorRecord | None = Field(
+        default=None, description="what models are drawn from; missing in earlier files"
+    )
     sources: tuple[Source, ...]
     warnings: tuple[str, ...] = ()
 
@@ -172,6 +185,10 @@ class IdentifiedModel(Part):
     def value(self, name: str) -> float:
         """One parameter by name, such as 'U.mcx' or 'viscous.drive1'."""
         return float(self.p[self.layout.names.index(name)])
+
+    def sample(self, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> "Samples":
+        """Consistent models drawn from the posterior, as of `Model.sample`."""
+        return above("model.model", "load")(self).sample(n, seed, limb_tolerance)
 
     def save(self, path: str | Path) -> None:
         """Write as YAML; numbers keep every bit.
@@ -203,6 +220,8 @@ class IdentifiedModel(Part):
         for name in ("rms", "nrmse", "rms_unfiltered"):
             if len(getattr(self.fit, name)) != drives:
                 raise ValueError(f"fit.{name} must have one number a drive, that is {drives}")
+        if self.posterior is not None and (strange := self.posterior.names - set(names)):
+            raise ValueError(f"posterior names {min(strange)}, which is no parameter of the robot")
         worst, margin = least_margin(self.layout, self.p)
         if margin <= 0:
             raise ValueError(f"parameters: {_why_inconsistent(self.layout, self.p, worst)}")

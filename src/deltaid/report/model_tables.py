@@ -61,8 +61,13 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         "decided by the data: behind “prior” stands how far that may be off; “fixed” is held by "
         "the description; “consistency” is a lower bound.",
         frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by not in MEASURED),
-        model.robot.title or model.robot.name,
+        f"{model.robot.title or model.robot.name}{_how(model)}",
     )
+
+
+def _how(model: "IdentifiedModel") -> str:
+    """How intervals were made, where it is not the usual way."""
+    return "; intervals: posterior" if model.settings.intervals == "posterior" else ""
 
 
 def origin(parameter: "Parameter") -> str:

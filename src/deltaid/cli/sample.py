@@ -1,0 +1,96 @@
+"""`deltaid sample`: consistent models drawn from what a recording left open."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from deltaid.cli.simulate import AsJson
+from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
+
+if TYPE_CHECKING:
+    from deltaid.model.samples import Samples
+
+Form = Literal["npz", "mjcf"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("sample")(sample)
+
+
+def sample(
+    model: Annotated[str, typer.Argument(help="A model saved by `deltaid identify`.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="File (.npz) or new folder (mjcf).", metavar="PATH"),
+    ],
+    n: Annotated[int, typer.Option("-n", "--number", help="How many models.")] = 1000,
+    seed: Annotated[int, typer.Option(help="The same one gives the same models.")] = 0,
+    to: Annotated[
+        Form, typer.Option(help="npz: all parameters in one file; mjcf: a file a model.")
+    ] = "npz",
+    limb_tolerance: Annotated[
+        float,
+        typer.Option(help="Scatter of masses from limb to limb, as a share (one sigma)."),
+    ] = 0.0,
+    as_json: AsJson = False,
+) -> None:
+    """Draw consistent models from what data, prior and physical consistency say together.
+
+    docs/posterior.md says what they are for: Monte Carlo of whatever follows from a model, and
+    domain randomisation that no recording contradicts.
+    """
+    from deltaid.cli.output import console, print_json, progress, shown, within
+    from deltaid.errors import DeltaidError
+    from deltaid.files import require_new_folder, require_writable
+    from deltaid.model.model import load
+    from deltaid.report.sample_tables import sample_sentence, sample_table
+
+    within("-n", n, SAMPLES_LIMITS)
+    within("--seed", seed, (0, 2**63 - 1))
+    within("--limb-tolerance", limb_tolerance, TOLERANCE_LIMITS)
+    if to == "npz" and output.suffix.lower() != ".npz":
+        raise DeltaidError("must end in .npz for --to npz", where=str(output))
+    if to == "npz":
+        require_writable(output, [Path(model)])
+    else:
+        require_new_folder(output)
+    with progress(as_json) as say:
+        say("drawing models")
+        drawn = load(model).sample(n, seed, limb_tolerance)
+        say(f"writing {output}")
+        written = drawn.save(output) if to == "npz" else drawn.mjcf(output)
+    if as_json:
+        print_json(as_dictionary(drawn, written))
+        return
+    console.print(shown(sample_table(drawn)))
+    console.print()
+    console.print(sample_sentence(drawn))
+    console.print(f"wrote {written}")
+
+
+def as_dictionary(drawn: "Samples", written: Path) -> dict[str, Any]:
+    """What was drawn as one JSON object."""
+    return {
+        "robot": drawn.robot.name,
+        "models": len(drawn),
+        "seed": drawn.seed,
+        "limb_tolerance": drawn.limb_tolerance,
+        "effective_size": float(drawn.ess.min()),
+        "rhat": float(drawn.rhat.max()),
+        "output": str(written),
+        "parameters": [
+            {
+                "name": name,
+                "unit": unit,
+                "mean": float(column.mean()),
+                "std": float(column.std()),
+                "effective_size": float(size),
+                "rhat": float(factor),
+            }
+            for name, unit, column, size, factor in zip(
+                drawn.names, drawn.units, drawn.p.T, drawn.ess, drawn.rhat, strict=True
+            )
+        ],
+    }

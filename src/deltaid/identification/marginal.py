@@ -1,0 +1,149 @@
+"""What data says about a robot's parameters, once all that was fitted beside them is averaged out.
+
+Base parameters err by R⁻¹ s (`scatter`). How large s is the scatter of the recording says of any
+direction, so it is asked along the singular vectors of R: what torques show best and worst has each
+its own level. Covariances between single groups of samples are not used: there are as many unknown
+ones as groups.
+
+Of all normal distributions whose deviations are those of the intervals, the one nearest to that
+(Kullback–Leibler) is taken,
+
+    V⁻¹ = V_0⁻¹ + diag(λ)    with    V_ii = (half an interval / 1.96)².
+
+Scaling V_0 by rows and columns would have these deviations too, but would spoil sums that are known
+a hundred times better than their terms. Geometry is added with its own correlations.
+
+Beside the robot stand K_a a with a ~ N(a_0, S): averaging over them adds K_a S K_aᵀ to V, and rows
+that show nothing of the robot then tell, by their correlations, a part of the others' errors.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.least_squares import BaseEstimate
+from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.identification.regularizer import prior_scale
+from deltaid.identification.scatter import inverse
+from deltaid.model.posterior_record import PosteriorRecord
+
+# Half the width of a 95 % interval in standard deviations.
+_REACH = 1.959963984540054
+# Newton steps at most, and when deviations agree.
+_STEPS, _AGREE = 100, 1e-9
+# Digits of the factor that are kept: the noise itself is known to two.
+_DIGITS = 7
+# A coefficient below this share of its row's largest term is rounding.
+_NEGLIGIBLE = 1e-9
+
+Matrix = Float[np.ndarray, "n n"]
+
+
+def posterior_record(problem: FittedProblem) -> PosteriorRecord:
+    """What a fit's model file keeps of data and prior."""
+    reduction, base, own = problem.reduction, problem.base, len(problem.p)
+    sigma = max(problem.noise, NOISE_FLOOR)
+    spread = sigma / float(np.sqrt(problem.information.mean_samples * problem.objective.gamma))
+    scale, K = prior_scale(reduction), base.combination()
+    beside = K[:, own:] * (spread * scale[own:])
+    V = base_covariance(problem) + beside @ beside.T
+    b = problem.estimate.values - K[:, own:] @ reduction.p_reg[own:]
+    robots = np.array([group.representative < own for group in base.groups], dtype=bool)
+    values, V = _given(b, V, robots)
+    names = reduction.layout.names
+    L = np.linalg.cholesky(_correlation(V)) * np.sqrt(np.diag(V))[:, None]
+    seen = np.isin(np.arange(own), problem.information.columns)
+    return PosteriorRecord(
+        spread=spread,
+        wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:own]) if w != 1},
+        unseen=tuple(names[i] for i in np.flatnonzero(~seen)),
+        combinations=tuple(
+            {names[i]: float(row[i]) for i in np.flatnonzero(_counts(row * scale[:own]))}
+            for row in K[robots, :own]
+        ),
+        values=tuple(values.tolist()),
+        factor=tuple(tuple(map(_short, row[: k + 1].tolist())) for k, row in enumerate(L)),
+    )
+
+
+def base_covariance(problem: FittedProblem) -> Matrix:
+    """Covariance of the base parameters' errors, with the deviations that their intervals have."""
+    estimate, geometry = problem.estimate, problem.geometry
+    shifts = geometry.shifts if geometry else np.zeros((problem.base.rank, 0))
+    of_geometry = np.sum(shifts**2, axis=1)
+    white = NOISE_FLOOR * np.linalg.norm(inverse(estimate.noise.root), axis=1)
+    wanted = np.maximum((estimate.interval / _REACH) ** 2 - of_geometry, white**2)
+    return with_variances(_by_scatter(estimate), wanted) + shifts @ shifts.T
+
+
+def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
+    """The covariance with these variances that is nearest to another one.
+
+    Newton's method on the convex function −log det(V⁻¹ + diag λ) + Σ λ_i wanted_i.
+    """
+    size = np.sqrt(np.diag(V))
+    ratio = wanted / size**2
+    level = float(np.exp(np.mean(np.log(ratio))))
+    P, ratio = np.linalg.inv(_correlation(V)), ratio / level
+    lam, value = np.zeros(len(V)), _dual(P, np.zeros(len(V)), ratio)
+    for _ in range(_STEPS):
+        now = np.linalg.inv(P + np.diag(lam))
+        off = np.diag(now) - ratio
+        if np.abs(off / ratio).max() < _AGREE:
+            break
+        step, share = np.linalg.solve(now**2, off), 1.0
+        while (new := _dual(P, lam + share * step, ratio)) > value - 1e-4 * share * (off @ step):
+            share /= 2
+            if share < 1e-9:
+                break
+        lam, value = lam + share * step, new
+    found = np.linalg.inv(P + np.diag(lam))
+    scale = size * np.sqrt(level * ratio / np.diag(found))  # of rounding
+    return 0.5 * (found + found.T) * np.outer(scale, scale)
+
+
+def _dual(P: Matrix, lam: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n"]) -> float:
+    """The function that `with_variances` minimises; infinite where there is no covariance."""
+    values = np.linalg.eigvalsh(P + np.diag(lam))
+    return float(lam @ wanted - np.log(values).sum()) if values[0] > 0 else np.inf
+
+
+def _by_scatter(estimate: BaseEstimate) -> Matrix:
+    """Covariance by noise with a level of its own in each direction that torques tell apart."""
+    noise = estimate.noise
+    size = np.linalg.norm(noise.root, axis=0)
+    U, S, Vt = np.linalg.svd(noise.root / size)
+    level = np.maximum(noise.deviations(U)[0], max(noise.sigma, NOISE_FLOOR))
+    half = Vt.T * (level / S) / size[:, None]
+    return half @ half.T
+
+
+def _given(
+    b: Float[np.ndarray, " n"], V: Matrix, robots: np.ndarray
+) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
+    """Rows of the robot, given those that are errors alone."""
+    size = np.sqrt(np.diag(V))
+    C, b = _correlation(V), b / size
+    if not np.all(robots):
+        L = np.linalg.cholesky(C[~robots][:, ~robots])
+        half = solve_triangular(L, C[~robots][:, robots], lower=True)
+        told = solve_triangular(L, b[~robots], lower=True)
+        C, b = C[robots][:, robots] - half.T @ half, b[robots] - half.T @ told
+    else:
+        C, b = C[robots][:, robots], b[robots]
+    size = size[robots]
+    return b * size, C * np.outer(size, size)
+
+
+def _correlation(V: Matrix) -> Matrix:
+    size = np.sqrt(np.diag(V))
+    return V / np.outer(size, size)
+
+
+def _counts(terms: Float[np.ndarray, " n"]) -> np.ndarray:
+    return np.abs(terms) > _NEGLIGIBLE * np.abs(terms).max()
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS - 1}e}")

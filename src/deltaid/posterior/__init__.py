@@ -1,0 +1,1 @@
+"""Consistent models drawn from what data, prior and physical consistency say together."""

@@ -1,0 +1,111 @@
+"""Whether many points at once lie in a product of cones of small symmetric matrices.
+
+Every block M_b(y), affine in y, must be positive definite. Entries of all blocks are numbers in one
+array, a row an entry and a column a point; elimination runs over blocks of one size and all points
+together, with no loop but over rows and columns of a block.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from deltaid.identification.conic import normalised
+from deltaid.identification.free_body import Block
+from deltaid.identification.reduction import INTERIOR, Reduction
+
+Entries = Float[np.ndarray, "entries points"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cones:
+    """Blocks C_b + Σ y_k S_bk ≻ 0, each written as the entries of its lower triangle.
+
+    Attributes:
+        constant: entries at y = 0.
+        slopes: by how much each changes with y.
+        groups: for each size of blocks, the place of every entry (row, column, block).
+    """
+
+    constant: Float[np.ndarray, " entries"]
+    slopes: Float[np.ndarray, "entries n"]
+    groups: tuple[Int[np.ndarray, "_ _ _"], ...]
+
+    @classmethod
+    def of(
+        cls,
+        reduction: Reduction,
+        mean: Float[np.ndarray, " n"],
+        root: Float[np.ndarray, "n n"],
+    ) -> "Cones":
+        """Those of x = mean + root·y, as the fit has them, each seen from its prior.
+
+        Upper bounds of coefficients are blocks too.
+        """
+        constant, slopes, places = list[float](), list[np.ndarray](), dict[int, list[np.ndarray]]()
+        x_of_y = np.column_stack([mean, root])
+        for matrices in (*map(_of_block, reduction.blocks), *_upper_bounds(reduction)):
+            at, fixed, per_variable = matrices
+            k = len(fixed)
+            place = np.zeros((k, k), dtype=int)
+            for i, j in zip(*np.tril_indices(k), strict=True):
+                place[i, j] = place[j, i] = len(constant)
+                row = per_variable[:, i, j] @ x_of_y[at]
+                constant.append(fixed[i, j] + row[0])
+                slopes.append(row[1:])
+            places.setdefault(k, []).append(place)
+        groups = tuple(np.moveaxis(np.array(found), 0, 2) for _, found in sorted(places.items()))
+        return cls(np.array(constant), np.array(slopes), groups)
+
+    def turned(self, Q: Float[np.ndarray, "n n"]) -> "Cones":
+        """The same for y = Q·y'."""
+        return Cones(self.constant, self.slopes @ Q, self.groups)
+
+    def hold(self, entries: Entries) -> Bool[np.ndarray, " points"]:
+        """Which points lie inside, by the entries of their blocks (Gauss, pivots positive)."""
+        inside = np.ones(entries.shape[1], dtype=bool)
+        with np.errstate(all="ignore"):  # what follows a pivot of zero does not matter
+            for places in self.groups:
+                A = entries[places]
+                for j in range(len(A)):
+                    pivot = A[j, j]
+                    inside &= np.all(pivot > 0, axis=0)
+                    for i in range(j + 1, len(A)):
+                        factor = A[i, j] / pivot
+                        for k in range(j + 1, i + 1):
+                            A[i, k] -= factor * A[k, j]
+        return inside
+
+    def curvature(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+        """Second derivative of −Σ log det M_b at a point inside.
+
+        From there, a direction of curvature h meets an edge after some 1/√h.
+        """
+        entries = self.constant + self.slopes @ y
+        found = np.zeros((len(y), len(y)))
+        for places in self.groups:
+            for block in np.moveaxis(places, 2, 0):
+                W = np.linalg.inv(np.linalg.cholesky(entries[block]))
+                flat = np.einsum("ij,jkn,lk->nil", W, self.slopes[block], W).reshape(len(y), -1)
+                found += flat @ flat.T
+        return found
+
+
+_Affine = tuple[Int[np.ndarray, " own"], Float[np.ndarray, "k k"], Float[np.ndarray, "own k k"]]
+
+
+def _of_block(block: Block) -> _Affine:
+    """Variables of a block, its matrix without them, and its slopes; the prior is the identity."""
+    at = np.unique(block.index[block.index >= 0])
+    fixed = normalised(block.prior, block.constant) - INTERIOR * np.eye(len(block.prior))
+    slopes = [normalised(block.prior, (block.index == k).astype(float)) for k in at]
+    return at, fixed, np.array(slopes)
+
+
+def _upper_bounds(reduction: Reduction) -> Sequence[_Affine]:
+    return [
+        (np.array([k]), np.array([[one.high / one.scale]]), np.array([[[-1.0 / one.scale]]]))
+        for k, one in enumerate(reduction.variables)
+        if np.isfinite(one.high)
+    ]

@@ -1,0 +1,166 @@
+"""The posterior of a model as a density over its free variables.
+
+    log π(x) = −½ ‖L⁻¹ (K p(x) − b)‖² − ρ(x) / (2 spread²),   p(x) = A x + p_0,   M_b(x) ≻ 0
+
+L, K, b are what data says (`PosteriorRecord`) and ρ is the regulariser of the fit. Free are the
+variables of the fit, and masses and second moments that the fit leaves at their prior because no
+torque shows them: of these the prior and consistency speak alone. Bodies with `free: []` and what
+is zero by structure stay.
+
+With a quadratic ρ the posterior is a normal distribution on the cones. Else ρ's curvature at the
+prior stands in the normal distribution, and the rest of ρ is a factor beside it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.errors import DescriptionError, IdentificationError
+from deltaid.identification.fit import METRICS
+from deltaid.identification.information import triangle
+from deltaid.identification.reduction import Reduction, build_reduction
+from deltaid.identification.regularizer import Regularizer, SpectralTerm
+from deltaid.model.posterior_record import PosteriorRecord
+from deltaid.model.record import IdentifiedModel
+from deltaid.posterior.cones import Cones
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
+
+_OF_ROWS = ("Sxx", "Syy", "Szz", "m")
+
+Points = Float[np.ndarray, "points n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Density:
+    """A normal distribution on cones, perhaps with a factor: x = mean + root·y, y ~ N(0, 1).
+
+    Attributes:
+        reduction: what x means.
+        mean, root: of the normal distribution.
+        cones: what y must hold.
+        fitted, prior: y of the model and of its prior.
+        rest: what the regulariser has beside its curvature; None if it is quadratic.
+    """
+
+    reduction: Reduction
+    mean: Float[np.ndarray, " n"]
+    root: Float[np.ndarray, "n n"]
+    cones: Cones
+    fitted: Float[np.ndarray, " n"]
+    prior: Float[np.ndarray, " n"]
+    rest: "SpectralRest | None" = None
+
+    def variables(self, y: Points) -> Points:
+        """x of some y."""
+        return self.mean + y @ self.root.T
+
+    def parameters(self, y: Points) -> Float[np.ndarray, "points parameters"]:
+        """p of some y."""
+        return self.variables(y) @ self.reduction.A.T + self.reduction.p_0
+
+    def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
+        """Logarithm of what stands beside the normal distribution, inside the cones."""
+        return np.zeros(len(y)) if self.rest is None else self.rest.log(self.variables(y))
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralRest:
+    """−(ρ − its curvature at the prior) / (2 spread²) of a spectral regulariser."""
+
+    term: SpectralTerm
+    prior: Float[np.ndarray, " n"]
+    hessian: Float[np.ndarray, "n n"]
+    spread: float
+
+    def log(self, x: Points) -> Float[np.ndarray, " points"]:
+        """At some points inside."""
+        off = x - self.prior
+        curved = 0.5 * np.einsum("ci,ij,cj->c", off, self.hessian, off)
+        return (curved - self.term.values(x)) / (2 * self.spread**2)
+
+
+def density(model: IdentifiedModel, where: str = "") -> Density:
+    """The posterior of an identified model.
+
+    Raises:
+        DescriptionError: its file is of a version that kept no posterior.
+        IdentificationError: the prior's sizes are too far apart for the arithmetic.
+    """
+    record = model.posterior
+    if record is None:
+        raise DescriptionError(
+            "was identified by a version of deltaid that kept no posterior to draw models from",
+            where=where or model.robot.name,
+            cure="identify it again: `deltaid identify ROBOT LOG… -o MODEL`",
+        )
+    reduction = _reduction(model, record)
+    regularizer = METRICS[model.settings.regularizer].regularizer(reduction)
+    mean, root = _normal(record, reduction, regularizer)
+    rest = None
+    if regularizer.spectral is not None:
+        _, _, hessian = regularizer.spectral.evaluate(reduction.prior)
+        rest = SpectralRest(regularizer.spectral, reduction.prior, hessian, record.spread)
+    fitted, prior = (
+        np.linalg.solve(root, x - mean) for x in (_fitted(model, reduction), reduction.prior)
+    )
+    return Density(reduction, mean, root, Cones.of(reduction, mean, root), fitted, prior, rest)
+
+
+def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
+    """That of the fit, with moments free that no torque shows."""
+    names = model.layout.names
+    visible = np.flatnonzero(~np.isin(names, record.unseen))
+    completed = build_reduction(model.robot, visible).completed
+    bodies = {
+        name: body.changed(free=(*body.free, *(_OF_ROWS[i] for i in completed[name])))
+        if body.free
+        else body
+        for name, body in model.robot.bodies.items()
+    }
+    reduction = build_reduction(model.robot.changed(bodies=bodies), visible)
+    return replace(reduction, stated={}, widened=record.wider)
+
+
+def _normal(
+    record: PosteriorRecord, reduction: Reduction, regularizer: Regularizer
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+    """Mean and root of data and curvature of the prior together.
+
+    Raises:
+        IdentificationError: the prior's sizes are too far apart for the arithmetic.
+    """
+    K, scale = record.combination(reduction.layout.names), reduction.scale
+    _, _, curvature = regularizer.evaluate(reduction.prior)
+    try:
+        prior = np.linalg.cholesky(0.5 * curvature * np.outer(scale, scale)).T / record.spread
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "the prior's sizes differ too much to be weighed against each other",
+            where="bodies",
+            cure="check masses and lengths of the prior in the description",
+        ) from None
+    off = np.array(record.values) - K @ reduction.p_reg
+    data = np.column_stack([K @ (reduction.A * scale), off])
+    rows = np.vstack(
+        [
+            solve_triangular(record.root, data, lower=True),
+            np.column_stack([prior, np.zeros(len(prior))]),
+        ]
+    )
+    R, n = triangle(rows), reduction.size
+    root = scale[:, None] * solve_triangular(R[:n, :n], np.eye(n))
+    return reduction.prior + root @ R[:n, n], root
+
+
+def _fitted(model: IdentifiedModel, reduction: Reduction) -> Float[np.ndarray, " n"]:
+    """x of the model."""
+    x = []
+    for variable in reduction.variables:
+        if variable.kind == "inertia":
+            M = pseudo_inertia(model.p[model.layout.body(variable.owner)])
+            x.append(M[PSEUDO_INERTIA_ENTRIES[variable.symbol]])
+        else:
+            x.append(model.value(variable.name))
+    return np.array(x)

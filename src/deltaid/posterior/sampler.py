@@ -1,0 +1,184 @@
+"""Elliptical slice sampling of a normal distribution on cones, many chains at once.
+
+From a point y inside, another one ν ~ N(0, 1) is drawn, and an angle on the ellipse
+y cos θ + ν sin θ until the point there lies inside (Murray, Adams and MacKay 2010): an interval of
+angles shrinks towards y, so that an end is always found, and the distribution stays as it is
+exactly. On the ellipse all entries of the blocks are combinations of those of y and ν, so a trial
+costs no product of matrices.
+
+Where data would like a body to be one that cannot exist, the distribution is a thin layer at an
+edge, and no ellipse across it is long. Most directions, those that data knows well, meet no edge at
+all. So axes are turned to those of the curvature of −Σ log det M_b. Steps along each axis that soon
+meets an edge, in some of those chosen at random, in all that meet none, and in what is not alone
+take turns. Each leaves the distribution as it is, for axes stay once draws count.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from deltaid.errors import IdentificationError
+from deltaid.posterior.cones import Cones
+from deltaid.posterior.density import Density
+
+# An axis has steps of its own above the first curvature, and is next to free below the second one.
+_ALONE, _FREE = 0.3, 0.05
+# All others take steps together in so many parts, chosen anew each time.
+_PARTS = 4
+# After so many steps entries are computed anew, before rounding adds up.
+_ANEW = 50
+# Trials on an ellipse; an interval shrinks by half in each.
+_TRIALS = 200
+# Chains begin where a ray from the model, so many times longer than the distribution is wide, ends
+# or meets the edge.
+_WIDER = 2.0
+
+Points = Float[np.ndarray, "n chains"]
+
+
+@dataclass(eq=False)
+class Chains:
+    """Chains that walk over a posterior.
+
+    Attributes:
+        density: of the posterior.
+        count: number of chains.
+        rng: whose numbers they take.
+    """
+
+    density: Density
+    count: int
+    rng: np.random.Generator
+    _cones: Cones = field(init=False)
+    _turn: Float[np.ndarray, "n n"] = field(init=False)
+    _near: int = field(init=False)
+    _middle: int = field(init=False)
+    _steps: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self._turn = np.eye(self.density.reduction.size)
+        self._cones = self.density.cones
+        self._y = self._starts()
+        self.turn()
+
+    def turn(self) -> None:
+        """Choose axes anew, by the middle of where chains are; before draws that count."""
+        y = self.y.T
+        values, vectors = np.linalg.eigh(self.density.cones.curvature(y.mean(axis=1)))
+        self._turn, curvature = vectors[:, ::-1], values[::-1]
+        self._near, self._middle = (int(np.sum(curvature > least)) for least in (_ALONE, _FREE))
+        self._cones = self.density.cones.turned(self._turn)
+        self._y = self._turn.T @ y
+        self._entries = self._cones.slopes @ self._y
+        self._log = self._factor(self._y)
+
+    @property
+    def y(self) -> Float[np.ndarray, "chains n"]:
+        """Where they are."""
+        return (self._turn @ self._y).T
+
+    def walk(self, rounds: int) -> None:
+        """Go on so many rounds."""
+        n = len(self._y)
+        for _ in range(rounds):
+            for k in range(self._near):
+                self._step(np.array([k]))
+            for part in np.array_split(self.rng.permutation(self._middle), _PARTS):
+                self._step(part)
+            self._step(np.arange(self._middle, n))
+            self._step(np.arange(self._near, n))
+
+    def _step(self, axes: Int[np.ndarray, " some"]) -> None:
+        """One step of all chains within some axes."""
+        if not axes.size:
+            return
+        self._steps += 1
+        if self._steps % _ANEW == 0:
+            self._entries = self._cones.slopes @ self._y
+        old = self._y[axes]
+        new = self.rng.standard_normal(old.shape)
+        slopes = self._cones.slopes[:, axes]
+        moved, target = slopes @ old, slopes @ new
+        stays = self._cones.constant[:, None] + self._entries - moved
+        least = self._log + np.log(self.rng.random(self.count))
+        angle = self._angle(axes, (old, new), (stays, moved, target), least)
+        cos, sin = np.cos(angle), np.sin(angle)
+        self._y[axes] = old * cos + new * sin
+        self._entries += moved * (cos - 1) + target * sin
+        if self.density.rest is not None:
+            self._log = self._factor(self._y)
+
+    def _angle(
+        self,
+        axes: Int[np.ndarray, " some"],
+        ends: tuple[Points, Points],
+        entries: tuple[Points, Points, Points],
+        least: Float[np.ndarray, " chains"],
+    ) -> Float[np.ndarray, " chains"]:
+        """Angles on the ellipses at which chains may go on."""
+        angle = self.rng.uniform(0, 2 * np.pi, self.count)
+        low, high = angle - 2 * np.pi, angle.copy()
+        left = np.arange(self.count)
+        for _ in range(_TRIALS):
+            cos, sin = np.cos(angle[left]), np.sin(angle[left])
+            stays, moved, target = (part[:, left] for part in entries)
+            inside = self._cones.hold(stays + moved * cos + target * sin)
+            if self.density.rest is not None:
+                inside &= self._likely(axes, ends, angle, left, least, inside)
+            left = left[~inside]
+            if not left.size:
+                return angle
+            back = angle[left] < 0
+            low[left] = np.where(back, angle[left], low[left])
+            high[left] = np.where(back, high[left], angle[left])
+            angle[left] = self.rng.uniform(low[left], high[left])
+        angle[left] = 0.0  # rounding at the very edge: these stay where they are
+        return angle
+
+    def _likely(
+        self,
+        axes: Int[np.ndarray, " some"],
+        ends: tuple[Points, Points],
+        angle: Float[np.ndarray, " chains"],
+        left: Int[np.ndarray, " trying"],
+        least: Float[np.ndarray, " chains"],
+        inside: Bool[np.ndarray, " trying"],
+    ) -> Bool[np.ndarray, " trying"]:
+        """Which of the points inside have enough of the factor beside the normal distribution."""
+        found, at = np.zeros(len(left), dtype=bool), left[inside]
+        y = self._y[:, at].copy()
+        y[axes] = ends[0][:, at] * np.cos(angle[at]) + ends[1][:, at] * np.sin(angle[at])
+        found[inside] = self._factor(y) > least[at]
+        return found
+
+    def _factor(self, y: Points) -> Float[np.ndarray, " chains"]:
+        return self.density.log_factor((self._turn @ y).T)
+
+    def _starts(self) -> Points:
+        """Points inside that lie farther apart than the distribution does."""
+        rays = _WIDER * self.rng.standard_normal((len(self._turn), self.count))
+        centre = self._turn.T @ _inner(self.density)
+        entries = self._cones.constant + self._cones.slopes @ centre
+        along = self._cones.slopes @ rays
+        length = np.ones(self.count)
+        for _ in range(_TRIALS):
+            outside = ~self._cones.hold(entries[:, None] + along * length)
+            if not outside.any():
+                break
+            length[outside] *= 0.7 * self.rng.random(outside.sum()) + 0.3
+        return centre[:, None] + rays * length
+
+
+def _inner(density: Density) -> Float[np.ndarray, " n"]:
+    """The model, a little way towards its prior where it touches the edge."""
+    for share in (0.0, *np.geomspace(1e-9, 1.0, 19)):
+        y = density.fitted + share * (density.prior - density.fitted)
+        cones = density.cones
+        if cones.hold((cones.constant + cones.slopes @ y)[:, None])[0]:
+            return y
+    raise IdentificationError(
+        "the model lies outside of what its own description allows",
+        where="posterior",
+        cure="take back what was changed in the model file by hand, or identify it again",
+    )
