@@ -4,6 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import deltaid
 from deltaid.identification.identify import identify
 from deltaid.identification.scatter import Scatter
 from deltaid.recording.mapping import ColumnMapping
@@ -125,3 +126,17 @@ def test_what_the_robot_holds_hangs_on_the_plate_too(known: bool) -> None:
         assert abs(one.value - x) < 4 * one.std, one.name
     for channel in plate.channels:
         assert channel.left < channel.stated
+
+
+@pytest.mark.parametrize("case", ["wrench", "strut and platform weighed"])
+def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(case: str) -> None:
+    of, rng = sensed("clavel-delta3", case, 0.5), np.random.default_rng(3)
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
+    plain = of.robot.changed(sensors={}, measured=[])
+    bare = log.select([name for name in log.columns if not name.startswith("plate")])
+    keys = ("base-parameters", "excitation")
+    found, alone = (
+        {one.key: one.seen for one in deltaid.identify(robot, rows).verdicts if one.key in keys}
+        for robot, rows in ((of.robot, log), (plain, bare))
+    )
+    assert found == alone
