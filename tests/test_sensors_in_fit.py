@@ -19,7 +19,9 @@ def test_intervals_of_what_sensors_show_hold(case: str) -> None:
     held, z = [], []
     for _ in range(5):
         p = drawn(of.reduction, SPREAD, rng)
-        _, found = identified("clavel-delta3", of, p, SPREAD, rng)
+        problem, found = identified("clavel-delta3", of, p, SPREAD, rng)
+        left = problem.information.rms(problem.values)[3:]
+        np.testing.assert_allclose(left / problem.information.levels, problem.noise, rtol=0.1)
         told = [(one, x) for one, x in zip(found, p, strict=True) if one.determined_by == "data"]
         held += [one.low <= x <= one.high for one, x in told if one.low is not None]
         z += [(one.value - x) / one.std for one, x in told]
