@@ -65,7 +65,7 @@ def of_forces(path: Path, truth: np.ndarray, motion: Motion) -> None:
 
 
 def of_tracking(path: Path, motion: Motion) -> None:
-    """How far off the platform is where the robot is one of the drawn models, not the identified."""
+    """How far off the platform is where the robot is a drawn model and not the identified one."""
     model = load(path)
     trajectory = MotionTrajectory(model.dynamics.kinematics, motion, 1.0)
     known = ControlModel(model.robot, model.p)
