@@ -47,8 +47,8 @@ def sample(
     from deltaid.model.model import load
     from deltaid.report.sample_tables import sample_sentence, sample_table
 
-    within("-n", n, SAMPLES_LIMITS)
-    within("--seed", seed, (0, 2**63 - 1))
+    within("-n", float(n), SAMPLES_LIMITS)
+    within("--seed", float(seed), (0.0, 2.0**63))
     within("--limb-tolerance", limb_tolerance, TOLERANCE_LIMITS)
     if to == "npz" and output.suffix.lower() != ".npz":
         raise DeltaidError("must end in .npz for --to npz", where=str(output))

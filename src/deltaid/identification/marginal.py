@@ -30,10 +30,14 @@ from deltaid.model.posterior_record import PosteriorRecord
 
 # Half the width of a 95 % interval in standard deviations.
 _REACH = 1.959963984540054
-# Newton steps at most, and when deviations agree.
-_STEPS, _AGREE = 100, 1e-9
+# Newton steps at most, and by how much less a step promises at the end.
+_STEPS, _AGREE = 200, 1e-12
+# κ: by which share of a variance it may be missed for each unit of λ.
+_MISSED = 1e-3
 # Digits of the factor that are kept: the noise itself is known to two.
 _DIGITS = 7
+# Share of a variance that is rounding.
+_ROUNDING = 1e-12
 # A coefficient below this share of its row's largest term is rounding.
 _NEGLIGIBLE = 1e-9
 
@@ -80,33 +84,40 @@ def base_covariance(problem: FittedProblem) -> Matrix:
 def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
     """The covariance with these variances that is nearest to another one.
 
-    Newton's method on the convex function −log det(V⁻¹ + diag λ) + Σ λ_i wanted_i.
+    Newton's method on the convex function −log det(C⁻¹ + diag λ) + Σ λ_i r_i + ½ κ Σ λ_i², C the
+    correlations and r what is wanted over what is there, both over their common level. κ > 0 lets
+    variances be missed where having them would spoil sums that are known far better.
     """
     size = np.sqrt(np.diag(V))
     ratio = wanted / size**2
     level = float(np.exp(np.mean(np.log(ratio))))
     P, ratio = np.linalg.inv(_correlation(V)), ratio / level
-    lam, value = np.zeros(len(V)), _dual(P, np.zeros(len(V)), ratio)
+    lam = np.zeros(len(V))
+    value = _dual(P, lam, ratio)
     for _ in range(_STEPS):
         now = np.linalg.inv(P + np.diag(lam))
-        off = np.diag(now) - ratio
-        if np.abs(off / ratio).max() < _AGREE:
+        down = np.diag(now) - ratio - _MISSED * lam
+        step, share = np.linalg.solve(now**2 + _MISSED * np.eye(len(V)), down), 1.0
+        if down @ step < _AGREE:
             break
-        step, share = np.linalg.solve(now**2, off), 1.0
-        while (new := _dual(P, lam + share * step, ratio)) > value - 1e-4 * share * (off @ step):
+        while (new := _dual(P, lam + share * step, ratio)) > value - 1e-4 * share * (down @ step):
             share /= 2
-            if share < 1e-9:
+            if share < _AGREE:  # what is left is rounding
+                share, new = 0.0, value
                 break
+        if share == 0:
+            break
         lam, value = lam + share * step, new
-    found = np.linalg.inv(P + np.diag(lam))
-    scale = size * np.sqrt(level * ratio / np.diag(found))  # of rounding
-    return 0.5 * (found + found.T) * np.outer(scale, scale)
+    found = level * np.linalg.inv(P + np.diag(lam))
+    return 0.5 * (found + found.T) * np.outer(size, size)
 
 
 def _dual(P: Matrix, lam: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n"]) -> float:
     """The function that `with_variances` minimises; infinite where there is no covariance."""
     values = np.linalg.eigvalsh(P + np.diag(lam))
-    return float(lam @ wanted - np.log(values).sum()) if values[0] > 0 else np.inf
+    if values[0] <= 0:
+        return np.inf
+    return float(lam @ wanted - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
 
 def _by_scatter(estimate: BaseEstimate) -> Matrix:
@@ -138,7 +149,7 @@ def _given(
 
 def _correlation(V: Matrix) -> Matrix:
     size = np.sqrt(np.diag(V))
-    return V / np.outer(size, size)
+    return V / np.outer(size, size) + _ROUNDING * np.eye(len(V))
 
 
 def _counts(terms: Float[np.ndarray, " n"]) -> np.ndarray:

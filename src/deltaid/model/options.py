@@ -15,4 +15,4 @@ GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
 # The largest lag that can be given [s].
 LARGEST_LAG = 0.1
 # How many models can be drawn at once, and by how much limbs may scatter.
-SAMPLES_LIMITS, TOLERANCE_LIMITS = (1, 100_000), (0.0, 0.3)
+SAMPLES_LIMITS, TOLERANCE_LIMITS = (1.0, 1e5), (0.0, 0.3)

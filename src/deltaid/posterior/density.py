@@ -12,6 +12,7 @@ prior stands in the normal distribution, and the rest of ρ is a factor beside i
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -50,7 +51,7 @@ class Density:
     cones: Cones
     fitted: Float[np.ndarray, " n"]
     prior: Float[np.ndarray, " n"]
-    rest: "SpectralRest | None" = None
+    rest: "Factor | None" = None
 
     def variables(self, y: Points) -> Points:
         """x of some y."""
@@ -63,6 +64,15 @@ class Density:
     def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
         """Logarithm of what stands beside the normal distribution, inside the cones."""
         return np.zeros(len(y)) if self.rest is None else self.rest.log(self.variables(y))
+
+
+@runtime_checkable
+class Factor(Protocol):
+    """What stands beside a normal distribution."""
+
+    def log(self, x: Points) -> Float[np.ndarray, " points"]:
+        """Its logarithm at some points inside."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

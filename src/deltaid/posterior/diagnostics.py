@@ -14,6 +14,7 @@ from scipy.stats import rankdata
 # Draws, chains and quantities.
 Draws = Float[np.ndarray, "draws chains quantities"]
 Each = Float[np.ndarray, " quantities"]
+Halves = Float[np.ndarray, "length halves quantities"]
 
 
 def rhat(draws: Draws) -> Each:
@@ -41,18 +42,18 @@ def effective_size(draws: Draws) -> Each:
     return length * chains / time
 
 
-def _rhat(z: Draws) -> Each:
+def _rhat(z: Halves) -> Each:
     length = len(z)
     within, between = z.var(axis=0, ddof=1).mean(axis=0), z.mean(axis=0).var(axis=0, ddof=1)
     return np.sqrt((length - 1) / length + between / within)
 
 
-def _split(draws: Draws) -> Draws:
+def _split(draws: Draws) -> Halves:
     half = len(draws) // 2
     return np.concatenate([draws[:half], draws[-half:]], axis=1)
 
 
-def _scores(draws: Draws) -> Draws:
+def _scores(draws: Halves) -> Halves:
     count = draws.shape[0] * draws.shape[1]
     ranks = rankdata(draws.reshape(count, -1), axis=0)
     return ndtri((ranks - 0.375) / (count + 0.25)).reshape(draws.shape)

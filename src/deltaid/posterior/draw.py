@@ -1,6 +1,7 @@
 """Models drawn from a posterior, or a refusal where the draws could not be trusted."""
 
 import numpy as np
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
@@ -8,16 +9,19 @@ from deltaid.model.model import Model
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
 from deltaid.model.samples import Samples
 from deltaid.posterior.density import density
-from deltaid.posterior.diagnostics import Draws, Each, effective_size, rhat
+from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.limbs import scattered, with_own_limbs
 from deltaid.posterior.sampler import Chains
 
 # Chains, draws of each at least, rounds before and between draws.
 _CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 2
 # R̂ and share of effective draws that are aimed at, by walking twice as far so many times.
-_AIMED, _LONGER = (1.03, 0.5), 6
+_AIMED, _LONGER = (1.03, 0.5), 4
 # Beyond these, draws are refused.
 _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
+
+Draws = Float[np.ndarray, "draws chains n"]
+Each = Float[np.ndarray, " parameters"]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -34,8 +38,8 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
         DescriptionError: the model is a robot at its prior, or of a version that kept no posterior.
         IdentificationError: the chains do not agree, so their draws are not of the posterior.
     """
-    _within("n", n, SAMPLES_LIMITS)
-    _within("limb_tolerance", limb_tolerance, TOLERANCE_LIMITS)
+    _within("n", float(n), SAMPLES_LIMITS)
+    _within("limb_tolerance", float(limb_tolerance), TOLERANCE_LIMITS)
     if seed < 0:
         raise DeltaidError(f"must not be negative, and is {seed}", where="seed")
     if model.identified is None:

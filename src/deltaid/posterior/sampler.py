@@ -35,6 +35,8 @@ _TRIALS = 200
 _WIDER = 2.0
 
 Points = Float[np.ndarray, "n chains"]
+Moved = Float[np.ndarray, "some chains"]
+Entries = Float[np.ndarray, "entries chains"]
 
 
 @dataclass(eq=False)
@@ -112,8 +114,8 @@ class Chains:
     def _angle(
         self,
         axes: Int[np.ndarray, " some"],
-        ends: tuple[Points, Points],
-        entries: tuple[Points, Points, Points],
+        ends: tuple[Moved, Moved],
+        entries: tuple[Entries, Entries, Entries],
         least: Float[np.ndarray, " chains"],
     ) -> Float[np.ndarray, " chains"]:
         """Angles on the ellipses at which chains may go on."""
@@ -139,7 +141,7 @@ class Chains:
     def _likely(
         self,
         axes: Int[np.ndarray, " some"],
-        ends: tuple[Points, Points],
+        ends: tuple[Moved, Moved],
         angle: Float[np.ndarray, " chains"],
         left: Int[np.ndarray, " trying"],
         least: Float[np.ndarray, " chains"],

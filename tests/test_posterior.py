@@ -1,0 +1,508 @@
+"""Models drawn from a posterior: consistent, of the right distribution, reproducible, refused where
+they could not be trusted. The reference is rejection from the normal distribution, which needs
+nothing but the numbers of the model file."""
+
+import csv
+import json
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+from scipy import stats
+
+import deltaid
+from command import run
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import least_margin, prior_parameters
+from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
+from deltaid.identification.identify import Identification, identify
+from deltaid.identification.marginal import base_covariance, with_variances
+from deltaid.model.model import Model, load
+from deltaid.model.record import IdentifiedModel
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.posterior import draw
+from deltaid.posterior.density import Density, density
+from deltaid.posterior.diagnostics import effective_size, rhat
+from deltaid.posterior.sampler import Chains
+from deltaid.robot.body import ExplicitInertia
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+ROBOT = "clavel-delta3"
+# Entries of M̄ = [[Σ, mc], [mcᵀ, m]] by the names that a description frees.
+PLACE = {"Sxx": (0, 0), "Syy": (1, 1), "Szz": (2, 2), "m": (3, 3), "Sxy": (0, 1), "Sxz": (0, 2),
+         "Syz": (1, 2), "mcx": (0, 3), "mcy": (1, 3), "mcz": (2, 3)}  # fmt: skip
+
+
+def stout() -> RobotDescription:
+    """The robot with bodies that are about as thick as long: of thin ones hardly any draw of a
+    normal distribution can exist, and rejection would take for ever."""
+    robot = load_robot(ROBOT)
+    shapes = {
+        "U": (1.0, (0.2, 0.0, 0.02), (0.15, 0.12, 0.1)),
+        "S": (0.2, (0.5, 0.0, 0.0), (0.3, 0.25, 0.2)),
+        "P": (1.0, (0.0, 0.0, 0.0), (0.06, 0.05, 0.04)),
+    }
+    bodies = {}
+    for name, (m, centre, radii) in shapes.items():
+        M = m * np.outer([*centre, 1.0], [*centre, 1.0]) + np.diag([*(m * np.square(radii)), 0.0])
+        bodies[name] = robot.bodies[name].changed(prior=ExplicitInertia.of(ten(M)))
+    return robot.changed(bodies=bodies)
+
+
+def truth(robot: RobotDescription) -> np.ndarray:
+    """Friction above the prior's, and hardly any in one drive."""
+    layout, p = compiled(robot).layout, prior_parameters(robot)
+    p[layout.friction] *= 1.5
+    p[layout.coulomb.start] = 5e-3
+    return p
+
+
+def recorded(path: Path) -> Identification:
+    robot = stout()
+    dynamics, rng = compiled(robot), np.random.default_rng(2)
+    p = truth(robot)
+    motion = random_motion(dynamics.kinematics, rng)
+    noise = SensorNoise(torque=0.05)
+    write_recording(
+        simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise), path / "log.csv"
+    )
+    return identify(robot, [path / "log.csv"])
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory) -> Identification:
+    return recorded(tmp_path_factory.mktemp("posterior"))
+
+
+@pytest.fixture(scope="module")
+def model(found) -> IdentifiedModel:
+    return found.model
+
+
+@pytest.fixture(scope="module")
+def model_file(model, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.yaml"
+    model.save(path)
+    return path
+
+
+def with_spread(model: IdentifiedModel, spread: float) -> IdentifiedModel:
+    """The same data under a tighter prior, so that rejection finds enough."""
+    assert model.posterior is not None
+    return model.changed(posterior=model.posterior.changed(spread=spread))
+
+
+def ten(M: np.ndarray) -> np.ndarray:
+    """Ten parameters of pseudo-inertia matrices: Θ = tr(Σ) 1 − Σ."""
+    S, m, mc = M[..., :3, :3], M[..., 3, 3], M[..., :3, 3]
+    trace = np.trace(S, axis1=-2, axis2=-1)
+    diagonal = trace[..., None] - np.diagonal(S, axis1=-2, axis2=-1)
+    rest = [-S[..., i, j] for i, j in ((0, 1), (1, 2), (0, 2))]
+    return np.concatenate([m[..., None], mc, diagonal, np.stack(rest, axis=-1)], axis=-1)
+
+
+def matrices(p: np.ndarray) -> np.ndarray:
+    """And back."""
+    M = np.zeros((len(p), 4, 4))
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
+        M[:, i, j] = M[:, j, i] = -p[:, 7 + k]
+    for i in range(3):
+        M[:, i, i] = 0.5 * p[:, 4:7].sum(axis=1) - p[:, 4 + i]
+    M[:, :3, 3] = M[:, 3, :3] = p[:, 1:4]
+    M[:, 3, 3] = p[:, 0]
+    return M
+
+
+def by_rejection(model: IdentifiedModel, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws of p: normal by data and prior, kept where every body and coefficient can be."""
+    robot, record, names = model.robot, model.posterior, model.layout.names
+    assert record is not None
+    p_prior, columns = prior_parameters(robot), []
+    for b, body in enumerate(model.layout.bodies):
+        hidden = [s for s, (i, j) in PLACE.items() if i == j and s not in robot.bodies[body].free]
+        for entry in (*robot.bodies[body].free, *hidden):
+            unit = np.zeros((4, 4))
+            i, j = PLACE[entry]
+            unit[i, j] = unit[j, i] = 1
+            column = np.zeros(len(names))
+            column[10 * b : 10 * b + 10] = ten(unit)
+            touched = {names[k] for k in np.flatnonzero(column)}
+            if entry in robot.bodies[body].free or touched <= set(record.unseen):
+                columns.append(column)
+    joints = np.eye(len(names))[10 * len(model.layout.bodies) :]
+    A = np.array([*columns, *joints]).T
+    K = np.array([[row.get(name, 0.0) for name in names] for row in record.combinations])
+    L = np.zeros((len(K), len(K)))
+    for row, numbers in zip(L, record.factor, strict=True):
+        row[: len(numbers)] = numbers
+    size = np.abs(p_prior)
+    for b in range(len(model.layout.bodies)):
+        m, second = p_prior[10 * b], 0.5 * p_prior[10 * b + 4 : 10 * b + 7].sum()
+        own = m * np.array([1.0, *[np.sqrt(second / m)] * 3, *[second / m] * 6])
+        part = slice(10 * b, 10 * b + 10)
+        size[part] = np.where(p_prior[part] != 0, size[part], own)
+    moved = np.any(A != 0, axis=1)
+    W = np.linalg.inv(L)
+    rows = np.vstack([W @ K @ A, A[moved] / (record.spread * size[moved])[:, None]])
+    right = np.concatenate([W @ (np.array(record.values) - K @ p_prior), np.zeros(moved.sum())])
+    scale = 1 / np.linalg.norm(rows, axis=0)
+    Q, R = np.linalg.qr(rows * scale)
+    mean, root = np.linalg.solve(R, Q.T @ right), np.linalg.inv(R)
+    kept = []
+    for _ in range(100):
+        if sum(map(len, kept)) >= count:
+            break
+        x = scale * (mean + rng.standard_normal((200_000, len(mean))) @ root.T)
+        p = p_prior + x @ A.T
+        p = p[np.all(p[:, joints.argmax(axis=1)] > 0, axis=1)]
+        for b in range(len(model.layout.bodies)):
+            M = matrices(p[:, 10 * b : 10 * b + 10])
+            p = p[np.linalg.eigvalsh(M)[:, 0] > 0]
+        kept.append(p)
+    assert sum(map(len, kept)) >= count, "hardly any draw can exist"
+    return np.vstack(kept)[:count]
+
+
+def test_draws_are_those_of_rejection(model: IdentifiedModel) -> None:
+    tight = with_spread(model, 0.25)
+    expected = by_rejection(tight, 3000, np.random.default_rng(5))
+    drawn = tight.sample(3000, seed=1)
+    varies = expected.std(axis=0) > 1e-9 * np.abs(expected).max(axis=0)
+    np.testing.assert_array_equal(varies, drawn.p.std(axis=0) > 0)
+    chance = [
+        stats.ks_2samp(a, b).pvalue
+        for a, b in zip(expected[:, varies].T, drawn.p[:, varies].T, strict=True)
+    ]
+    assert min(chance) > 0.01 / len(chance)
+    rng = np.random.default_rng(0)  # sums feel correlations
+    sums = rng.standard_normal((20, varies.sum())) / expected[:, varies].std(axis=0)
+    chance = [stats.ks_2samp(expected[:, varies] @ c, drawn.p[:, varies] @ c).pvalue for c in sums]
+    assert min(chance) > 0.01 / len(chance)
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """A factor exp(cᵀx) beside a normal distribution: its mean moves by its covariance · c."""
+
+    c: np.ndarray
+
+    def log(self, x: np.ndarray) -> np.ndarray:
+        return x @ self.c
+
+
+def test_a_factor_beside_the_normal_distribution(model: IdentifiedModel) -> None:
+    plain, rng = density(with_spread(model, 0.25)), np.random.default_rng(3)
+    n = plain.reduction.size
+    along = np.zeros(n)
+    along[:3] = 1.5  # standard deviations
+    tilted = replace(plain, rest=Tilt(np.linalg.solve(plain.root.T, along)))
+    chains = Chains(tilted, 256, np.random.default_rng(4))
+    chains.walk(30)
+    draws = []
+    for _ in range(8):
+        chains.walk(4)
+        draws.append(chains.y)
+    drawn = np.vstack(draws)
+    y = along + rng.standard_normal((300_000, n))
+    inside = plain.cones.hold(plain.cones.constant[:, None] + plain.cones.slopes @ y.T)
+    expected = y[inside][:3000]
+    assert len(expected) == 3000
+    chance = [stats.ks_2samp(a, b).pvalue for a, b in zip(drawn.T, expected.T, strict=True)]
+    assert min(chance) > 0.01 / n
+
+
+@pytest.mark.parametrize("regularizer", ["euclidean", "entropic", "riemannian"])
+def test_the_density_is_that_of_data_and_metric(model: IdentifiedModel, regularizer: str) -> None:
+    """log π by the numbers of the model file, but for a constant."""
+    settings = model.settings.changed(regularizer=regularizer, method="log-cholesky")
+    known = density(model.changed(settings=settings))
+    record, prior = model.posterior, prior_parameters(model.robot)
+    assert record is not None
+    p = model.sample(40, seed=2).p
+    y = np.array([inverted(known, each) for each in p])
+    np.testing.assert_allclose(known.parameters(y), p, rtol=1e-7, atol=1e-12)
+    rho, moved = np.zeros(len(p)), p.std(axis=0) > 0
+    for b in range(len(model.layout.bodies)):
+        part = slice(10 * b, 10 * b + 10)
+        if regularizer == "euclidean":
+            size = np.where(prior[part] != 0, np.abs(prior[part]), sizes(prior[part]))
+            off = (p[:, part] - prior[part]) / size
+            rho += np.sum(np.where(moved[part], off, 0.0) ** 2, axis=1)
+        else:
+            root = np.linalg.inv(np.linalg.cholesky(matrices(prior[None, part])[0]))
+            lam = np.linalg.eigvalsh(root @ matrices(p[:, part]) @ root.T)
+            rho += divergence(regularizer, lam).sum(axis=1)
+    joints = slice(10 * len(model.layout.bodies), len(prior))
+    rho += divergence(regularizer, p[:, joints] / prior[joints]).sum(axis=1)
+    K = np.array([[row.get(name, 0.0) for name in model.layout.names]
+                  for row in record.combinations])  # fmt: skip
+    left = np.linalg.solve(record.root, K @ p.T - np.array(record.values)[:, None])
+    expected = -0.5 * np.sum(left**2, axis=0) - rho / (2 * record.spread**2)
+    found = known.log_factor(y) - 0.5 * np.sum(y**2, axis=1)
+    np.testing.assert_allclose(
+        found - found[0], expected - expected[0], rtol=1e-6, atol=1e-5 * np.ptp(expected)
+    )
+
+
+def inverted(known: Density, p: np.ndarray) -> np.ndarray:
+    """y of some p."""
+    A = known.reduction.A
+    x = np.linalg.lstsq(A / known.reduction.scale.max(), p - known.reduction.p_0, rcond=None)[0]
+    return np.linalg.solve(known.root, x / known.reduction.scale.max() - known.mean)
+
+
+def divergence(name: str, lam: np.ndarray) -> np.ndarray:
+    if name == "euclidean":
+        return (lam - 1) ** 2
+    return 2 * (lam - 1 - np.log(lam)) if name == "entropic" else np.log(lam) ** 2
+
+
+def sizes(p: np.ndarray) -> np.ndarray:
+    m, second = p[0], 0.5 * p[4:7].sum()
+    return m * np.array([1.0, *[np.sqrt(second / m)] * 3, *[second / m] * 6])
+
+
+def test_all_are_consistent_and_the_same_for_a_seed(model_file: Path) -> None:
+    model = load(model_file)
+    drawn = model.sample(60, seed=4)
+    assert min(least_margin(model.layout, p)[1] for p in drawn.p) > 0
+    np.testing.assert_array_equal(drawn.p, model.sample(60, seed=4).p)
+    assert not np.array_equal(drawn.p, model.sample(60, seed=5).p)
+    assert drawn.ess.min() > 30
+    assert drawn.rhat.max() < 1.05
+    models = list(drawn.models())
+    assert len(models) == len(drawn) == 60
+    assert isinstance(models[7], Model)
+    np.testing.assert_array_equal(models[7].p, drawn.p[7])
+    np.testing.assert_array_equal(models[7].as_description().bodies["P"].prior_parameters()[0],
+                                  drawn.p[7, drawn.names.index("P.m")])  # fmt: skip
+
+
+def test_where_data_decides_models_spread_as_the_intervals(found: Identification) -> None:
+    """With no edge near: friction of two drives."""
+    model = found.model
+    p = model.sample(10_000, seed=0).p
+    for parameter in model.parameters:
+        at = model.layout.names.index(parameter.name)
+        kind, _, joint = parameter.name.partition(".")
+        if kind not in ("viscous", "coulomb") or joint == "drive1":
+            continue
+        base = next(b for b in model.base_parameters if b.representative == parameter.name)
+        low, high = np.quantile(p[:, at], [0.025, 0.975])
+        assert high - low == pytest.approx(base.high - base.low, rel=0.1)
+
+
+def test_the_record_has_the_deviations_of_the_intervals(found: Identification) -> None:
+    problem = found.problem
+    V = base_covariance(problem)
+    half = stats.norm.ppf(0.975) * np.sqrt(np.diag(V))
+    np.testing.assert_allclose(half, problem.estimate.interval, rtol=5e-3)
+    record = found.model.posterior
+    assert record is not None
+    np.testing.assert_allclose(record.root @ record.root.T, V, rtol=1e-3)
+    K = problem.base.combination()
+    np.testing.assert_allclose(record.combination(found.model.layout.names), K, atol=1e-7)
+
+
+def test_variances_change_and_sharp_sums_stay() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((6, 6)) * np.geomspace(1, 0.1, 6)
+    V = half @ half.T
+    wanted = np.diag(V) * rng.uniform(0.9, 1.3, 6)
+    found = with_variances(V, wanted)
+    np.testing.assert_allclose(np.diag(found), wanted, rtol=0.02)
+    difference = np.linalg.inv(found) - np.linalg.inv(V) / np.exp(
+        np.mean(np.log(wanted / np.diag(V)))
+    )
+    off = difference - np.diag(np.diag(difference))
+    assert np.abs(off).max() < 1e-6 * np.abs(np.linalg.inv(V)).max()
+
+
+def test_limbs_scatter_about_what_they_share(model: IdentifiedModel) -> None:
+    tolerance = 0.05
+    shared, own = model.sample(1000, seed=1), model.sample(1000, seed=1, limb_tolerance=tolerance)
+    assert own.robot.limbs is not None
+    assert not own.robot.limbs.identical
+    at = {name: i for i, name in enumerate(own.names)}
+    for name in ("U.m", "U.mcx", "U.Iyy", "S.m", "S.Ixx"):
+        body, entry = name.split(".")
+        limbs = own.p[:, [at[f"{body}{i}.{entry}"] for i in (1, 2, 3)]]
+        whole = shared.p[:, shared.names.index(name)]
+        np.testing.assert_allclose(limbs.mean(axis=1), whole, rtol=1e-9)
+        if entry == "m":
+            scatter = (limbs / whole[:, None]).std(axis=0)
+            np.testing.assert_allclose(scatter, tolerance, rtol=0.08)
+    for one in islice(own.models(), 10):
+        assert least_margin(one.layout, one.p)[1] > 0
+    with pytest.raises(DeltaidError, match=r"limb_tolerance: must lie between 0 and 0\.3"):
+        model.sample(10, limb_tolerance=0.5)
+
+
+def test_torques_of_drawn_models_hold_what_is_recorded(found: Identification, tmp_path) -> None:
+    """On another motion: the torque without noise lies within the models' range at its rate."""
+    model, dynamics = found.model, compiled(found.model.robot)
+    rng = np.random.default_rng(11)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 200, endpoint=False))
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.inverse_dynamics(q, qd, qdd, truth(model.robot))
+    level = model.fit.noise_level * np.abs(tau).max(axis=0)
+    measured = tau + level * rng.standard_normal(tau.shape)
+    predicted = np.array([dynamics.inverse_dynamics(q, qd, qdd, p) for p in model.sample(300).p])
+    parameters_alone = predicted.std(axis=0)
+    assert np.all(np.sqrt(np.mean(parameters_alone**2, axis=0)) < 0.5 * level)
+    predicted += level * rng.standard_normal(predicted.shape)
+    low, high = np.quantile(predicted, [0.025, 0.975], axis=0)
+    share = np.mean((measured > low) & (measured < high))
+    assert 0.92 < share < 0.98
+
+
+def test_diagnostics_of_known_chains() -> None:
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((1000, 20, 3))
+    assert np.all(rhat(white) < 1.01)
+    np.testing.assert_allclose(effective_size(white), 20_000, rtol=0.15)
+    slow, memory = white.copy(), 0.9
+    for k in range(1, len(slow)):
+        slow[k] = memory * slow[k - 1] + np.sqrt(1 - memory**2) * white[k]
+    expected = 20_000 * (1 - memory) / (1 + memory)
+    np.testing.assert_allclose(effective_size(slow), expected, rtol=0.25)
+    apart = white + np.arange(20)[:, None] / 10
+    assert np.all(rhat(apart) > 1.05)
+    wider = white * np.where(np.arange(20) < 10, 1.0, 3.0)[:, None]
+    assert np.all(rhat(wider) > 1.05)
+
+
+def test_draws_that_cannot_be_trusted_are_refused(
+    model: IdentifiedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(draw, "_LONGER", 0)
+    monkeypatch.setattr(draw, "_LARGEST_RHAT", 1.0)
+    monkeypatch.setattr(draw, "_AIMED", (1.0, 0.5))
+    with pytest.raises(IdentificationError, match="chains that draw models do not agree"):
+        model.sample(10)
+
+
+def test_files_of_earlier_versions_and_robots_are_refused(model_file: Path, tmp_path) -> None:
+    yaml, path = YAML(typ="safe"), tmp_path / "old.yaml"
+    content = yaml.load(model_file)
+    del content["posterior"]
+    content["format"] = 3
+    yaml.dump(content, path)
+    old = load(path)
+    with pytest.raises(DescriptionError, match=r"kept no posterior.*\n.*identify it again"):
+        old.sample(10)
+    with pytest.raises(DescriptionError, match="is a robot with its prior"):
+        load(ROBOT).sample(10)
+
+
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        (lambda c: c["values"].pop(), "combinations for"),
+        (lambda c: c["factor"].pop(), "lower triangle"),
+        (lambda c: c["factor"][0].__setitem__(0, -1.0), "positive diagonal"),
+        (lambda c: c["unseen"].append("X.m"), "X.m, which is no parameter"),
+    ],
+)
+def test_a_damaged_record_is_named(model_file: Path, tmp_path, change, fragment: str) -> None:
+    yaml, path = YAML(typ="safe"), tmp_path / "model.yaml"
+    content = yaml.load(model_file)
+    change(content["posterior"])
+    yaml.dump(content, path)
+    with pytest.raises(DescriptionError) as caught:
+        load(path)
+    assert fragment in str(caught.value)
+
+
+def test_intervals_of_drawn_models(model: IdentifiedModel, model_file: Path) -> None:
+    log = model_file.parent / "log.csv"
+    dynamics, rng = compiled(model.robot), np.random.default_rng(2)
+    p = prior_parameters(model.robot)
+    motion = random_motion(dynamics.kinematics, rng)
+    write_recording(simulate_recording(dynamics, p, motion, rng, duration=5.0), log)
+    linear = deltaid.identify(ROBOT, log).model
+    settings = deltaid.Settings(intervals="posterior")
+    drawn = deltaid.identify(ROBOT, log, settings=settings).model
+    assert (linear.settings.intervals, drawn.settings.intervals) == ("linear", "posterior")
+    p = linear.sample(8000).p
+    for i, (a, b) in enumerate(zip(linear.parameters, drawn.parameters, strict=True)):
+        assert (a.value, a.determined_by) == (b.value, b.determined_by)
+        if p[:, i].std() > 0:
+            low, high = np.quantile(p[:, i], [0.025, 0.975])
+            assert (b.low, b.high) == pytest.approx((min(low, b.value), max(high, b.value)))
+            assert b.std == pytest.approx(p[:, i].std(), rel=1e-9)
+        else:
+            assert a == b
+    from deltaid.report.model_tables import parameter_table
+
+    assert parameter_table(drawn).title.endswith("intervals: posterior")
+    assert "intervals" not in parameter_table(linear).title
+
+
+def test_the_command_writes_arrays(model_file: Path, tmp_path: Path) -> None:
+    output = tmp_path / "new" / "models.npz"
+    done = run("sample", model_file, "-n", 50, "--seed", 3, "-o", output, "--json")
+    assert done.code == 0, done.err
+    said = json.loads(done.out)
+    arrays = np.load(output)
+    assert arrays["p"].shape == (50, len(arrays["names"]))
+    np.testing.assert_array_equal(arrays["p"], load(model_file).sample(50, seed=3).p)
+    assert said["models"] == 50
+    assert said["rhat"] == arrays["rhat"].max()
+    assert [one["unit"] for one in said["parameters"]] == arrays["units"].tolist()
+    wrong = run("sample", model_file, "-o", tmp_path / "models.txt")
+    assert wrong.code == 2
+    assert "must end in .npz" in wrong.err
+    assert run("sample", model_file, "-n", 0, "-o", output).code == 2
+
+
+def test_the_command_writes_models_for_mujoco(model_file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "ensemble"
+    words = ("sample", model_file, "-n", 3, "--to", "mjcf", "--limb-tolerance", 0.05)
+    done = run(*words, "-o", folder)
+    assert done.code == 0, done.err
+    with (folder / "index.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {path.name for path in folder.iterdir()} == {"index.csv", *(r["file"] for r in rows)}
+    masses = []
+    for row in rows:
+        loaded = mujoco.MjModel.from_xml_path(str(folder / row["file"]))
+        names = [loaded.body(i).name for i in range(loaded.nbody)]
+        mass = dict(zip(names, loaded.body_mass.tolist(), strict=True))
+        arms = sorted(m for name, m in mass.items() if name.startswith("U"))
+        assert arms == pytest.approx(sorted(float(row[f"U{i}.m"]) for i in (1, 2, 3)))
+        masses.append(loaded.body_mass.sum())
+        state = mujoco.MjData(loaded)
+        mujoco.mj_step(loaded, state)
+        assert np.all(np.isfinite(state.qacc))
+    assert len(set(masses)) == 3
+    again = run(*words, "-o", folder)
+    assert again.code == 2
+    assert "is there already" in again.err
+
+
+def test_a_folder_that_fails_leaves_nothing(
+    model: IdentifiedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deltaid.export import ensemble
+
+    written, plain = list[str](), ensemble.mjcf
+
+    def fails(one: Model) -> str:
+        written.append(one.source)
+        if len(written) == 2:
+            raise DeltaidError("no more")
+        return plain(one)
+
+    monkeypatch.setattr(ensemble, "mjcf", fails)
+    with pytest.raises(DeltaidError, match="no more"):
+        model.sample(3).mjcf(tmp_path / "folder")
+    assert len(written) == 2
+    assert not list(tmp_path.iterdir())
