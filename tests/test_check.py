@@ -21,7 +21,7 @@ def test_the_catalogue_is_good(name: str) -> None:
     found = of_robot(load_robot(name))
     assert [one for one in found if one.grade is not Grade.GOOD] == []
     assert len(found) == 6
-    assert len(OF_ROBOT) == 5
+    assert len(OF_ROBOT) == 6
 
 
 @pytest.mark.parametrize("part", ["", "limbs", "workspace"])

@@ -31,6 +31,7 @@ _RUN = (
     "cli",
     "api",
     "forces",
+    "posterior",
     "sensors",
     "simulation",
 )

@@ -13,6 +13,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.excitation.by_bodies import by_bodies
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.planning.bench import PlanSettings
 from deltaid.planning.motion import generic_motion
@@ -351,7 +352,7 @@ def test_enough_is_no_gain_to_exceed() -> None:
 def test_a_planned_motion_in_place_of_a_random_one(tmp_path: Path) -> None:
     from deltaid.excitation.motion_file import write_run
 
-    exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, starts=1))
+    exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, harmonics=2, starts=1))
     run = exciter.optimise().run
     write_run(exciter.dynamics.kinematics, run, 200.0, tmp_path / "motion.csv")
     plan = sensor_plan(DELTA, tmp_path / "motion.csv")
@@ -361,10 +362,18 @@ def test_a_planned_motion_in_place_of_a_random_one(tmp_path: Path) -> None:
 
 def test_a_motion_for_sensors_is_that_of_the_start_that_tells_most() -> None:
     robot = load_robot(DELTA).changed(sensors={"plate": PLATE})
-    settings = ExcitationSettings(duration=4.0, starts=3, by="sensors")
+    settings = ExcitationSettings(duration=4.0, harmonics=2, starts=2, by="sensors")
     result = Exciter(robot, settings).optimise()
     judged = [one.judged for one in result.optimum.accounts]
     assert result.optimum.best.judged == min(one for one in judged if one is not None)
+    # A plate that is nothing but noise leaves more open.
+    blind = robot.changed(sensors={"plate": {**PLATE, "force_noise": 1e9, "moment_noise": 1e9}})
+    motion = result.optimum.motion
+    exciters = (Exciter(one, settings) for one in (robot, blind))
+    sharp, dull = (
+        by_bodies(one.dynamics, 0.02 * one.torque_reference, 1000.0)(motion) for one in exciters
+    )
+    assert sharp < dull - 5
     plain = Exciter(robot, replace(settings, by="torques")).optimise()
     assert all(one.judged is None for one in plain.optimum.accounts)
     assert [one.after for one in plain.optimum.accounts] == pytest.approx(

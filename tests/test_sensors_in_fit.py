@@ -1,10 +1,13 @@
 """Sensors beside the drives in a fit: intervals hold, gains follow from a plate, facts scatter."""
 
 import numpy as np
+import polars as pl
 import pytest
 
+import deltaid
 from deltaid.identification.identify import identify
 from deltaid.identification.scatter import Scatter
+from deltaid.recording.mapping import ColumnMapping
 from sensed import CASES, drawn, identified, recorded, sensed
 
 SPREAD = 0.2
@@ -16,7 +19,9 @@ def test_intervals_of_what_sensors_show_hold(case: str) -> None:
     held, z = [], []
     for _ in range(5):
         p = drawn(of.reduction, SPREAD, rng)
-        _, found = identified("clavel-delta3", of, p, SPREAD, rng)
+        problem, found = identified("clavel-delta3", of, p, SPREAD, rng)
+        left = problem.information.rms(problem.values)[3:]
+        np.testing.assert_allclose(left / problem.information.levels, problem.noise, rtol=0.1)
         told = [(one, x) for one, x in zip(found, p, strict=True) if one.determined_by == "data"]
         held += [one.low <= x <= one.high for one, x in told if one.low is not None]
         z += [(one.value - x) / one.std for one, x in told]
@@ -101,3 +106,39 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
     # Neither torques nor the plate are known in N better than the plate's tolerance.
     assert plate.parameters[-1].std > 1e-4
     assert "gain" in plate.parameters[-1].name
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_what_the_robot_holds_hangs_on_the_plate_too(known: bool) -> None:
+    of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(3)
+    bare = of.reduction.p_reg
+    held = bare.copy()
+    held[of.reduction.layout.names.index("P.m")] += 0.8
+    bias = np.array([3.0, -2.0, 5.0, 0.3, 0.2, -0.1])
+    two = [recorded("clavel-delta3", of, p, rng, unknowns=bias) for p in (bare, held)]
+    half = two[0]["t"].max() / 2
+    log = pl.concat([two[0].filter(pl.col("t") < half), two[1].filter(pl.col("t") >= half)])
+    load = {"name": "part", "spans": [[half - 1e-4, 1e6]]} | ({"mass": 0.8} if known else {})
+    mapping = ColumnMapping.model_validate({"load": load})
+    model = identify(of.robot, log, columns=mapping).model
+    (part,), (plate,) = model.loads, model.sensors
+    assert part.mass.value == pytest.approx(0.8, abs=0.01)
+    for one, x in zip(plate.parameters[:6], bias, strict=True):
+        # Of the force upwards the base's own weight is a part.
+        assert abs(one.value - x) < 4 * one.std, one.name
+    for channel in plate.channels:
+        assert channel.left < channel.stated
+
+
+@pytest.mark.parametrize("case", ["wrench", "strut and platform weighed"])
+def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(case: str) -> None:
+    of, rng = sensed("clavel-delta3", case, 0.5), np.random.default_rng(3)
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
+    plain = of.robot.changed(sensors={}, measured=[])
+    bare = log.select([name for name in log.columns if not name.startswith("plate")])
+    keys = ("base-parameters", "excitation")
+    found, alone = (
+        {one.key: one.seen for one in deltaid.identify(robot, rows).verdicts if one.key in keys}
+        for robot, rows in ((of.robot, log), (plain, bare))
+    )
+    assert found == alone

@@ -121,6 +121,7 @@ def test_only_what_no_torque_shows_becomes_free() -> None:
     assert {"m", "Szz", "mcx"} <= set(wrench.robot.bodies["U"].free)
     assert {"mcx", "mcy", "mcz"} <= set(wrench.robot.bodies["P"].free)
     assert "Sxx" not in wrench.robot.bodies["P"].free  # the platform does not turn
+    assert wrench.robot.bodies["S"].free == free["S"]  # torques show what it leaves out
 
 
 def test_one_value_is_given_with_its_axis() -> None:

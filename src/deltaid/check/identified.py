@@ -102,6 +102,9 @@ def identify(
     progress("judging what it tells")
     for one, said, recording in zip(opened, wired, result.recordings, strict=True):
         said = _done(said, recording, result.model.corrections)
+        if any(one.kind == "gain" for one in result.model.corrections):
+            # The drives were off and not the sensor, and have been put right.
+            said = tuple(verdict for verdict in said if verdict.key != "sensor-gain")
         kept = (v for v in said if not _mended(v, result.problem, recording, description))
         found += named(one, kept, several=len(sources) > 1)
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)

@@ -115,21 +115,23 @@ def judged_information(
 
 
 def told_by(dynamics: Dynamics, information: Information) -> Told:
-    """How certain the base parameters are after a recording, and would be after other motions.
+    """How certain the base parameters are after a recording, and would be after other motions, by
+    torques alone.
 
     Raises:
         KinematicsError: the description's limits leave no room for a motion.
     """
-    motions = candidates(dynamics)
+    motions, information = candidates(dynamics), information.of_drives
     usual = motions[0].information
     base = base_parameters(merge([one.information for one in motions]), dynamics.layout)
-    at = np.searchsorted(information.columns, [group.representative for group in base.groups])
+    representatives = [group.representative for group in base.groups]
     scale = _left_open(base)
     weights = _weights(information, motions[0].largest)
     samples = np.where(information.samples > 0, information.samples, information.mean_samples)
 
     def factor(of: Information) -> Float[np.ndarray, "rows base"]:
         share = samples / np.where(of.samples > 0, of.samples, samples)
+        at = np.searchsorted(of.columns, representatives)
         return of.weighted(weights * share)[:, at] * scale
 
     own = factor(information)

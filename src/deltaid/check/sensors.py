@@ -32,8 +32,8 @@ _ALLOWED = 3.0
 _DEAD = 0.2
 # Clipped: so many rows, and this share of all, on the largest or the smallest number.
 _CLIPPED, _OFTEN = 20, 0.005
-# Late: by so many rows, and so many standard deviations.
-_ROWS, _SURE = 1.5, 6.0
+# Late: by so many rows, so many standard deviations, and the misfit is so much less without it.
+_ROWS, _SURE, _BETTER = 1.5, 6.0, 0.9
 # Noise, or what is left, so many times as large as stated.
 _NOISY = 3.0
 
@@ -87,7 +87,8 @@ def _of_sensor(rows: Sheet, sensor: Sensed) -> list[Verdict]:
             return [*found, _late(sensor, late.delay, late.std, rows.row, plain.Q)]
         if (against := _contradiction(misfit, plain)) is not None:
             return [*found, against]
-    if late is not None and abs(late.delay) > max(_ROWS * rows.row, _SURE * late.std):
+    least = max(_ROWS * rows.row, _SURE * late.std) if late is not None else 0.0
+    if late is not None and late.Q < _BETTER * plain.Q and abs(late.delay) > least:
         found.append(_late(sensor, late.delay, late.std, rows.row, plain.Q))
     found += _noisy(rows, misfit, plain)
     return found if worst(found) is not Grade.GOOD else [_good(misfit, plain)]

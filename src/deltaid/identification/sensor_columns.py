@@ -86,21 +86,12 @@ class SensorColumns(Addition):
         return f"sensor {self.rows.name}"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        shown = ", ".join(_told(self.rows.name, one) for one in judged)
-        text = "what it showed was fitted with the torques, in its own units"
-        if judged:
-            text += f"; of the sensor itself this tells {shown}"
+        names = [one.name.removesuffix(f".{self.rows.name}").replace("_", " ") for one in judged]
+        own = f"; unknown of itself and found with the robot: {', '.join(names)}" if names else ""
+        text = f"what it showed was fitted with the torques, in its own units{own}"
         return (Correction(kind="sensor", subject=self.rows.name, text=text),)
 
 
 def _depends(one: Parameter) -> bool:
     """Whether the column of a sensor's unknown goes by what the sensor should show."""
     return one.symbol == "gain" or one.symbol.startswith(("position", "rotation"))
-
-
-def _told(sensor: str, one: Judged) -> str:
-    """One of its unknowns: value, half width of the interval, and what decided it."""
-    what = one.name.removesuffix(f".{sensor}").replace("_", " ")
-    unit = f" {one.unit}" if one.unit else ""
-    how = "" if one.determined_by == "data" else " (its prior)"
-    return f"{what} {one.value:.4g} ± {1.96 * one.std:.2g}{unit}{how}"
