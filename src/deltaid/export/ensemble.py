@@ -32,7 +32,9 @@ def write_ensemble(samples: Samples, folder: str | Path) -> Path:
             for body in model.layout.bodies:
                 if reason := why_not_physical(model.body(body)):
                     raise DeltaidError(
-                        f"body {body} cannot be exported: {reason}", where=model.source
+                        f"body {body} cannot be exported: {reason}",
+                        where=model.source,
+                        cure="draw with another --seed, or fewer models",
                     )
             name = f"model_{i + 1:0{digits}}.xml"
             (place / name).write_text(mjcf(model), encoding="utf-8")
