@@ -49,8 +49,7 @@ class SensorPart:
     Attributes:
         columns: the sensor.
         pattern: channel and column of each entry, columns as of the fit; those of loads last.
-        loads: for each load its number among the additions, the entries of its carrier, and the
-            first of its columns.
+        loads: each load with the entries of its carrier.
     """
 
     columns: SensorColumns

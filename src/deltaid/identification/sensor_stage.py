@@ -31,25 +31,19 @@ def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple
         own = tuple(islice(rest, len(one.parameters)))
         if not isinstance(one, SensorColumns):
             continue
-        channels = one.rows.channels
-        at = range(k, k + len(channels))
-        k += len(channels)
-        found.append(
-            FittedSensor(
-                name=one.rows.name,
-                channels=tuple(
-                    FittedChannel(
-                        name=channel.name,
-                        unit=channel.unit,
-                        stated=channel.noise,
-                        left=float(left[i]),
-                        largest=float(information.torque_max[i]),
-                    )
-                    for channel, i in zip(channels, at, strict=True)
-                ),
-                parameters=own,
+        at = range(k, k + len(one.rows.channels))
+        k = at.stop
+        channels = tuple(
+            FittedChannel(
+                name=channel.name,
+                unit=channel.unit,
+                stated=channel.noise,
+                left=float(left[i]),
+                largest=float(information.torque_max[i]),
             )
+            for channel, i in zip(one.rows.channels, at, strict=True)
         )
+        found.append(FittedSensor(name=one.rows.name, channels=channels, parameters=own))
     return tuple(found)
 
 
