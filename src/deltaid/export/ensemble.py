@@ -3,11 +3,10 @@
 import csv
 from pathlib import Path
 
-from deltaid.errors import DeltaidError
+from deltaid.export.files import require_physical
 from deltaid.export.mjcf import mjcf
 from deltaid.files import new_folder
 from deltaid.model.samples import Samples
-from deltaid.robot.body_inertia import why_not_physical
 
 INDEX = "index.csv"
 
@@ -29,11 +28,7 @@ def write_ensemble(samples: Samples, folder: str | Path) -> Path:
         index = csv.writer(file, lineterminator="\n")
         index.writerow(["file", *samples.names])
         for i, model in enumerate(samples.models()):
-            for body in model.layout.bodies:
-                if reason := why_not_physical(model.body(body)):
-                    raise DeltaidError(
-                        f"body {body} cannot be exported: {reason}", where=model.source
-                    )
+            require_physical(model)
             name = f"model_{i + 1:0{digits}}.xml"
             (place / name).write_text(mjcf(model), encoding="utf-8")
             index.writerow([name, *map(repr, model.p.tolist())])
