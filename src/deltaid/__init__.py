@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from deltaid.mechanism.user_code import use_mechanism
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
+    from deltaid.model.samples import Samples
     from deltaid.planning.bench import PlanSettings
     from deltaid.planning.offers import Offers, load_offers
     from deltaid.planning.plan import SensorPlan, sensor_plan
@@ -67,6 +68,7 @@ _HOME = {
     "PlanSettings": "deltaid.planning.bench",
     "SensorPlan": "deltaid.planning.plan",
     "RobotDescription": "deltaid.robot.description",
+    "Samples": "deltaid.model.samples",
     "Settings": "deltaid.model.record",
     "Verdict": "deltaid.check.verdict",
     "build_limb": "deltaid.mechanism.limb",
@@ -109,6 +111,7 @@ __all__ = [
     "Proposal",
     "Recording",
     "RobotDescription",
+    "Samples",
     "SensorPlan",
     "Settings",
     "Verdict",

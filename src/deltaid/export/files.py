@@ -129,7 +129,7 @@ def write_export(
         DeltaidError: the target cannot hold the model, or a file cannot be written.
     """
     subject = load(model)
-    _require_physical(subject)
+    require_physical(subject)
     path = output_path(target, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
@@ -141,7 +141,7 @@ def write_export(
     return Written(paths, export.warnings)
 
 
-def _require_physical(model: Model) -> None:
+def require_physical(model: Model) -> None:
     """Refuse bodies that the target's own reader would refuse."""
     for name in model.layout.bodies:
         reason = why_not_physical(model.body(name))
