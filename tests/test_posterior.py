@@ -29,14 +29,14 @@ from deltaid.posterior import draw
 from deltaid.posterior.density import Density, density
 from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.sampler import Chains
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from posteriors import by_rejection, matrices, ten
+from test_loads import table
 
 ROBOT = "clavel-delta3"
-# Entries of M̄ = [[Σ, mc], [mcᵀ, m]] by the names that a description frees.
-PLACE = {"Sxx": (0, 0), "Syy": (1, 1), "Szz": (2, 2), "m": (3, 3), "Sxy": (0, 1), "Sxz": (0, 2),
-         "Syz": (1, 2), "mcx": (0, 3), "mcy": (1, 3), "mcz": (2, 3)}  # fmt: skip
 
 
 def stout() -> RobotDescription:
@@ -96,77 +96,6 @@ def with_spread(model: IdentifiedModel, spread: float) -> IdentifiedModel:
     """The same data under a tighter prior, so that rejection finds enough."""
     assert model.posterior is not None
     return model.changed(posterior=model.posterior.changed(spread=spread))
-
-
-def ten(M: np.ndarray) -> np.ndarray:
-    """Ten parameters of pseudo-inertia matrices: Θ = tr(Σ) 1 − Σ."""
-    S, m, mc = M[..., :3, :3], M[..., 3, 3], M[..., :3, 3]
-    trace = np.trace(S, axis1=-2, axis2=-1)
-    diagonal = trace[..., None] - np.diagonal(S, axis1=-2, axis2=-1)
-    rest = [-S[..., i, j] for i, j in ((0, 1), (1, 2), (0, 2))]
-    return np.concatenate([m[..., None], mc, diagonal, np.stack(rest, axis=-1)], axis=-1)
-
-
-def matrices(p: np.ndarray) -> np.ndarray:
-    """And back."""
-    M = np.zeros((len(p), 4, 4))
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
-        M[:, i, j] = M[:, j, i] = -p[:, 7 + k]
-    for i in range(3):
-        M[:, i, i] = 0.5 * p[:, 4:7].sum(axis=1) - p[:, 4 + i]
-    M[:, :3, 3] = M[:, 3, :3] = p[:, 1:4]
-    M[:, 3, 3] = p[:, 0]
-    return M
-
-
-def by_rejection(model: IdentifiedModel, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws of p: normal by data and prior, kept where every body and coefficient can be."""
-    robot, record, names = model.robot, model.posterior, model.layout.names
-    assert record is not None
-    p_prior, columns = prior_parameters(robot), []
-    for b, body in enumerate(model.layout.bodies):
-        hidden = [s for s, (i, j) in PLACE.items() if i == j and s not in robot.bodies[body].free]
-        for entry in (*robot.bodies[body].free, *hidden):
-            unit = np.zeros((4, 4))
-            i, j = PLACE[entry]
-            unit[i, j] = unit[j, i] = 1
-            column = np.zeros(len(names))
-            column[10 * b : 10 * b + 10] = ten(unit)
-            touched = {names[k] for k in np.flatnonzero(column)}
-            if entry in robot.bodies[body].free or touched <= set(record.unseen):
-                columns.append(column)
-    joints = np.eye(len(names))[10 * len(model.layout.bodies) :]
-    A = np.array([*columns, *joints]).T
-    K = np.array([[row.get(name, 0.0) for name in names] for row in record.combinations])
-    L = np.zeros((len(K), len(K)))
-    for row, numbers in zip(L, record.factor, strict=True):
-        row[: len(numbers)] = numbers
-    size = np.abs(p_prior)
-    for b in range(len(model.layout.bodies)):
-        m, second = p_prior[10 * b], 0.5 * p_prior[10 * b + 4 : 10 * b + 7].sum()
-        own = m * np.array([1.0, *[np.sqrt(second / m)] * 3, *[second / m] * 6])
-        part = slice(10 * b, 10 * b + 10)
-        size[part] = np.where(p_prior[part] != 0, size[part], own)
-    moved = np.any(A != 0, axis=1)
-    W = np.linalg.inv(L)
-    rows = np.vstack([W @ K @ A, A[moved] / (record.spread * size[moved])[:, None]])
-    right = np.concatenate([W @ (np.array(record.values) - K @ p_prior), np.zeros(moved.sum())])
-    scale = 1 / np.linalg.norm(rows, axis=0)
-    Q, R = np.linalg.qr(rows * scale)
-    mean, root = np.linalg.solve(R, Q.T @ right), np.linalg.inv(R)
-    kept = []
-    for _ in range(100):
-        if sum(map(len, kept)) >= count:
-            break
-        x = scale * (mean + rng.standard_normal((200_000, len(mean))) @ root.T)
-        p = p_prior + x @ A.T
-        p = p[np.all(p[:, joints.argmax(axis=1)] > 0, axis=1)]
-        for b in range(len(model.layout.bodies)):
-            M = matrices(p[:, 10 * b : 10 * b + 10])
-            p = p[np.linalg.eigvalsh(M)[:, 0] > 0]
-        kept.append(p)
-    assert sum(map(len, kept)) >= count, "hardly any draw can exist"
-    return np.vstack(kept)[:count]
 
 
 def test_draws_are_those_of_rejection(model: IdentifiedModel) -> None:
@@ -506,3 +435,38 @@ def test_a_folder_that_fails_leaves_nothing(
         model.sample(3).mjcf(tmp_path / "folder")
     assert len(written) == 2
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("held", ["cycles", "always"])
+def test_what_is_beside_the_robot_is_averaged_out(held: str) -> None:
+    """Against the joint normal distribution of base parameters and of what is beside them."""
+    columns = ColumnMapping(load=deltaid.Load(column="gripper"))
+    found = identify(ROBOT, table(3, held, ROBOT), columns=columns)
+    problem, record = found.problem, found.model.posterior
+    assert record is not None
+    assert problem.layout.added >= 10
+    own, base = len(problem.p), problem.base
+    K, robots = base.combination(), np.array([g.representative < own for g in base.groups])
+    r, added = int(robots.sum()), problem.layout.added
+    design = np.zeros((len(K), r + added))
+    design[robots, :r] = np.eye(r)
+    design[:, r:] = K[:, own:]
+    scale = np.array([one.scale for one in problem.layout.parameters[own:]])
+    prior = np.array([one.prior for one in problem.layout.parameters[own:]])
+    size = np.sqrt(np.diag(base_covariance(problem)))
+    information = np.linalg.inv(base_covariance(problem) / np.outer(size, size))
+    unit = np.concatenate([size[robots], record.spread * scale])
+    scaled = design / size[:, None] * unit
+    H = scaled.T @ information @ scaled
+    H[r:, r:] += np.eye(added)
+    g = scaled.T @ information @ (problem.estimate.values / size)
+    g[r:] += prior / (record.spread * scale)
+    joint = np.linalg.inv(H)
+    values = (joint @ g)[:r] * unit[:r]
+    std = np.sqrt(np.diag(joint)[:r]) * unit[:r]
+    np.testing.assert_allclose(np.linalg.norm(record.root, axis=1), std, rtol=1e-4)
+    assert np.abs(np.array(record.values) - values).max() < 1e-3 * np.abs(values).max()
+    assert np.all(np.abs(np.array(record.values) - values) < 1e-2 * std)
+    wider = std / np.sqrt(np.diag(base_covariance(problem)))[robots]
+    assert (wider.max() > 2) == (held == "always")
+    assert min(least_margin(found.model.layout, p)[1] for p in found.model.sample(20).p) > 0
