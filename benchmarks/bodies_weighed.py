@@ -5,26 +5,34 @@
 
 Robots are drawn from their own prior (spread 0.2, consistent), and recorded with 1 % torque noise;
 each leaves `tables/bodies_weighed.md`: predicted standard deviations over the scatter of errors,
-and the share of 95 % intervals that hold, of all entries that data or measured values decide. The
-tests run some seeds (`tests/test_sensors_in_fit.py`, `tests/test_weighings.py`).
+and the share of 95 % intervals that hold, of all entries that data or measured values decide; by
+the intervals of the fit, and by models drawn from its posterior, whose mean is the estimate that
+goes with them. Tests run some seeds (`tests/test_sensors_in_fit.py`, `tests/test_weighings.py`).
 """
 
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from _table import leave
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from deltaid.identification.identify import identify
+from deltaid.model.model import load
+from deltaid.model.record import Settings
 from deltaid.parallel import cores
-from sensed import CASES, drawn, identified, sensed
+from deltaid.posterior.draw import draw
+from sensed import CASES, drawn, recorded, sensed, weighed
 
-SPREAD = 0.2
+SPREAD, MODELS = 0.2, 4000
 ROBOTS = ("clavel-delta3", "irb360-6-1600")
 HEAD = (
     "robot",
     "with",
+    "intervals",
     "seeds",
     "entries",
     "std over scatter, rms",
@@ -37,31 +45,53 @@ HEAD = (
 _MOSTLY = 0.9
 
 
-def one(name: str, case: str, seed: int) -> tuple[np.ndarray, ...]:
-    """Errors, standard deviations, whether intervals hold, and whether data decides, by entry."""
+class Told(NamedTuple):
+    """What a fit says of each entry: by its intervals, or by models drawn from its posterior."""
+
+    error: np.ndarray
+    std: np.ndarray
+    held: np.ndarray
+
+
+def one(name: str, case: str, seed: int) -> tuple[np.ndarray, dict[str, Told]]:
+    """Whether data decides each entry of one drawn robot, and what is told of it, by the kind of
+    interval."""
     rng, of = np.random.default_rng(1000 + seed), sensed(name, case, SPREAD)
     p = drawn(of.reduction, SPREAD, rng)
-    _, found = identified(name, of, p, SPREAD, rng)
-    return (
-        np.array([each.value for each in found]) - p,
-        np.array([each.std for each in found]),
-        np.array([each.low <= x <= each.high for each, x in zip(found, p, strict=True)]),
-        np.array([each.determined_by in ("data", "measured") for each in found]),
-    )
+    robot, log = weighed(of, p, rng), recorded(name, of, p, rng)
+    model = identify(robot, log, settings=Settings(prior_spread=SPREAD)).model
+    found = model.parameters
+    low, high, value, std = np.array([(x.low, x.high, x.value, x.std) for x in found]).T
+    draws = draw(load(model), MODELS, seed).p
+    ends = np.quantile(draws, (0.025, 0.975), axis=0)
+    return np.array([x.determined_by in ("data", "measured") for x in found]), {
+        "linear": Told(value - p, std, (low <= p) & (p <= high)),
+        "posterior": Told(draws.mean(0) - p, draws.std(0), (ends[0] <= p) & (p <= ends[1])),
+    }
 
 
-def row(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> tuple[object, ...]:
-    """One row of the table."""
+def rows(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[object, ...]]:
+    """Rows of the table, one for each kind of interval."""
     results = list(pool.map(one, [name] * seeds, [case] * seeds, range(seeds)))
-    errors, stds, held, decided = map(np.array, zip(*results, strict=True))
-    some = decided.mean(axis=0) >= _MOSTLY
-    scatter = np.sqrt(np.mean(errors[:, some] ** 2, axis=0))
-    ratio = np.sqrt(np.mean(stds[:, some] ** 2, axis=0)) / scatter
-    share = held[:, some].mean(axis=0)
+    some = np.mean([decided for decided, _ in results], axis=0) >= _MOSTLY
+    return [
+        row(name, case, kind, [told[kind] for _, told in results], some)
+        for kind in ("linear", "posterior")
+    ]
+
+
+def row(
+    name: str, case: str, kind: str, told: Sequence[Told], some: np.ndarray
+) -> tuple[object, ...]:
+    """Deviations over the scatter of errors, and how often intervals hold, of some entries."""
+    error, std, held = (np.array(each)[:, some] for each in zip(*told, strict=True))
+    ratio = np.sqrt(np.mean(std**2, axis=0) / np.mean(error**2, axis=0))
+    share = held.mean(axis=0)
     return (
         name,
         case,
-        seeds,
+        kind,
+        len(told),
         int(some.sum()),
         f"{np.sqrt(np.mean(ratio**2)):.3f}",
         f"{ratio.min():.2f}",
@@ -75,8 +105,8 @@ def main() -> int:
     """Count, print, and write a table."""
     seeds = int(sys.argv[1]) if sys.argv[1:] else 100
     with ProcessPoolExecutor(cores()) as pool:
-        rows = [row(name, case, seeds, pool) for name in ROBOTS for case in CASES]
-    leave(HEAD, rows, "Robots drawn from their priors; entries that data or a scale decides.")
+        table = [one for name in ROBOTS for case in CASES for one in rows(name, case, seeds, pool)]
+    leave(HEAD, table, "Robots drawn from their priors; entries that data or a scale decides.")
     return 0
 
 

@@ -175,16 +175,20 @@ def recorded(
     return pl.DataFrame(columns)
 
 
+def weighed(of: Sensed, p: np.ndarray, rng: np.random.Generator) -> RobotDescription:
+    """The robot with what scales say of one whose parameters are p."""
+    return of.robot.changed(measured=[
+        {"of": one.of, "mass": float(row.coefficients @ p + row.std * rng.standard_normal()),
+         "std": row.std}
+        for one, row in zip(of.robot.measured, weighings(of.robot), strict=True)
+    ])  # fmt: skip
+
+
 def identified(
     name: str, of: Sensed, p: np.ndarray, spread: float, rng: np.random.Generator
 ) -> tuple[FittedProblem, tuple[Parameter, ...]]:
     """The fit of one recording, and the robot's parameters with intervals."""
-    values = [
-        {"of": one.of, "mass": float(row.coefficients @ p + row.std * rng.standard_normal()),
-         "std": row.std}
-        for one, row in zip(of.robot.measured, weighings(of.robot), strict=True)
-    ]  # fmt: skip
-    robot = of.robot.changed(measured=values)
+    robot = weighed(of, p, rng)
     dynamics = compiled(robot)
     recordings = open_recordings([recorded(name, of, p, rng)], dynamics.kinematics)
     sensors = [SensorColumns.of(dynamics, each, spread) for each in robot.sensors]
