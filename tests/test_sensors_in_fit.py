@@ -7,8 +7,9 @@ import pytest
 import deltaid
 from deltaid.identification.identify import identify
 from deltaid.identification.scatter import Scatter
+from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
-from sensed import CASES, drawn, identified, recorded, sensed
+from sensed import CASES, drawn, identified, motion, recorded, sensed, weighed
 
 SPREAD = 0.2
 
@@ -142,3 +143,25 @@ def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(case: 
         for robot, rows in ((of.robot, log), (plain, bare))
     )
     assert found == alone
+
+
+@pytest.mark.parametrize("case", ["wrench", "strut and platform weighed"])
+def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(case: str) -> None:
+    """Drag by the square of speed: more columns come when gains and facts are known already."""
+    of, rng = sensed("clavel-delta3", case, SPREAD), np.random.default_rng(3)
+    p, (_, _, _, qd, _) = drawn(of.reduction, SPREAD, rng), motion("clavel-delta3")
+    log = recorded("clavel-delta3", of, p, rng)
+    for i, v in enumerate(qd.T):
+        tau = log[f"tau{i + 1}"].to_numpy()
+        drag = 0.05 * np.abs(tau).max() * np.sign(v) * (v / np.abs(v).max()) ** 2
+        log = log.with_columns(pl.Series(f"tau{i + 1}", tau + drag))
+    model = identify(weighed(of, p, rng), log, settings=Settings(prior_spread=SPREAD)).model
+    laws = [one.text for one in model.corrections if one.kind == "friction"]
+    assert len(laws) == 3
+    assert all("|speed|" in text for text in laws)
+    gains = [one.value for one in model.corrections if one.kind == "gain"]
+    assert gains == pytest.approx([1.0] * len(gains), abs=5e-3)
+    true = dict(zip(of.reduction.layout.names, p, strict=True))
+    known = [x for x in model.parameters if x.determined_by in ("data", "measured")]
+    held = [x.low <= true[x.name] <= x.high for x in known if x.name in true and x.name[1] == "."]
+    assert np.mean(held) > 0.8

@@ -108,7 +108,22 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
     assert not [text for text in right if "measured" in text]
     wrong = [one | {"mass": one["mass"] + off} if one["of"] == body else one for one in values]
     told = identify(of.robot.changed(measured=wrong), log).model.warnings
-    assert any("standard deviations apart" in text and "mass" in text for text in told)
+    assert any(
+        "standard deviations apart" in text and "the recording says" in text for text in told
+    )
+
+
+def test_a_weighing_that_only_consistency_contradicts_is_told() -> None:
+    of, rng = sensed("clavel-delta3", "platform weighed", 0.5), np.random.default_rng(8)
+    p = of.reduction.p_reg
+    log, (row,) = recorded("clavel-delta3", of, p, rng), weighings(of.robot)
+    heavy = [{"of": "P", "mass": 3.0 * float(row.coefficients @ p), "std": 0.005}]
+    (told,) = (
+        text
+        for text in identify(of.robot.changed(measured=heavy), log).model.warnings
+        if text.startswith("measured")
+    )
+    assert "the fit, whose bodies must be possible, says" in told
 
 
 def test_only_what_no_torque_shows_becomes_free() -> None:

@@ -38,8 +38,7 @@ def _facts(
     information: Information, weighings: Sequence[Weighing], sigma: float
 ) -> Float[np.ndarray, "facts augmented"]:
     rows = [
-        sigma / one.std * np.append(one.coefficients[information.columns], one.value)
-        for one in weighings
+        sigma / one.std * np.append(one.over(information.columns), one.value) for one in weighings
     ]
     return np.reshape(rows, (len(rows), len(information.columns) + 1))
 

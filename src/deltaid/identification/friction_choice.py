@@ -94,7 +94,7 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
         return setup  # too short to look at; the fit says so where it matters
     robot, choice = choose_friction(rows, progress)
     told = _corrections(setup.robot, robot, choice)
-    setup = setup.changed(robot=robot, friction_choice=choice).told(told, "friction")
+    setup = setup.with_robot(robot).changed(friction_choice=choice).told(told, "friction")
     constants = LawConstants(setup.dynamics)
     return setup.changed(
         additions=(*setup.additions, *([constants] if constants.parameters else []))

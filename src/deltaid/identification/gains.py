@@ -89,6 +89,20 @@ class Gains(Addition):
         )
         return Free(variables, A, np.zeros(len(A)), ())
 
+    def on(self, dynamics: Dynamics) -> "Gains":
+        """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
+        if dynamics is self.dynamics:
+            return self
+        before, own = self.dynamics.layout.names, len(self.dynamics.layout.names)
+        known = dict(zip(before, self.values[:own].tolist(), strict=True))
+        p = [known.get(name, 0.0) for name in dynamics.layout.names]
+        return replace(
+            self,
+            dynamics=dynamics,
+            values=np.append(p, self.values[own:]),
+            others=tuple(one.on(dynamics) for one in self.others),
+        )
+
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
         torque, first = w.carried.T.copy(), len(self.dynamics.layout.names)

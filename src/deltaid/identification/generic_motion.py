@@ -89,12 +89,10 @@ def _with_more(
             factors.append(triangle(padded))
     samples = np.full(len(factors), float(_SAMPLES))
     information = Information(columns, np.stack(factors), samples, np.ones(len(factors)))
-    known = [np.append(one.coefficients[columns[columns < own]], np.zeros(1)) for one in facts]
-    if not known:
+    if not facts:
         return information
-    wide = np.zeros((len(known), len(columns) + 1))
-    wide[:, : len(known[0]) - 1] = [one[:-1] for one in known]
-    return replace(information, facts=wide)
+    known = np.array([np.append(one.over(columns), 0.0) for one in facts])
+    return replace(information, facts=known)
 
 
 def _widened(

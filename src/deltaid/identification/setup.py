@@ -66,6 +66,11 @@ class Setup:
         """The same with other values."""
         return replace(self, **values)
 
+    def with_robot(self, robot: RobotDescription) -> "Setup":
+        """The same for a description with other friction laws, additions beside its columns."""
+        additions = tuple(one.on(compiled(robot)) for one in self.additions)
+        return self.changed(robot=robot, additions=additions)
+
     def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
         """The same with one more thing put right in a recording, by fields of `Repairs`."""
         now: Repairs = replace(recording.repairs, **repairs)

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.robot.description import RobotDescription
@@ -57,6 +57,11 @@ class Weighing:
     coefficients: Float[np.ndarray, " parameters"]
     value: float
     std: float
+
+    def over(self, columns: Int[np.ndarray, " columns"]) -> Float[np.ndarray, " columns"]:
+        """c at some columns of a fit; what is fitted beside the robot follows its parameters."""
+        own = columns < len(self.coefficients)
+        return np.where(own, self.coefficients[np.where(own, columns, 0)], 0.0)
 
     def shown(self, value: float) -> str:
         """A value of it to a tenth of its standard deviation."""
