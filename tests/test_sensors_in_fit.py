@@ -1,5 +1,7 @@
 """Sensors beside the drives in a fit: intervals hold, gains follow from a plate, facts scatter."""
 
+from collections.abc import Callable
+
 import numpy as np
 import polars as pl
 import pytest
@@ -173,20 +175,39 @@ def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(case: 
     assert found == alone
 
 
-@pytest.mark.parametrize("case", ["wrench", "strut and platform weighed"])
-def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(case: str) -> None:
-    """Drag by the square of speed: more columns come when gains and facts are known already."""
+def drag(v: np.ndarray) -> np.ndarray:
+    """By the square of speed."""
+    return np.sign(v) * v**2
+
+
+def drag_backwards(v: np.ndarray) -> np.ndarray:
+    """By speed, in one direction."""
+    return np.minimum(v, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("case", "shape", "word"),
+    [
+        ("wrench", drag, "|speed|"),
+        ("strut and platform weighed", drag, "|speed|"),
+        ("gauges", drag_backwards, "each direction its own"),
+    ],
+)
+def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
+    case: str, shape: Callable[[np.ndarray], np.ndarray], word: str
+) -> None:
+    """More columns come when gains and facts are known already; gains give friction no scale."""
     of, rng = sensed("clavel-delta3", case, SPREAD), np.random.default_rng(3)
     p, (_, _, _, qd, _) = drawn(of.reduction, SPREAD, rng), motion("clavel-delta3")
     log = recorded("clavel-delta3", of, p, rng)
     for i, v in enumerate(qd.T):
         tau = log[f"tau{i + 1}"].to_numpy()
-        drag = 0.05 * np.abs(tau).max() * np.sign(v) * (v / np.abs(v).max()) ** 2
-        log = log.with_columns(pl.Series(f"tau{i + 1}", tau + drag))
+        more = 0.05 * np.abs(tau).max() * shape(v / np.abs(v).max())
+        log = log.with_columns(pl.Series(f"tau{i + 1}", tau + more))
     model = identify(weighed(of, p, rng), log, settings=Settings(prior_spread=SPREAD)).model
     laws = [one.text for one in model.corrections if one.kind == "friction"]
     assert len(laws) == 3
-    assert all("|speed|" in text for text in laws)
+    assert all(word in text for text in laws)
     gains = [one.value for one in model.corrections if one.kind == "gain"]
     assert gains == pytest.approx([1.0] * len(gains), abs=5e-3)
     true = dict(zip(of.reduction.layout.names, p, strict=True))
