@@ -30,6 +30,9 @@ from deltaid.robot.tolerances import Tolerances
 # rounding, and so small that no other joint turns round within it.
 STEP = 1e-6
 
+# Names of what is common to torque constants, and of one drive's.
+CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
+
 # Torques of all drives, or channels of a sensor, at some samples.
 Shown = Float[np.ndarray, "channels samples"]
 
@@ -88,7 +91,11 @@ def geometric_errors(
     smooth[layout.friction] = 0.0
     smooth[layout.viscous] = p[layout.viscous]
     slopes = TorqueSlopes(grown, z, np.hstack([qd, qdd]), smooth, np.array(robot.gravity))
-    return errors_by(robot, slopes, tolerances)
+    torque = dynamics.torque(z, qd, qdd, p).T
+    return (
+        *errors_by(robot, slopes, tolerances),
+        *_of_constants(robot, tolerances or robot.tolerances, torque),
+    )
 
 
 def errors_by(
@@ -205,6 +212,17 @@ def _of_zeros(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterat
         size = by.of_drive(drive)
         if size:
             yield Error(f"zero of {drive}", size * slopes.of_zero(i))
+
+
+def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Iterator[Error]:
+    """What drives record more, all alike and each."""
+    if not by.torque_constants:
+        return
+    yield Error(CONSTANTS, by.torque_constants * torque)
+    for i, drive in enumerate(robot.drives):
+        own = np.zeros_like(torque)
+        own[i] = by.torque_constants * torque[i]
+        yield Error(f"{CONSTANT_OF} {drive}", own)
 
 
 def _of_gravity(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:
