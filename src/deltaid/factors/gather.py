@@ -1,0 +1,131 @@
+"""One recording condensed: identified by itself, put right, and gathered with columns for any law."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.factors.columns import GatheredColumns, plain
+from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
+from deltaid.factors.target import maps
+from deltaid.identification.additions import Addition, Extended
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.gathering import gather
+from deltaid.identification.information import Information, merge, triangle
+from deltaid.identification.lag_columns import LagColumns, alone
+from deltaid.identification.load_columns import LoadColumns
+from deltaid.identification.measured_rows import MeasuredRows
+from deltaid.identification.places import Places
+from deltaid.identification.warmth import Warmth
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.recording.recording import Recording
+from deltaid.robot.description import RobotDescription
+
+# A place is so large that a recording's range along an axis is cut into three to six parts.
+_PARTS = 3
+
+
+def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
+    """The columns of a recording that has been fitted by itself.
+
+    Lags see the slope of the fitted model's torques.
+    """
+    robot = problem.dynamics.robot
+    kept = tuple(one for one in problem.additions if isinstance(one, LoadColumns | Warmth))
+    p_plain = _plain_values(problem)
+    columns = GatheredColumns.of(robot, p_plain, kept)
+    T = maps(columns, problem.dynamics, kept)
+    values = np.concatenate([problem.p, *(_values(problem, one) for one in kept)])
+    p = np.zeros(len(columns.names))
+    # What a drive's torque is made of is the same in all gathered columns that it feels.
+    p[columns.kept] = T[0] @ values
+    lags = LagColumns(columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof))
+    return replace(columns, additions=(*columns.additions, lags))
+
+
+def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
+    """A recording's factors over gathered columns."""
+    rows = MeasuredRows(columns.regressor)
+    lattice = _lattice(columns.dynamics.robot, recording.log.reach)
+    box, parts = lattice
+    places = Places(box, rows.dof, len(rows.active) + 1, parts)
+    blocks = gather(rows, recording, places, count=STRETCHES)
+    at = np.searchsorted(rows.active, columns.kept)
+    drives, entries = rows.regressor_pattern
+    felt = tuple(
+        np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
+    )
+    places_at = [np.append(at[one], len(rows.active)) for one in felt]
+
+    def group(name: str, part: Information) -> Group:
+        factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(places_at))
+        return Group(name, tuple(factors), part.samples, part.torque_max)
+
+    stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
+    return Condensed(
+        tuple(columns.names[k] for k in columns.kept),
+        felt,
+        group("whole", merge(blocks)),
+        (*stretches, *_by_place(places.sums, places_at)),
+    )
+
+
+def _by_place(
+    sums: Float[np.ndarray, "places drives augmented augmented"], at: Sequence[np.ndarray]
+) -> list[Group]:
+    """The places that are visited most, and one for all others."""
+    weight = np.einsum("pijj->p", sums)
+    visited = np.flatnonzero(weight > 0)
+    visited = visited[np.argsort(-weight[visited], kind="stable")]
+    own, rest = visited[: PLACES - 1], visited[PLACES - 1 :]
+    named = [(f"place {k}", sums[k]) for k in np.sort(own)]
+    if rest.size:
+        named.append(("place elsewhere", sums[rest].sum(axis=0)))
+    none = np.zeros(len(at))
+    return [
+        Group(
+            name,
+            tuple(_root(G[i][np.ix_(own, own)]) for i, own in enumerate(at)),
+            none,
+            none,
+        )
+        for name, G in named
+    ]
+
+
+def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
+    """R with RᵀR = G, G positive semidefinite."""
+    values, vectors = np.linalg.eigh(G)
+    return triangle(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+
+
+def _lattice(
+    robot: RobotDescription, reach: Float[np.ndarray, "2 3"]
+) -> tuple[Float[np.ndarray, "2 3"], tuple[int, int, int]]:
+    """Cells of a lattice that is the same for all recordings whose ranges are alike."""
+    box = robot.workspace.bounding_box
+    span = np.maximum(reach[1] - reach[0], 1e-9)
+    whole = np.maximum(box[1] - box[0], 1e-9)
+    size = whole / (_PARTS * 2.0 ** np.floor(np.log2(np.maximum(whole / span, 1.0))))
+    first = np.floor((reach[0] - box[0]) / size)
+    count = np.maximum(1, np.ceil((reach[1] - box[0]) / size) - first).astype(int)
+    low = box[0] + first * size
+    return np.stack([low, low + count * size]), (int(count[0]), int(count[1]), int(count[2]))
+
+
+def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
+    """The fitted parameters of the robot with plain friction."""
+    dynamics = compiled(plain(problem.dynamics.robot))
+    known = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    prior = prior_parameters(dynamics.robot)
+    return np.array(
+        [known.get(n, x) for n, x in zip(dynamics.layout.names, prior.tolist(), strict=True)]
+    )
+
+
+def _values(problem: FittedProblem, one: Addition) -> Float[np.ndarray, " own"]:
+    """What was fitted of an addition."""
+    names = list(problem.layout.names)
+    return problem.values[[names.index(parameter.name) for parameter in one.parameters]]
