@@ -36,17 +36,20 @@ class Condensed:
         felt: places of those that each drive feels among them.
         whole: all samples.
         groups: the same in stretches of time, then by place.
+        geometry: some samples, with what tolerances of the description do to them before τ; None
+            where there are none.
     """
 
     names: tuple[str, ...]
     felt: tuple[Int[np.ndarray, " _"], ...]
     whole: Group
     groups: tuple[Group, ...]
+    geometry: Group | None = None
 
     def over(self, group: Group) -> Float[np.ndarray, "drives augmented augmented"]:
         """Factors of a group over all columns and τ."""
         n = len(self.names)
         wide = np.zeros((len(group.factors), n + 1, n + 1))
         for i, (R, at) in enumerate(zip(group.factors, self.felt, strict=True)):
-            wide[i, : len(R), np.append(at, n)] = R.T
+            wide[i][: len(R), np.append(at, n)] = R
         return wide

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
+from deltaid.factors.lattice import Lattice
 from deltaid.factors.target import maps
 from deltaid.identification.additions import Addition, Extended
 from deltaid.identification.fit import FittedProblem
@@ -22,9 +23,6 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
-
-# A place is so large that a recording's range along an axis is cut into three to six parts.
-_PARTS = 3
 
 
 def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
@@ -48,9 +46,8 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
 def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
     """A recording's factors over gathered columns."""
     rows = MeasuredRows(columns.regressor)
-    lattice = _lattice(columns.dynamics.robot, recording.log.reach)
-    box, parts = lattice
-    places = Places(box, rows.dof, len(rows.active) + 1, parts)
+    lattice = Lattice.over(columns.dynamics.robot, recording.log.reach)
+    places = Places(lattice.box, rows.dof, len(rows.active) + 1, lattice.parts)
     blocks = gather(rows, recording, places, count=STRETCHES)
     at = np.searchsorted(rows.active, columns.kept)
     drives, entries = rows.regressor_pattern
@@ -68,19 +65,21 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
         tuple(columns.names[k] for k in columns.kept),
         felt,
         group("whole", merge(blocks)),
-        (*stretches, *_by_place(places.sums, places_at)),
+        (*stretches, *_by_place(places.sums, places_at, lattice)),
     )
 
 
 def _by_place(
-    sums: Float[np.ndarray, "places drives augmented augmented"], at: Sequence[np.ndarray]
+    sums: Float[np.ndarray, "places drives augmented augmented"],
+    at: Sequence[np.ndarray],
+    lattice: Lattice,
 ) -> list[Group]:
     """The places that are visited most, and one for all others."""
     weight = np.einsum("pijj->p", sums)
     visited = np.flatnonzero(weight > 0)
     visited = visited[np.argsort(-weight[visited], kind="stable")]
     own, rest = visited[: PLACES - 1], visited[PLACES - 1 :]
-    named = [(f"place {k}", sums[k]) for k in np.sort(own)]
+    named = [(lattice.name(int(k)), sums[k]) for k in np.sort(own)]
     if rest.size:
         named.append(("place elsewhere", sums[rest].sum(axis=0)))
     none = np.zeros(len(at))
@@ -99,20 +98,6 @@ def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
     """R with RᵀR = G, G positive semidefinite."""
     values, vectors = np.linalg.eigh(G)
     return triangle(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
-
-
-def _lattice(
-    robot: RobotDescription, reach: Float[np.ndarray, "2 3"]
-) -> tuple[Float[np.ndarray, "2 3"], tuple[int, int, int]]:
-    """Cells of a lattice that is the same for all recordings whose ranges are alike."""
-    box = robot.workspace.bounding_box
-    span = np.maximum(reach[1] - reach[0], 1e-9)
-    whole = np.maximum(box[1] - box[0], 1e-9)
-    size = whole / (_PARTS * 2.0 ** np.floor(np.log2(np.maximum(whole / span, 1.0))))
-    first = np.floor((reach[0] - box[0]) / size)
-    count = np.maximum(1, np.ceil((reach[1] - box[0]) / size) - first).astype(int)
-    low = box[0] + first * size
-    return np.stack([low, low + count * size]), (int(count[0]), int(count[1]), int(count[2]))
 
 
 def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:

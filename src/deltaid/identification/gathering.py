@@ -48,12 +48,14 @@ class Gathered:
             results change from one stretch of the recording to the next.
         places: the same samples place by place.
         levels, facts: as of `Information`, for everything together (`balance`).
+        whole: everything together, where it is known more exactly than in parts.
     """
 
     parts: tuple[tuple[Information, ...], ...]
     places: Float[np.ndarray, "places rows augmented augmented"]
     levels: Float[np.ndarray, " channels"] | None = None
     facts: Float[np.ndarray, "facts augmented"] | None = None
+    whole: Information | None = None
 
     @property
     def blocks(self) -> tuple[Information, ...]:
@@ -63,7 +65,8 @@ class Gathered:
     @cached_property
     def information(self) -> Information:
         """Everything together."""
-        return replace(merge(self.blocks), levels=self.levels, facts=self.facts)
+        whole = self.whole or merge(self.blocks)
+        return replace(whole, levels=self.levels, facts=self.facts)
 
 
 def gather_all(
