@@ -7,12 +7,16 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.factors.columns import GatheredColumns, plain
+from deltaid.check.identified import identify
 from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
+from deltaid.factors.file import FactorFile
 from deltaid.factors.lattice import Lattice
+from deltaid.factors.record_of import record_of
 from deltaid.factors.target import maps
 from deltaid.identification.additions import Addition, Extended
-from deltaid.identification.fit import FittedProblem
+from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
+from deltaid.identification.geometry import geometric_rows
 from deltaid.identification.information import Information, merge, triangle
 from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.load_columns import LoadColumns
@@ -21,8 +25,11 @@ from deltaid.identification.places import Places
 from deltaid.identification.warmth import Warmth
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.model.record import Settings
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording
-from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
 
 
 def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
@@ -67,6 +74,56 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
         group("whole", merge(blocks)),
         (*stretches, *_by_place(places.sums, places_at, lattice)),
     )
+
+
+def with_geometry(
+    condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
+) -> tuple[Condensed, tuple[str, ...]]:
+    """The same with what tolerances of the description do to some rows, and the names of these."""
+    if problem.dynamics.robot.tolerances.exact:
+        return condensed, ()
+    dof = problem.dynamics.dof
+    rows = geometric_rows(
+        columns.regressor, problem.dynamics, recording, problem.p, np.ones(dof), active=columns.kept
+    )
+    Y, D = (x.reshape(dof, -1, x.shape[1]) for x in (rows.Y, rows.D))
+    tau = rows.tau.reshape(dof, -1)
+    factors = tuple(
+        triangle(np.column_stack([Y[i][:, own], D[i], tau[i]]))
+        for i, own in enumerate(condensed.felt)
+    )
+    none = np.zeros(dof)
+    return replace(condensed, geometry=Group("geometry", factors, none, none)), rows.names
+
+
+def gathered(
+    robot: RobotLike,
+    log: RecordingLike,
+    *,
+    columns: ColumnMapping | None = None,
+    settings: Settings | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> FactorFile:
+    """What a recording says, as small as it goes: identified by itself, put right, condensed.
+
+    Args:
+        robot, log, columns, settings, force, progress: as of `deltaid.identify`.
+
+    Raises:
+        DescriptionError: the description is wrong.
+        RecordingError: the log cannot be used, or is wrong.
+        IdentificationError: it tells too little by itself.
+    """
+    described_robot = described(robot)
+    result = identify(
+        described_robot, [log], columns=columns, settings=settings, force=force, progress=progress
+    )
+    progress("condensing")
+    problem, recording = result.problem, result.recordings[0]
+    own = gathered_columns(problem, recording)
+    found, quantities = with_geometry(condensed(own, recording), own, problem, recording)
+    return FactorFile(record_of(described_robot, result, found, quantities), found)
 
 
 def _by_place(
