@@ -23,6 +23,9 @@ _ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in 
 _ENTRIES |= {f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"}
 _ENTRIES |= {f"I{pair}": f"product of inertia of {pair[0]} and {pair[1]}"
              for pair in ("xy", "xz", "yz")}  # fmt: skip
+_ENTRIES |= {f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"}
+_ENTRIES |= {f"S{pair}": f"second moment of mass along {pair[0]} and {pair[1]}"
+             for pair in ("xy", "xz", "yz")}  # fmt: skip
 _NUMBERED = re.compile(r"([USC])(\d+)")
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
 # 'U.mcx' and, in formulas, 'mcx_U'.
