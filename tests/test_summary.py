@@ -16,19 +16,26 @@ from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.report.summary import Grade, Summary, summary, without_doubts
+from deltaid.robot.load import load_robot, save_yaml
 from html_page import Document
+from logs import recorded, write
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A robot, a recording of it, another one, and the model that the first one gives."""
     path = tmp_path_factory.mktemp("summary")
-    assert run("demo", "clavel-delta3", "--keep", path).code == 0
+    save_yaml(load_robot("clavel-delta3"), path / "robot.yaml")
+    write(path / "identify.csv", recorded(3000))
+    write(path / "verify.csv", recorded(2000))
     return path
 
 
 @pytest.fixture(scope="module")
 def result(folder: Path) -> Judged:
-    return identify(folder / "robot.yaml", folder / "identify.csv")
+    found = identify(folder / "robot.yaml", folder / "identify.csv")
+    found.model.save(folder / "model.yaml")
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +154,7 @@ def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
     assert "nothing has been identified" in said.text
 
 
+@pytest.mark.usefixtures("result")
 def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     outcome = run("validate", folder / "model.yaml", folder / "verify.csv", "--report", page)
