@@ -137,7 +137,7 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
     )
     text = summary(model.changed(parameters=parameters, corrections=corrections), error).text
     assert f"6 of {len(shown)} numbers come from the recording" in text
-    assert "(1 with priors of others, 1 mostly from what was weighed or measured)" in text
+    assert "(1 of them as sums with others, 1 mostly from what was weighed or measured)" in text
     assert "one is at its bound" in text
     assert (
         "Two corrections were made: lag between torques and positions (drive1, drive3), "

@@ -37,22 +37,16 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
 
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
-    """What is not good, with what was seen, and in one row all that is: for the head of a page."""
-    table = verdict_table([one for one in verdicts if one.grade is not Grade.GOOD])
-    rows = [
-        (grade, key, seen if about in seen else f"{about}: {seen}")
-        for grade, key, about, seen, *_ in table.rows
-    ]
+    """What is not good, and in one row all that is: for the head of a page."""
+    table = page_table([one for one in verdicts if one.grade is not Grade.GOOD])
+    rows = list(table.rows)
     good = [one.key for one in verdicts if one.grade is Grade.GOOD]
     if good:
         keys = ", ".join(dict.fromkeys(good))
-        rows.append((Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys))
-    return Table(
-        ("verdict", "check", "seen"),
-        tuple(rows),
-        "What the checks say of description, recordings and fit.",
-        marked=table.marked,
-    )
+        last = (Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys, "")
+        rows.append(last[: len(table.columns)])
+    said = "What the checks say of description, recordings and fit."
+    return Table(table.columns, tuple(rows), said, marked=table.marked)
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:
