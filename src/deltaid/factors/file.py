@@ -20,7 +20,7 @@ from deltaid.factors.record import FORMAT, FactorRecord
 from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"
-_KEY = "deltaid"
+_KEY, _FROM = "deltaid", "deltaid_from"
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -52,8 +52,11 @@ def is_factor_file(path: Path) -> bool:
     return path.name.endswith(ENDING)
 
 
-def write(found: FactorFile, path: Path) -> None:
+def write(found: FactorFile, path: Path, key: str = "") -> None:
     """Write a factor file, whole or not at all.
+
+    Args:
+        key: a checksum of what it follows from.
 
     Raises:
         DeltaidError: it cannot be written.
@@ -68,9 +71,20 @@ def write(found: FactorFile, path: Path) -> None:
             )  # fmt: skip
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
-        buffer, compression="zstd", metadata={_KEY: found.record.model_dump_json()}
+        buffer, compression="zstd", metadata={_KEY: found.record.model_dump_json(), _FROM: key}
     )
     write_bytes(path, buffer.getvalue())
+
+
+def read_key(path: Path) -> str | None:
+    """The checksum of what a file follows from; None where there is no such file that is whole."""
+    if not path.is_file():
+        return None
+    try:
+        read(path)
+        return pl.read_parquet_metadata(path).get(_FROM)
+    except RecordingError:
+        return None
 
 
 def read(path: Path) -> FactorFile:
