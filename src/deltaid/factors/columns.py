@@ -17,12 +17,15 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.factors.carried_column import CarriedColumns
 from deltaid.factors.speed_columns import SpeedColumns
-from deltaid.identification.additions import Addition, Extended, extended
+from deltaid.identification.additions import Addition, Extended, Own, Values, extended
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.information import active_columns
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
+from deltaid.robot.parameter import Parameter
 
 # Reference speeds of joints whose limits the description does not give [rad/s, m/s].
 _TURNING, _SLIDING = 20.0, 5.0
@@ -108,6 +111,35 @@ class GatheredColumns:
         """Names of all columns of the regressor."""
         more = (parameter.name for one in self.additions for parameter in one.parameters)
         return (*self.dynamics.layout.names, *more)
+
+
+@dataclass(frozen=True, eq=False)
+class LagsByName(Addition):
+    """The lags of a recording that has been gathered, by their names."""
+
+    dynamics: Dynamics
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One a drive."""
+        return tuple(
+            Parameter("lag", drive, "lag", "s", -np.inf, np.inf, 0.0, 1.0)
+            for drive in self.dynamics.robot.drives
+        )
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Each in its drive's row."""
+        each = np.arange(self.dynamics.dof)
+        return each, each
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """None: the recording is not here.
+
+        Raises:
+            NotImplementedError: always.
+        """
+        raise NotImplementedError
 
 
 def speed_columns(dynamics: Dynamics) -> tuple[SpeedColumns, ...]:

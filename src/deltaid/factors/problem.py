@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.factors.columns import GatheredColumns, plain
+from deltaid.factors.columns import GatheredColumns, LagsByName, plain
 from deltaid.factors.file import FactorFile
 from deltaid.factors.merged import Merging, geometric, merged
 from deltaid.identification.additions import Addition
@@ -15,7 +15,6 @@ from deltaid.identification.balance import balanced
 from deltaid.identification.fit import FittedProblem, fit_to, widened
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.geometry import shifted
-from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
@@ -55,8 +54,7 @@ def columns_of(files: Sequence[FactorFile], robot: RobotDescription) -> Gathered
     simple = plain(robot)
     dynamics = compiled(simple)
     own = GatheredColumns.of(robot, prior_parameters(simple), _loads(files, robot))
-    lags = LagColumns(dynamics, (), np.zeros(0), None, alone(dynamics.dof))  # names alone
-    return replace(own, additions=(*own.additions, lags))
+    return replace(own, additions=(*own.additions, LagsByName(dynamics)))
 
 
 def _additions(files: Sequence[FactorFile], robot: RobotDescription) -> tuple[Addition, ...]:
