@@ -10,7 +10,8 @@ from deltaid.check.verdict import Grade, Verdict
 from deltaid.factors.alike import require_alike
 from deltaid.factors.file import FactorFile
 from deltaid.factors.laws import asked_for
-from deltaid.factors.problem import fitted
+from deltaid.factors.merged import Merging, merged
+from deltaid.factors.problem import columns_of, fitted
 from deltaid.identification.contradicted import contradicted
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import FittedProblem, widened_priors
@@ -26,6 +27,7 @@ from deltaid.identification.marginal import posterior_record
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.torque_scale import torque_scale
 from deltaid.model.corrections import Correction
+from deltaid.model.model import ModelLike, load
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.parameter_record import Parameter as Judgement
 from deltaid.model.record import IdentifiedModel, Settings
@@ -102,6 +104,32 @@ def torque_errors(problem: FittedProblem, files: Sequence[FactorFile]) -> Torque
         turning=np.zeros(len(rms)),
         cutoff=files[0].record.model.sources[0].cutoff_hz,
         fastest=np.max([one.record.fastest for one in files], axis=0),
+    )
+
+
+def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
+    """Torque errors of a model on a recording by its factors, as of `deltaid.validate`.
+
+    The recording's lags are put right as they were found in it by itself.
+
+    Raises:
+        RecordingError: the file is of another mechanism than the model.
+    """
+    known = load(model)
+    require_alike([file], known.robot)
+    merging = Merging(columns_of([file], known.robot), known.dynamics)
+    information = merged(merging, [file]).information
+    rms, torque = information.rms(known.p), information.torque_rms()
+    fit = file.record.model.fit
+    beyond = np.square(fit.rms_unfiltered) - np.square(fit.rms)
+    return TorqueError(
+        rms=rms,
+        nrmse=rms / np.where(torque > 0, torque, 1.0),
+        rms_unfiltered=np.sqrt(np.maximum(rms**2 + beyond, 0.0)),
+        covariance=np.diag(rms**2),
+        turning=np.zeros(len(rms)),
+        cutoff=file.record.model.sources[0].cutoff_hz,
+        fastest=np.array(file.record.fastest),
     )
 
 
