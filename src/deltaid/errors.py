@@ -1,5 +1,8 @@
 """The package's own errors and warnings: what is wrong, where, why, and how to mend it."""
 
+import difflib
+from collections.abc import Iterable
+
 # Spaces that do not break a line: plain, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
 
@@ -31,6 +34,14 @@ def _again(kind: type[DeltaidError], what: str, where: str, cure: str) -> Deltai
     return kind(what, where=where, cure=cure)
 
 
+class UnknownNameError(DeltaidError, KeyError):
+    """There is nothing of that name; the message has the nearest one."""
+
+
+class UnknownFunctionError(DeltaidError, AttributeError):
+    """`deltaid` has nothing of that name; the message has the nearest one."""
+
+
 class DescriptionError(DeltaidError):
     """A robot description or a model file cannot be used as it stands."""
 
@@ -45,6 +56,16 @@ class RecordingError(DeltaidError):
 
 class IdentificationError(DeltaidError):
     """The identification cannot be posed, or a solver did not reach its end."""
+
+
+def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """'did you mean P.m? ', or nothing where no known name is like it."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    if not near:  # perhaps only in other letters
+        lower = {one.lower(): one for one in names}
+        near = [lower[one] for one in difflib.get_close_matches(name.lower(), lower, n=1)]
+    return f"did you mean {near[0]}? " if near else ""
 
 
 class Doubt(str):

@@ -15,12 +15,13 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
+from deltaid.shown import Plotted, Shown
 
 # How often impulses of friction and what gears carry are found in turn, from the motors' torques.
 _LOAD_TURNS = 4
 
 
-class ForwardDynamics:
+class ForwardDynamics(Shown, Plotted):
     """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile when
     needed.
 

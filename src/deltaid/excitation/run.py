@@ -14,6 +14,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.excitation.problem import ExcitationProblem
 from deltaid.motion.fourier import FourierMotion
+from deltaid.shown import Shown
 
 # Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
 _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
@@ -21,8 +22,8 @@ _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
 _FULL = 0.9998
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """A motion from rest to rest.
 
     Attributes:

@@ -17,11 +17,12 @@ from deltaid.recording.windows import Samples as Motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.platform import H4Platform, RigidPlatform
+from deltaid.shown import Shown
 
 _SUMS = "only the sum of the forces of a limb's two struts is given"
 
 
-class ConstraintForces:
+class ConstraintForces(Shown):
     """Constraint forces of a described robot. Arrays have one sample a row.
 
     Every force is linear in the parameters: F = C(z, q̇, q̈) p. Names, frames and signs of the

@@ -21,10 +21,10 @@ class Regularity:
         hold: condition of what keeps the platform's parts parallel (`Mechanism.hold_condition`).
     """
 
-    condition: Float[np.ndarray, " samples"]
-    determinant: Float[np.ndarray, " samples"]
-    gain: Float[np.ndarray, " samples"]
-    hold: Float[np.ndarray, " samples"]
+    condition: Float[np.ndarray, "*samples"]
+    determinant: Float[np.ndarray, "*samples"]
+    gain: Float[np.ndarray, "*samples"]
+    hold: Float[np.ndarray, "*samples"]
 
     @property
     def worst(self) -> Float[np.ndarray, " samples"]:

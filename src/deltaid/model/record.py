@@ -15,6 +15,7 @@ from deltaid.model.corrections import Correction
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
 from deltaid.model.left_out import LeftOut
+from deltaid.model.names import place
 from deltaid.model.options import (
     GAMMA_LIMITS,
     LARGEST_LAG,
@@ -29,10 +30,12 @@ from deltaid.model.options import (
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.sensor_record import FittedSensor
+from deltaid.progress import Watch
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.part import Part
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
     from deltaid.model.samples import Samples
@@ -131,7 +134,7 @@ class Consistency(Part):
     eigenvalues: tuple[float, float, float, float]
 
 
-class IdentifiedModel(Part):
+class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     """A robot with identified parameters."""
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
@@ -183,12 +186,31 @@ class IdentifiedModel(Part):
         return np.array([found.get(drive) or 1.0 for drive in self.robot.drives])
 
     def value(self, name: str) -> float:
-        """One parameter by name, such as 'U.mcx' or 'viscous.drive1'."""
-        return float(self.p[self.layout.names.index(name)])
+        """One parameter by name, such as 'U.mcx' or 'viscous.drive1'.
 
-    def sample(self, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> "Samples":
+        Raises:
+            UnknownNameError: the robot has none of that name; the message has the nearest.
+        """
+        return float(self.p[place(self.layout, name, self.robot.name)])
+
+    def __getitem__(self, name: str) -> float:
+        """The same as `value`."""
+        return self.value(name)
+
+    def parameter(self, name: str) -> Parameter:
+        """One parameter with its interval, its prior and what decided it.
+
+        Raises:
+            UnknownNameError: as `value`.
+        """
+        return self.parameters[place(self.layout, name, self.robot.name)]
+
+    def sample(
+        self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
+    ) -> "Samples":
         """Consistent models drawn from the posterior, as of `Model.sample`."""
-        return above("model.model", "load")(self).sample(n, seed, limb_tolerance)
+        whole = above("model.model", "load")(self)
+        return whole.sample(n, seed, limb_tolerance, progress=progress)
 
     def save(self, path: str | Path) -> None:
         """Write as YAML; numbers keep every bit.

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.shown import Shown
+
 Coefficients = Float[np.ndarray, "coordinates harmonics"]
 
 
-@dataclass(frozen=True)
-class FourierMotion:
+@dataclass(frozen=True, repr=False)
+class FourierMotion(Shown):
     """z_i(t) = b_i0 + Σ_k [a_ik sin(ω₀ k t) + b_ik cos(ω₀ k t)], eq. (8).
 
     Attributes:

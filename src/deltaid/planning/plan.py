@@ -4,7 +4,7 @@ Linear and Gaussian: rows of torques along a motion, of sensors and of measured 
 information about the entries of all bodies, on top of their prior (`planning.unknowns`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,11 +19,13 @@ from deltaid.planning.offers import Offers, load_offers, shipped_offers
 from deltaid.planning.openings import Opening, openings
 from deltaid.planning.shopping import Step, shopping
 from deltaid.planning.unknowns import Unknowns, unknowns
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.progress import Progress, Watch, watched
+from deltaid.recording.mapping import ColumnMapping, MappingLike, as_mapping
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
-@dataclass(frozen=True, eq=False)
-class SensorPlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class SensorPlan(Shown, Plotted, Tabled, Reported):
     """A plan for one robot and one motion.
 
     Attributes:
@@ -88,8 +90,8 @@ def sensor_plan(
     budget: float | None = None,
     combinations: Sequence[Sequence[str]] = (),
     settings: PlanSettings | None = None,
-    columns: ColumnMapping | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    columns: MappingLike | None = None,
+    progress: Watch = None,
 ) -> SensorPlan:
     """What sensors and scales would tell of a robot, and which are worth buying.
 
@@ -101,13 +103,32 @@ def sensor_plan(
         budget: most that all may cost.
         combinations: names of uses that are tried together, besides those of the list.
         settings: noise, prior and the like.
-        columns: of a recording.
-        progress: is told what is being done.
+        columns: of a recording, by value or file.
+        progress: is told what is being done; or whether to show it, None for where someone is
+            watching.
 
     Raises:
         DeltaidError: no such goal, combination or body; a file that cannot be used.
     """
-    model, settings = load(robot), settings or PlanSettings()
+    with watched(progress, "sensor plan") as say:
+        return _planned(
+            load(robot), motion, offers, goal, budget, combinations, settings or PlanSettings(),
+            as_mapping(columns), say,
+        )  # fmt: skip
+
+
+def _planned(
+    model: Model,
+    motion: str | Path | None,
+    offers: Offers | str | Path | None,
+    goal: str,
+    budget: float | None,
+    combinations: Sequence[Sequence[str]],
+    settings: PlanSettings,
+    columns: ColumnMapping | None,
+    progress: Progress,
+) -> SensorPlan:
+    """The plan, of what has been opened."""
     if not isinstance(offers, Offers):
         offers = shipped_offers() if offers is None else load_offers(offers)
     dynamics = compiled(model.as_description())

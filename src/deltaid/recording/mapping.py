@@ -218,18 +218,24 @@ class ColumnMapping(Part):
         return self
 
 
+# A mapping, or the file of one.
+MappingLike = ColumnMapping | str | Path
 # One for all recordings, or one each in their order; None for the default names.
-ColumnMappings = ColumnMapping | Sequence[ColumnMapping | None] | None
+ColumnMappings = MappingLike | Sequence[MappingLike | None] | None
 
 
 def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping | None]:
     """The mapping of each recording.
 
     Raises:
-        RecordingError: there are several, but not as many as recordings.
+        RecordingError: there are several, but not as many as recordings; or something is none.
+        DescriptionError: a file does not fit.
     """
-    if columns is None or isinstance(columns, ColumnMapping):
-        return [columns] * recordings
+    if columns is None or isinstance(columns, MappingLike):
+        return [as_mapping(columns)] * recordings
+    if isinstance(columns, Mapping):
+        raise _no_mapping(columns)
+    columns = [as_mapping(one) for one in columns]
     if len(columns) == 1:
         return [columns[0]] * recordings
     if len(columns) not in (0, recordings):
@@ -240,6 +246,29 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
             cure="give one for all recordings, or one for each, in the same order",
         )
     return list(columns) or [None] * recordings
+
+
+def as_mapping(columns: object) -> ColumnMapping | None:
+    """A mapping by value or by file; None for the default names.
+
+    Raises:
+        RecordingError: it is neither.
+        DescriptionError: the file does not fit.
+    """
+    if columns is None or isinstance(columns, ColumnMapping):
+        return columns
+    if isinstance(columns, str | Path):
+        return load_mapping(columns)
+    raise _no_mapping(columns)
+
+
+def _no_mapping(given: object) -> RecordingError:
+    return RecordingError(
+        f"a {type(given).__name__} is no mapping of columns",
+        where="columns",
+        cure="give deltaid.ColumnMapping(…), the path of a mapping file, or a list of these with "
+        "one for each recording",
+    )
 
 
 def load_mapping(path: str | Path) -> ColumnMapping:

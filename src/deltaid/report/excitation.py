@@ -36,7 +36,7 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
         subtitle="Motion for identification, from rest to rest within all limits",
         facts=tuple(facts),
         sections=(
-            Section("Motion", (_animation(exciter, result), _over_time(exciter, result))),
+            Section("Motion", (_animation(exciter, result), over_time(exciter, result))),
             Section("Limits", (_limits(result),)),
             Section("What it will tell", _predictions(exciter, result)),
             Section("Search", (start_table(result), _settings(exciter))),
@@ -56,7 +56,8 @@ def _animation(exciter: Exciter, result: Excitation) -> Figure:
     )
 
 
-def _over_time(exciter: Exciter, result: Excitation) -> Figure:
+def over_time(exciter: Exciter, result: Excitation) -> Figure:
+    """Platform, drives, speeds and torques of a run."""
     run, dynamics = result.run, exciter.dynamics
     time = np.linspace(0, run.duration, _SAMPLES)
     z, zd, zdd = run.evaluate(time)

@@ -1,6 +1,5 @@
 """Reading descriptions: YAML to validated models, with the line of whatever is wrong; catalogue."""
 
-import difflib
 import io
 import json
 import os
@@ -13,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, nearest
 from deltaid.files import written_whole
 from deltaid.robot.closing import open_limb
 from deltaid.robot.complaints import complaints
@@ -70,7 +69,25 @@ def described(robot: RobotLike) -> RobotDescription:
     """
     if isinstance(robot, RobotDescription):
         return robot
-    return robot.robot if isinstance(robot, HasRobot) else load_robot(robot)
+    if isinstance(robot, HasRobot):
+        return robot.robot
+    require_name(robot)
+    return load_robot(robot)
+
+
+def require_name(robot: object) -> None:
+    """Refuse what can neither be a name nor a path.
+
+    Raises:
+        DescriptionError: it is something else.
+    """
+    if not isinstance(robot, str | Path):
+        raise DescriptionError(
+            f"a {type(robot).__name__} is no robot",
+            where="robot",
+            cure="give a catalogue name, the path of a file of a robot or a model, or what "
+            "deltaid.load_robot, deltaid.load or deltaid.identify returns",
+        )
 
 
 class _ModelFile(BaseModel):
@@ -268,8 +285,7 @@ def _tree(text: str, where: str) -> Entry:
 
 
 def _unknown(name: str) -> DescriptionError:
-    near = difflib.get_close_matches(name, catalogue(), n=1, cutoff=0.4)
-    hint = f"did you mean {near[0]}? " if near else ""
+    hint = nearest(name, catalogue(), 0.4)
     return DescriptionError(
         f"no robot file and no catalogue robot called '{name[:200]}'",
         cure=f"{hint}the catalogue has: {', '.join(catalogue())}",
