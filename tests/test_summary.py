@@ -10,6 +10,7 @@ from command import run
 from deltaid.check.identified import Judged, identify
 from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.check.verdict import Verdict
+from deltaid.check.verdicts import Verdicts
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
@@ -113,7 +114,9 @@ def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -
     def with_verdict(grade: CheckGrade) -> Summary:
         verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
         model = result.model.changed(warnings=(verdict.sentence,))
-        return summary(replace(result, model=model, verdicts=(verdict,)), off(error, 0.01))
+        return summary(
+            replace(result, model=model, verdicts=Verdicts((verdict,))), off(error, 0.01)
+        )
 
     assert with_verdict(CheckGrade.CANNOT_TELL).grade is Grade.GOOD
     assert with_verdict(CheckGrade.DOUBTFUL).grade is Grade.FAIR

@@ -15,16 +15,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-class Shown:
-    """Short at a prompt, a card in a notebook, and completed by names of its own only."""
-
-    def __repr__(self) -> str:
-        """A few lines: what it is, and its main numbers."""
-        return _notebook("show", "text")(self)
-
-    def _repr_html_(self) -> str:
-        """The same as a card, for notebooks."""
-        return _notebook("show", "html")(self)
+class Named:
+    """Completed by names of its own only."""
 
     def __dir__(self) -> list[str]:
         """Names of the package's own classes, without those of what they are built on."""
@@ -34,6 +26,18 @@ class Shown:
                 own |= {name for name in vars(kind) if not name.startswith("_")}
                 own |= {n for n in vars(kind).get("__annotations__", {}) if not n.startswith("_")}
         return sorted(own - _OF_PYDANTIC)
+
+
+class Shown(Named):
+    """Short at a prompt, a card in a notebook, and completed by names of its own only."""
+
+    def __repr__(self) -> str:
+        """A few lines: what it is, and its main numbers."""
+        return _notebook("show", "text")(self)
+
+    def _repr_html_(self) -> str:
+        """The same as a card, for notebooks."""
+        return _notebook("show", "html")(self)
 
 
 class Plotted:

@@ -1,7 +1,8 @@
 """The identification between its checks: what is wrong is refused before, what is doubtful said."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
@@ -15,7 +16,7 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Settings
+from deltaid.model.record import Settings, settings_of
 from deltaid.posterior.intervals import with_posterior_intervals
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
@@ -51,7 +52,7 @@ def identify(
     logs: RecordingLike | Sequence[RecordingLike],
     *,
     columns: ColumnMappings = None,
-    settings: Settings | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     force: bool = False,
     progress: Watch = None,
 ) -> Judged:
@@ -69,7 +70,7 @@ def identify(
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or a sequence with one each (None for the default
             names). Arrays with units of their own keep these.
-        settings: method, regulariser, γ, filter, friction laws.
+        settings: method, regulariser, γ, filter, friction laws; by value or as a dictionary.
         force: go on with what is wrong, which then stands in the model's warnings.
         progress: called with a sentence before each stage; or whether to show them, None for where
             someone is watching.
@@ -80,7 +81,7 @@ def identify(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     with watched(progress, "identify") as say:
-        return _judged(described(robot), logs, columns, settings or Settings(), force, say)
+        return _judged(described(robot), logs, columns, settings_of(settings), force, say)
 
 
 def _judged(

@@ -1,9 +1,9 @@
 """All checks in order: of the description, of each recording, and of what they tell together."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -26,7 +26,7 @@ from deltaid.check.workspace import checked_workspace
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.information import Information, merge
-from deltaid.model.record import Settings
+from deltaid.model.record import Settings, settings_of
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
 from deltaid.recording.memory import Recording, RecordingLike, as_sources
@@ -84,7 +84,7 @@ def verdicts(
     logs: RecordingLike | Sequence[RecordingLike] = (),
     *,
     columns: ColumnMappings = None,
-    settings: Settings | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     progress: Watch = None,
 ) -> Verdicts:
     """What is wrong with a robot's description and with recordings of it, before they are used.
@@ -95,7 +95,7 @@ def verdicts(
             judged on its own, but what they tell of the parameters by all of them together.
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or one each.
-        settings: of the fit that verdicts on the fit rest on.
+        settings: of the fit that verdicts on the fit rest on, by value or as a dictionary.
         progress: called with a sentence before each stage; or whether to show them, None for where
             someone is watching.
 
@@ -117,7 +117,7 @@ def verdicts(
             return Verdicts((verdict,))
         sources = as_sources(logs)
         mappings = mapping_each(columns, len(sources))
-        found = _verdicts(description, sources, mappings, settings, say)
+        found = _verdicts(description, sources, mappings, settings_of(settings), say)
         return Verdicts(found, description, sources, mappings)
 
 
@@ -125,7 +125,7 @@ def _verdicts(
     description: RobotDescription,
     sources: Sequence[Path | Recording],
     mappings: Sequence[ColumnMapping | None],
-    settings: Settings | None,
+    settings: Settings,
     progress: Progress,
 ) -> Sequence[Verdict]:
     """On a description and on recordings that are there."""

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.equations import Equations, build_equations
-from deltaid.dynamics.known import known_parameters
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
+from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
+from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.rounding import beyond_rounding
 from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
@@ -20,11 +20,9 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
 
-Parameters = Float[np.ndarray, " parameters"]
 
-
-@dataclass(frozen=True)
-class Terms:
+@dataclass(frozen=True, repr=False)
+class Terms(Shown):
     """The terms of M(q) q̈ + C(q, q̇) q̇ + g(q) + f(q̇) = τ, eq. (1), sample by sample."""
 
     M: Float[np.ndarray, "*samples dof dof"]
@@ -90,7 +88,7 @@ def compiled(robot: RobotDescription) -> "Dynamics":
     return _compiled(robot.model_dump_json())
 
 
-class Dynamics(Shown, Plotted):
+class Dynamics(WithParameters, Shown, Plotted):
     """Dynamics of a described robot. Arrays have one sample a row; kernels compile when needed.
 
     Drive coordinates q, q̇, q̈ come in rad (or m for a linear drive), torques in N m (or N).
@@ -99,27 +97,12 @@ class Dynamics(Shown, Plotted):
     its own; of a robot its prior.
     """
 
-    # Beside what instances of one robot share (`at`): their `__dict__`, with all compiled kernels.
-    __slots__ = ("_p",)
-
     def __init__(self, robot: RobotLike) -> None:
-        self._p: Parameters | None = known_parameters(robot)
+        self._p = known_parameters(robot)
         robot = described(robot)
         self.robot = robot
         self._kinematics = Kinematics(robot)
-        self.layout: ParameterLayout = parameter_layout(robot)
-
-    def at(self, p: Parameters) -> "Dynamics":
-        """The same dynamics with other parameters to begin with; compiled kernels are shared."""
-        other = object.__new__(Dynamics)
-        other.__dict__ = self.__dict__
-        other._p = p
-        return other
-
-    @property
-    def p(self) -> Parameters:
-        """The parameters that hold where none are given."""
-        return prior_parameters(self.robot) if self._p is None else self._p
+        self.layout = parameter_layout(robot)
 
     @cached_property
     def equations(self) -> Equations:
@@ -248,23 +231,6 @@ class Dynamics(Shown, Plotted):
         M, C = (out[:, k * d * d : (k + 1) * d * d].reshape(n, d, d) for k in range(2))
         g, f = out[:, 2 * d * d : 2 * d * d + d], out[:, 2 * d * d + d :]
         return Terms(M.swapaxes(1, 2), C.swapaxes(1, 2), g, f)  # CasADi stores columns
-
-    def _parameters(self, p: Parameters | None) -> Parameters:
-        """Those given, or its own.
-
-        Raises:
-            DescriptionError: they are not as many as the robot has.
-        """
-        if p is None:
-            return self.p
-        p = np.asarray(p, dtype=float)
-        if p.shape != (len(self.layout.names),):
-            raise DescriptionError(
-                f"p has shape {p.shape}, but the robot has {len(self.layout.names)} parameters",
-                where=self.robot.name,
-                cure="give one for each of dynamics.layout.names, such as p of a model",
-            )
-        return p
 
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:

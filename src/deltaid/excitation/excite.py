@@ -17,10 +17,10 @@ from deltaid.excitation.graph import ExcitationGraph
 from deltaid.excitation.left_by_friction import torques_without_friction
 from deltaid.excitation.motion_file import write_run
 from deltaid.excitation.optimize import Judge, Optimum, Progress, conflict, optimise, random_start
-from deltaid.excitation.options import CriterionName, PurposeName
 from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
+from deltaid.excitation.settings import ExcitationSettings
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
@@ -31,41 +31,6 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
 # the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
 _POINTS, _REFERENCES, _TURN, _SHORTER = 20, 20, np.pi, 4.0
-
-
-@dataclass(frozen=True)
-class ExcitationSettings:
-    """What to optimise.
-
-    Attributes:
-        criterion: of the information matrix.
-        harmonics: n_F of (8).
-        duration: longest period [s]; the optimiser may shorten the period to a quarter, and then
-            so many whole periods are run that they last about as long.
-        repeats: how often all of that is run, for averaging.
-        velocity_weight: w of (9), which asks for speed so that friction shows.
-        weigh_prior: excite what is uncertain by the prior, in units of the torque noise.
-        prior_spread: relative standard deviation of the prior, for that.
-        torque_noise: standard deviation of the torque noise, as a share of each drive's largest
-            torque on random motions.
-        rate: sampling rate of the recording [Hz].
-        starts, seed: how many starts, and the first one's seed.
-        by: what decides between the motions of all starts: the criterion, of torques, or what
-            `sensors` and measured values of the description tell of all bodies besides.
-    """
-
-    criterion: CriterionName = "logdet"
-    harmonics: int = 5
-    duration: float = 10.0
-    repeats: int = 1
-    velocity_weight: float = 0.1
-    weigh_prior: bool = False
-    prior_spread: float = 0.5
-    torque_noise: float = 0.02
-    rate: float = 1000.0
-    starts: int = 8
-    seed: int = 0
-    by: PurposeName = "torques"
 
 
 @dataclass(frozen=True)

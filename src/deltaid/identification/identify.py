@@ -75,6 +75,14 @@ class Identification(Shown, Plotted, Tabled, Reported):
     recordings: tuple[Recording, ...]
     studies: tuple[Study | None, ...] = ()
 
+    def __getitem__(self, name: str) -> float:
+        """One parameter of the model by name, such as result["P.m"].
+
+        Raises:
+            UnknownNameError: the robot has none of that name; the message has the nearest.
+        """
+        return self.model[name]
+
     @property
     def robot(self) -> RobotDescription:
         """The robot as it was fitted."""

@@ -31,8 +31,8 @@ _CHECK_DRIVES = (
 )
 
 
-@dataclass(frozen=True)
-class BodyPoses:
+@dataclass(frozen=True, repr=False)
+class BodyPoses(Shown):
     """Poses of one moving body for many samples, or one: R_WB takes link frame B to the world."""
 
     name: str

@@ -59,10 +59,13 @@ def _array(value: Any, dof: int, name: str) -> np.ndarray:
             cure=f"give an array of shape (samples, {dof}), or a single sample of shape ({dof},)",
         ) from None
     if array.ndim not in (1, 2) or array.shape[-1] != dof:
+        turned = array.ndim == 2 and array.shape[0] == dof
         raise KinematicsError(
             f"expected arrays of shape (samples, {dof}), got {array.shape}",
             where=name,
-            cure="give one sample a row, or a single sample as a vector",
+            cure=f"give one sample a row: {name}.T"
+            if turned
+            else "give one sample a row, or a single sample as a vector",
         )
     return array
 

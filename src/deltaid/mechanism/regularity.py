@@ -5,13 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.shown import Shown
+
 # cond(J) beyond which a pose counts as singular. J mixes rad/m and rad/rad, so a good pose of a
 # metre-sized robot has cond(J) below 10; at 1e6 the last six digits of every torque are lost.
 SINGULAR_CONDITION = 1e6
 
 
-@dataclass(frozen=True)
-class Regularity:
+@dataclass(frozen=True, repr=False)
+class Regularity(Shown):
     """How far poses are from singular ones; J = ∂q/∂z with ψ counted as a length.
 
     Attributes:

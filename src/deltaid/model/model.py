@@ -1,11 +1,12 @@
 """A robot with its parameters, and where they come from: what commands and functions work with."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -14,15 +15,22 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
 from deltaid.dynamics.prior import with_prior
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, unknown
 from deltaid.model.above import above
-from deltaid.model.names import place, unknown
+from deltaid.model.names import place
 from deltaid.model.record import IdentifiedModel
 from deltaid.progress import Watch, watched
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import TERMS
 from deltaid.robot.inertia import why_inconsistent, with_thickness
-from deltaid.robot.load import catalogue, holds_a_model, load_robot, read_text, require_name
+from deltaid.robot.load import (
+    catalogue,
+    described,
+    holds_a_model,
+    load_robot,
+    read_text,
+    require_name,
+)
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
@@ -94,8 +102,8 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @cached_property
     def forward(self) -> ForwardDynamics:
-        """The robot's forward dynamics, compiled where it is needed."""
-        return compiled_forward(self.robot)
+        """The robot's forward dynamics with these parameters, compiled where it is needed."""
+        return compiled_forward(self.robot).at(self.p)
 
     @property
     def prior_spread(self) -> float:
@@ -230,16 +238,18 @@ class HasModel(Protocol):
         ...
 
 
-# What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value.
-ModelLike = Model | IdentifiedModel | HasModel | RobotDescription | str | Path
+# What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value,
+# the dictionary of either file.
+ModelLike = Model | IdentifiedModel | HasModel | RobotDescription | Mapping[str, Any] | str | Path
 
 
 def load(source: ModelLike) -> Model:
     """A robot with its parameters.
 
     Args:
-        source: a catalogue name, a robot file or a model file; a description, or what
-            `deltaid.identify` found. A robot has the parameters of its prior.
+        source: a catalogue name, a robot file or a model file; a description, what
+            `deltaid.identify` found, or what either file holds as a dictionary. A robot has the
+            parameters of its prior.
 
     Raises:
         DescriptionError: no such robot or file, or the file is neither.
@@ -253,6 +263,10 @@ def load(source: ModelLike) -> Model:
             return Model(source, prior_parameters(source), source.name)
         case HasModel():
             return load(source.model)
+        case Mapping() if "parameters" in source:
+            return load(IdentifiedModel.from_dict(source, "model"))
+        case Mapping():
+            return load(described(source))
         case _:
             require_name(source)
             return _from_file(source)

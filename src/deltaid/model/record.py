@@ -1,6 +1,7 @@
 """The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -79,6 +80,25 @@ class Settings(Part):
     compliance: ComplianceChoice = "estimate"
     events: bool = True
     intervals: IntervalChoice = "linear"
+
+
+def settings_of(given: object) -> Settings:
+    """Settings by value or as a dictionary; the usual ones without.
+
+    Raises:
+        DescriptionError: there is no such setting, or it cannot have that value.
+    """
+    if given is None:
+        return Settings()
+    if isinstance(given, Settings):
+        return given
+    if isinstance(given, Mapping):
+        return Settings.from_dict(given, "settings")
+    raise DescriptionError(
+        f"a {type(given).__name__} is no settings",
+        where="settings",
+        cure="give deltaid.Settings(…), or a dictionary of the same keys",
+    )
 
 
 class Source(Part):

@@ -38,6 +38,7 @@ class Card:
     Attributes:
         title: what it is.
         lines: sentences; the first is the verdict where there is a grade.
+        apart: whether facts have a line each at a prompt.
         told: further sentences for a prompt; a notebook has a table of the same.
         grade: a word of `Grade`, of models or of checks; empty for what is not judged.
         facts: its main numbers, by name.
@@ -54,15 +55,16 @@ class Card:
     more: tuple[tuple[str, "str | Table"], ...] = ()
     methods: tuple[str, ...] = ()
     told: tuple[str, ...] = ()
+    apart: bool = False
 
 
 def text(card: Card) -> str:
     """A few lines."""
-    facts = ", ".join(f"{name} {value}" for name, value in card.facts)
+    facts = [f"{name} {value}" for name, value in card.facts]
     short = [
         card.title,
         *(_short(line) for line in (*card.lines, *card.told)),
-        *([facts] if facts else []),
+        *([f"  {fact}" for fact in facts] if card.apart else [", ".join(facts)] if facts else []),
     ]
     folded = list[str]()
     for line in short:

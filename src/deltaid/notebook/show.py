@@ -15,19 +15,26 @@ if TYPE_CHECKING:
 _KINDS = {
     "check.verdict.Verdict": "verdicts",
     "check.verdicts.Verdicts": "verdicts",
+    "control.simulation.Path": "values",
     "dynamics.dynamics.Dynamics": "robots",
+    "dynamics.dynamics.Terms": "values",
     "dynamics.forward_dynamics.ForwardDynamics": "robots",
     "excitation.excite.Excitation": "motions",
     "excitation.excite.Exciter": "exciters",
     "excitation.run.Run": "runs",
     "forces.constraint_forces.ConstraintForces": "robots",
+    "identification.base_parameters.BaseParameters": "values",
     "identification.identify.Identification": "identifications",
+    "identification.torque_error.TorqueError": "values",
     "identification.validation.Validation": "validations",
+    "mechanism.kinematics.BodyPoses": "values",
     "mechanism.kinematics.Kinematics": "robots",
+    "mechanism.regularity.Regularity": "values",
     "model.model.Model": "models",
     "model.record.IdentifiedModel": "models",
     "model.samples.Samples": "samples",
     "motion.fourier.FourierMotion": "runs",
+    "planning.offers.Offers": "values",
     "planning.plan.SensorPlan": "plans",
     "recording.log.Log": "logs",
     "recording.memory.Recording": "recordings",
@@ -60,7 +67,9 @@ def frame(value: object, library: str) -> Any:
     """
     if library not in ("polars", "pandas"):
         raise DeltaidError(
-            f"there are tables of polars and of pandas, not of '{library}'", where="to_frame"
+            f"there are no tables of '{library}'",
+            where="to_frame",
+            cure="choose from polars and pandas",
         )
     if library == "pandas" and find_spec("pandas") is None:
         raise DeltaidError(

@@ -24,8 +24,7 @@ def card(value: Verdicts | Verdict) -> Card:
         return Card(f"{value.key}: {value.grade}", (value.sentence,), value.grade)
     poor, good = value.poor, [one for one in value if one.grade is Grade.GOOD]
     told = [f"{one.grade}, {one.key}: {one.finding}" for one in poor[:_TOLD]]
-    if len(poor) > _TOLD:
-        told.append(f"… and {len(poor) - _TOLD} more")
+    told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
     first = f"{value.grade}: {tally(value)}" if value else "nothing was looked at"
     proposed = (("lines that are proposed", value.cures),) if _can_be_cured(value) else ()
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}

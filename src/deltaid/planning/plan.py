@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, unknown
 from deltaid.identification.gains import SPREAD
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.planning.bench import Bench, Outlook, PlanSettings
@@ -21,6 +21,7 @@ from deltaid.planning.shopping import Step, shopping
 from deltaid.planning.unknowns import Unknowns, unknowns
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMapping, MappingLike, as_mapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
@@ -73,17 +74,16 @@ class SensorPlan(Shown, Plotted, Tabled, Reported):
         """Position of an entry, such as 'S.mcx'.
 
         Raises:
-            DeltaidError: there is none of that name.
+            UnknownNameError: there is none of that name; the message has the nearest.
         """
         if name not in self.unknowns.names:
-            names = ", ".join(self.unknowns.names)
-            raise DeltaidError(f"there is no entry '{name}'", where="--entries", cure=names)
+            raise unknown(name, self.unknowns.names, "entry", self.model.robot.name)
         return self.unknowns.names.index(name)
 
 
 def sensor_plan(
     robot: ModelLike,
-    motion: str | Path | None = None,
+    motion: RecordingLike | None = None,
     *,
     offers: Offers | str | Path | None = None,
     goal: str = BODIES,
@@ -97,7 +97,8 @@ def sensor_plan(
 
     Args:
         robot: a robot or a model, by value, name or file; its parameters are taken for true.
-        motion: a file of a planned motion or a recording; a generic random one without.
+        motion: a planned motion or a recording, as a file, a table or arrays; a generic random one
+            without.
         offers: a list of what could be bought, by value or file; the shipped one without.
         goal: 'bodies', a body, 'forces' or 'gains'.
         budget: most that all may cost.
@@ -119,7 +120,7 @@ def sensor_plan(
 
 def _planned(
     model: Model,
-    motion: str | Path | None,
+    motion: RecordingLike | None,
     offers: Offers | str | Path | None,
     goal: str,
     budget: float | None,
@@ -174,13 +175,13 @@ def _planned(
 def _motion(
     model: Model,
     dynamics: Dynamics,
-    path: str | Path | None,
+    given: RecordingLike | None,
     columns: ColumnMapping | None,
     settings: PlanSettings,
 ) -> PlannedMotion:
-    if path is None:
+    if given is None:
         return generic_motion(dynamics, settings.duration, settings.seed)
-    return motion_of_file(model, dynamics, path, columns)
+    return motion_of_file(model, dynamics, given, columns)
 
 
 def _notes(entries: Unknowns, aim: str, gain_spread: float) -> tuple[str, ...]:

@@ -145,10 +145,12 @@ def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[s
         given = np.asarray(value)
         array = given.astype(float) if given.dtype == bool else numbers_of(value, where)
         if array.ndim not in (1, 2) or samples not in (-1, len(array)):
+            turned = array.ndim == 2 and array.shape[1] == samples
             raise RecordingError(
                 f"has shape {array.shape}" + f", but others have {samples} rows" * (samples > 0),
                 where=where,
-                cure="give one row a sample: (samples,) or (samples, drives)",
+                cure="give one row a sample: "
+                + (f"{key}.T" if turned else "(samples,) or (samples, drives)"),
             )
         samples = len(array)
         if array.ndim == 1:

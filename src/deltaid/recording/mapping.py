@@ -218,8 +218,8 @@ class ColumnMapping(Part):
         return self
 
 
-# A mapping, or the file of one.
-MappingLike = ColumnMapping | str | Path
+# A mapping, by value, as a dictionary of the same keys, or the file of one.
+MappingLike = ColumnMapping | Mapping[str, Any] | str | Path
 # One for all recordings, or one each in their order; None for the default names.
 ColumnMappings = MappingLike | Sequence[MappingLike | None] | None
 
@@ -231,10 +231,8 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
         RecordingError: there are several, but not as many as recordings; or something is none.
         DescriptionError: a file does not fit.
     """
-    if columns is None or isinstance(columns, MappingLike):
+    if not isinstance(columns, Sequence) or isinstance(columns, str):
         return [as_mapping(columns)] * recordings
-    if isinstance(columns, Mapping):
-        raise _no_mapping(columns)
     columns = [as_mapping(one) for one in columns]
     if len(columns) == 1:
         return [columns[0]] * recordings
@@ -249,25 +247,23 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
 
 
 def as_mapping(columns: object) -> ColumnMapping | None:
-    """A mapping by value or by file; None for the default names.
+    """A mapping by value, dictionary or file; None for the default names.
 
     Raises:
-        RecordingError: it is neither.
-        DescriptionError: the file does not fit.
+        RecordingError: it is none of these.
+        DescriptionError: the file or the dictionary does not fit.
     """
     if columns is None or isinstance(columns, ColumnMapping):
         return columns
     if isinstance(columns, str | Path):
         return load_mapping(columns)
-    raise _no_mapping(columns)
-
-
-def _no_mapping(given: object) -> RecordingError:
-    return RecordingError(
-        f"a {type(given).__name__} is no mapping of columns",
+    if isinstance(columns, Mapping):
+        return ColumnMapping.from_dict(columns, "columns").of("columns")
+    raise RecordingError(
+        f"a {type(columns).__name__} is no mapping of columns",
         where="columns",
-        cure="give deltaid.ColumnMapping(…), the path of a mapping file, or a list of these with "
-        "one for each recording",
+        cure="give deltaid.ColumnMapping(…) or a dictionary of the same keys, the path of a "
+        "mapping file, or a list of these with one for each recording",
     )
 
 

@@ -174,6 +174,8 @@ def as_source(given: object, name: str = "table") -> Path | Recording:
         return given
     if isinstance(given, str | Path):
         return Path(given)
+    if isinstance(given, Tabled) and hasattr(given, "run"):  # a planned motion
+        given = given.to_frame()
     if isinstance(given, pl.DataFrame | pl.LazyFrame | PandasTable | Mapping | np.ndarray):
         return Recording.from_table(given, name=name)
     raise RecordingError(
