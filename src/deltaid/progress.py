@@ -61,18 +61,19 @@ def share_of(text: str) -> float | None:
 
 def _shown_in_notebook(title: str) -> Generator[Progress, None, None]:
     """A bar of HTML that is replaced stage by stage: rich and tqdm need ipywidgets for theirs."""
-    from IPython.display import HTML, display
+    from IPython.display import display
 
-    def bar(text: str) -> HTML:
-        share = share_of(text)
+    def bar(text: str) -> dict[str, str]:
+        said, share = f"{title}: {text}", share_of(text)
         value = "" if share is None else f' value="{share:.3f}"'
-        return HTML(_BAR.format(value=value, text=html.escape(f"{title}: {text}")))
+        shown = _BAR.format(value=value, text=html.escape(said))
+        return {"text/plain": said, "text/html": shown}
 
-    handle: Any = display(bar("starting"), display_id=True)
+    handle: Any = display(bar("starting"), raw=True, display_id=True)
     try:
-        yield lambda text: handle.update(bar(text))
+        yield lambda text: handle.update(bar(text), raw=True)
     finally:
-        handle.update(HTML(""))
+        handle.update({"text/plain": "", "text/html": ""}, raw=True)
 
 
 def _shown_in_terminal(title: str) -> Generator[Progress, None, None]:

@@ -16,7 +16,7 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Settings, settings_of
+from deltaid.model.settings import Settings, settings_of
 from deltaid.posterior.intervals import with_posterior_intervals
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each

@@ -26,7 +26,7 @@ from deltaid.check.workspace import checked_workspace
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.information import Information, merge
-from deltaid.model.record import Settings, settings_of
+from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
 from deltaid.recording.memory import Recording, RecordingLike, as_sources

@@ -83,7 +83,7 @@ def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | Non
     if isinstance(robot, Mapping):
         return None
     if not isinstance(robot, str | Path):
-        known = getattr(robot, "p", None)
+        known = getattr(getattr(robot, "model", robot), "p", None)
         return known if isinstance(known, np.ndarray) and known.ndim == 1 else None
     if str(robot) in catalogue() or not os.path.exists(robot):
         return None

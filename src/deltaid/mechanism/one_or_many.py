@@ -89,6 +89,6 @@ def _first(out: Any) -> Any:
         return tuple(_first(one) for one in out)
     if is_dataclass(out) and not isinstance(out, type):
         held = {one.name: getattr(out, one.name) for one in fields(out)}
-        arrays = {key: x[0] for key, x in held.items() if isinstance(x, np.ndarray)}
+        arrays = {key: np.asarray(x[0]) for key, x in held.items() if isinstance(x, np.ndarray)}
         return replace(out, **arrays)
     return out

@@ -29,9 +29,9 @@ class Regularity(Shown):
     hold: Float[np.ndarray, "*samples"]
 
     @property
-    def worst(self) -> Float[np.ndarray, " samples"]:
+    def worst(self) -> Float[np.ndarray, "*samples"]:
         """The larger of both conditions; NaN where either is."""
-        return np.maximum(self.condition, self.hold)
+        return np.asarray(np.maximum(self.condition, self.hold))
 
     def part(self, which: slice) -> "Regularity":
         """Of some of the poses."""

@@ -1,7 +1,6 @@
 """The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,20 +16,10 @@ from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
 from deltaid.model.left_out import LeftOut
 from deltaid.model.names import place
-from deltaid.model.options import (
-    GAMMA_LIMITS,
-    LARGEST_LAG,
-    SPREAD_LIMITS,
-    ComplianceChoice,
-    FrictionLaws,
-    IntervalChoice,
-    LagChoice,
-    Method,
-    RegularizerName,
-)
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.sensor_record import FittedSensor
+from deltaid.model.settings import Settings
 from deltaid.progress import Watch
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
@@ -39,6 +28,7 @@ from deltaid.robot.part import Part
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
+    from deltaid.dynamics.dynamics import Dynamics
     from deltaid.model.samples import Samples
 
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
@@ -46,59 +36,6 @@ if TYPE_CHECKING:
 # 4: the posterior; how intervals were made.
 FORMAT = 4
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
-
-Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
-
-
-class Settings(Part):
-    """How a model is fitted.
-
-    Attributes:
-        method: 'conic' (global optimum, certified) or 'log-cholesky' (the paper's).
-        regularizer: the metric that pulls towards the prior.
-        gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
-        prior_spread: relative standard deviation of the prior that this rule assumes.
-        cutoff: low-pass cut-off [Hz] for logs; by rule when None.
-        friction: laws as described, or extended where the recordings ask for it.
-        keep_all: whether nothing is left out of the recordings.
-        lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
-            or one a drive.
-        compliance: of gears: estimated where none is stated, or none beside what is stated.
-        events: whether contacts, stops, torque spikes and play in gears are found and left out.
-        intervals: of parameters, by linearisation about the fit and what data and consistency leave
-            open; or of models drawn from the posterior, which feel edges of consistency.
-    """
-
-    method: Method = "conic"
-    regularizer: RegularizerName = "euclidean"
-    gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
-    prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
-    cutoff: Annotated[float, Field(gt=0)] | None = None
-    friction: FrictionLaws = "choose"
-    keep_all: bool = False
-    lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
-    compliance: ComplianceChoice = "estimate"
-    events: bool = True
-    intervals: IntervalChoice = "linear"
-
-
-def settings_of(given: object) -> Settings:
-    """Settings by value or as a dictionary; the usual ones without.
-
-    Raises:
-        DescriptionError: there is no such setting, or it cannot have that value.
-    """
-    if given is None:
-        return Settings()
-    if isinstance(given, Settings):
-        return given
-    if isinstance(given, Mapping):
-        return Settings.from_dict(given, "settings")
-    raise DescriptionError(
-        f"a {type(given).__name__} is no settings",
-        where="settings",
-        cure="give deltaid.Settings(…), or a dictionary of the same keys",
-    )
 
 
 class Source(Part):
@@ -204,6 +141,11 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         """How large each drive's torque is at the joint that its recordings call 1 N m (or 1 N)."""
         found = {one.subject: one.value for one in self.corrections if one.kind == "gain"}
         return np.array([found.get(drive) or 1.0 for drive in self.robot.drives])
+
+    @property
+    def dynamics(self) -> "Dynamics":
+        """The robot's dynamics with these parameters, as of `Model`."""
+        return above("model.model", "load")(self).dynamics
 
     def value(self, name: str) -> float:
         """One parameter by name, such as 'U.mcx' or 'viscous.drive1'.

@@ -28,6 +28,7 @@ _COLOURS = {
 }  # fmt: skip
 _OTHER = "#57606a"
 _CELL = "padding:.15em .7em .15em 0;vertical-align:top;border:0;background:none;color:inherit"
+_NEXT = "margin-top:.4em;font-family:monospace;font-size:.85em;opacity:.7"
 _NUMBERS = set("0123456789.-−+±%…e≥≤<>×– ")
 
 
@@ -98,6 +99,9 @@ def html(card: Card) -> str:
             f'<details style="margin-top:.3em"><summary style="cursor:pointer">{_safe(title)}'
             f"</summary>{body}</details>"
         )
+    if card.methods:
+        told = " &nbsp;".join(_safe(method) for method in card.methods)
+        parts.append(f'<div style="{_NEXT}">→ {told}</div>')
     return "".join([*parts, "</div>"])
 
 

@@ -34,7 +34,7 @@ def card(value: Model | IdentifiedModel) -> Card:
         errors(known),
         error_table(model, None),
         (("parameters", parameter_table(known)), *warned(known.warnings)),
-        (*_NEXT, '.save("model.yaml")', ".sample(100)"),
+        (*_NEXT, ".sample(100)", *(('.save("model.yaml")',) * isinstance(value, IdentifiedModel))),
     )
 
 

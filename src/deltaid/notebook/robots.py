@@ -28,6 +28,8 @@ _METHODS: dict[type, tuple[str, ...]] = {
     ConstraintForces: (".names", ".evaluate(z, qd, qdd, p)"),
     RobotDescription: (".plot()", '.report("x.html")', '.changed(name="…")'),
 }  # fmt: skip
+# How much nearer than in a report, whose picture is higher.
+_NEARER = 0.8
 _TITLES: dict[type, str] = {
     Kinematics: "Kinematics of ", Dynamics: "Dynamics of ", RobotDescription: "",
     ForwardDynamics: "Forward dynamics of ", ConstraintForces: "Constraint forces of ",
@@ -92,7 +94,7 @@ def drawn(robot: RobotDescription) -> "go.Figure":
 
     from deltaid.mechanism.skeleton import Skeleton
     from deltaid.report import style
-    from deltaid.report.animation import fix_scene, robot_lines
+    from deltaid.report.animation import CAMERA, fix_scene, robot_lines
     from deltaid.report.workspace import outline
 
     skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
@@ -102,11 +104,13 @@ def drawn(robot: RobotDescription) -> "go.Figure":
         **dict(zip("xyz", edges.astype(np.float32).T, strict=True)),
         name="workspace",
         mode="lines",
-        line={"color": style.MEASURED, "width": 3},
+        line={"color": style.PRIOR, "width": 3, "dash": "dot"},
         hoverinfo="skip",
     )
     seen = (shape.reshape(-1, 3), edges[~np.isnan(edges[:, 0])])
     fix_scene(figure, np.concatenate(seen), height=460, below=0)
+    near = {axis: _NEARER * eye for axis, eye in CAMERA["eye"].items()}
+    figure.update_layout(scene_camera_eye=near, margin_t=30)
     return figure
 
 

@@ -37,6 +37,7 @@ _KINDS = {
     "planning.offers.Offers": "values",
     "planning.plan.SensorPlan": "plans",
     "recording.log.Log": "logs",
+    "recording.mapping.ColumnMapping": "mappings",
     "recording.memory.Recording": "recordings",
     "recording.recording.Recording": "logs",
     "robot.description.RobotDescription": "robots",

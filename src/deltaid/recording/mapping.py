@@ -13,6 +13,7 @@ from deltaid.recording.sensor_columns import SensorColumns
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
+from deltaid.shown import Shown
 
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
@@ -151,7 +152,7 @@ class TemperatureColumn(Part):
     unit: Literal["degC", "K", "degF"] = "degC"
 
 
-class ColumnMapping(Part):
+class ColumnMapping(Shown, Part):
     """The user's mapping file: columns of a log by address, drives in order of q."""
 
     time: TimeColumn = TimeColumn()

@@ -210,6 +210,14 @@ class FrameTable(Table):
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(_SLICE_ROWS):
             yield rows_of(part, picks, origins)
 
+    @property
+    def cure_of_missing(self) -> str:
+        """As in `Table`, for who is in Python."""
+        return (
+            "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
+            "q, tau, or say which is which: columns=deltaid.ColumnMapping(…)"
+        )
+
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.
 
