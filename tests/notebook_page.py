@@ -9,6 +9,7 @@ their output.
 """
 
 import base64
+import os
 import re
 import subprocess
 import sys
@@ -42,7 +43,8 @@ def executed() -> Any:
     notebook = stored()
     with tempfile.TemporaryDirectory() as folder:
         where = {"metadata": {"path": folder}}
-        NotebookClient(notebook, timeout=120, kernel_name="python3", resources=where).execute()
+        client = NotebookClient(notebook, timeout=120, kernel_name="python3", resources=where)
+        client.execute(env=os.environ | {"PYTHONPATH": str(ROOT / "src")})
     for cell in code(notebook):
         cell["outputs"] = [one for one in map(_kept, cell["outputs"]) if one is not None]
         cell["metadata"].pop("execution", None)

@@ -89,6 +89,7 @@ def _shown_in_terminal(title: str) -> Generator[Progress, None, None]:
         def say(stage: str) -> None:
             share = share_of(stage)
             total = None if share is None else 1.0
-            bars.update(task, description=f"{title}: {stage}", total=total, completed=share or 0.0)
+            said = f"{title}: {stage}"
+            bars.update(task, description=said, total=total, completed=share or 0.0, refresh=True)
 
         yield say
