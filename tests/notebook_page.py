@@ -83,7 +83,8 @@ def page(notebook: Any) -> str:
             if "image/png" in data:
                 parts.append(f"![{cell['metadata']['alt']}](images/notebook/{k + 1}.png)")
             elif "text/html" in data:
-                parts.append(f'<div class="output">{_one_line(data["text/html"])}</div>')
+                scrolls = '<div style="overflow-x:auto;margin:1em 0">'
+                parts.append(f"{scrolls}{_one_line(data['text/html'])}</div>")
             else:
                 text = output.get("text") or data["text/plain"]
                 parts.append(f"```text\n{text.rstrip()}\n```")
@@ -123,8 +124,9 @@ def _numbers(texts: list[str]) -> list[float]:
 
 
 def _one_line(html: str) -> str:
-    """HTML as Markdown leaves it alone: no empty lines, no indents."""
-    return "".join(line.strip() for line in html.splitlines())
+    """HTML as Markdown leaves it alone: no empty lines, no indents; tables as the site has them."""
+    text = "".join(line.strip() for line in html.splitlines())
+    return text.replace(' border="1" class="dataframe"', "")
 
 
 def _pictures(notebook: Any) -> None:

@@ -100,7 +100,7 @@ def html(card: Card) -> str:
             f"</summary>{body}</details>"
         )
     if card.methods:
-        told = " &nbsp;".join(_safe(method) for method in card.methods)
+        told = "&nbsp; ".join(_safe(method) for method in card.methods)
         parts.append(f'<div style="{_NEXT}">→ {told}</div>')
     return "".join([*parts, "</div>"])
 
@@ -146,8 +146,8 @@ def _table(table: Table, most: int) -> str:
     further = f'<div style="opacity:.7">… and {left} more</div>' if left > 0 else ""
     top = f'<tr style="background:none">{head}</tr>' if any(table.columns) else ""
     return (
-        '<div style="overflow-x:auto"><table style="border-collapse:collapse;margin:.35em 0;'
-        "color:inherit;font-size:.95em;"
+        '<div style="overflow-x:auto"><table class="deltaid" style="border-collapse:collapse;'
+        "margin:.35em 0;color:inherit;font-size:.95em;"
         f'font-variant-numeric:tabular-nums">{top}{"".join(rows)}</table>{further}</div>'
     )
 

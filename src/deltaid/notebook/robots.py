@@ -29,7 +29,7 @@ _METHODS: dict[type, tuple[str, ...]] = {
     RobotDescription: (".plot()", '.report("x.html")', '.changed(name="…")'),
 }  # fmt: skip
 # How much nearer than in a report, whose picture is higher.
-_NEARER = 0.8
+_NEARER = 0.92
 _TITLES: dict[type, str] = {
     Kinematics: "Kinematics of ", Dynamics: "Dynamics of ", RobotDescription: "",
     ForwardDynamics: "Forward dynamics of ", ConstraintForces: "Constraint forces of ",
