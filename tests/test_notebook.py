@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 
 import deltaid
+from deltaid.notebook.card import Card, text
 from deltaid.notebook.show import _KINDS
 from html_page import HOSTILE, Document
 from logs import recorded
@@ -86,6 +87,14 @@ def test_a_prompt_shows_a_few_lines(values: dict[str, object]) -> None:
         assert len(said.splitlines()) <= LINES, what
         assert max(map(len, said.splitlines())) <= WIDE, what
         assert " object at 0x" not in said, what
+
+
+def test_much_to_say_is_cut_and_what_to_do_next_stays() -> None:
+    lines = ("word " * 200, *(f"line {k}" for k in range(30)))
+    said = text(Card("Title", lines, "", (("n", "1"),) * 50, methods=(".plot()",)))
+    assert len(said.splitlines()) <= LINES
+    assert len(said) <= 2 * SHORT
+    assert said.splitlines()[-2:] == ["  …", "→ .plot()"]
 
 
 def test_they_say_what_matters(values: dict[str, object]) -> None:

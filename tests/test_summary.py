@@ -135,7 +135,7 @@ def test_what_the_checks_say_stands_once_on_the_page(result: Judged) -> None:
     verdict = Verdict("clock", CheckGrade.DOUBTFUL, "rows repeat", cause="lost", cure="log anew")
     model = result.model.changed(warnings=(verdict.sentence, "something else"))
     good = Verdict("rate", CheckGrade.GOOD, "1000 Hz")
-    page = identification_page(replace(result, model=model, verdicts=(verdict, good)))
+    page = identification_page(replace(result, model=model, verdicts=Verdicts((verdict, good))))
     assert page.warnings == ("something else",)
     assert ("doubtful", "clock", "rows repeat", "lost → log anew") in page.front[0].rows
     assert Fact("checks", "1 doubtful", "clock") in page.facts

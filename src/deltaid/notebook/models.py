@@ -9,7 +9,7 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.notebook.card import Card
 from deltaid.report.model_tables import error_table, parameter_table
 from deltaid.report.numbers import percent
-from deltaid.report.summary import summary
+from deltaid.report.summary import summary, without_doubts
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -85,6 +85,7 @@ def page(value: Model | IdentifiedModel) -> "Page":
     """What a model is by itself, without the recordings that it comes from."""
     from deltaid.notebook.robots import page as of_robot
     from deltaid.report.bodies import body_section
+    from deltaid.report.drawing import drawing
     from deltaid.report.page import Fact, Page
     from deltaid.report.parameters import parameter_section
     from deltaid.report.provenance import provenance_section
@@ -96,7 +97,10 @@ def page(value: Model | IdentifiedModel) -> "Page":
         return of_robot(model.robot)
     return Page(
         title=model.robot.title or model.robot.name,
-        subtitle=" ".join((found.sentence, *found.lines)),
+        subtitle=f"Dynamic model, {model.origin}",
+        verdict=without_doubts(found),
+        drawing=drawing(model.robot, model.dynamics.kinematics),
+        front=(error_table(model, None),),
         facts=tuple(Fact(name, share) for name, share in errors(known)),
         sections=(
             parameter_section(known),

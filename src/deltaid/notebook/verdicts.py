@@ -51,12 +51,15 @@ def frame(value: Verdicts) -> pl.DataFrame:
 
 def page(value: Verdicts) -> "Page":
     """The page of `deltaid check`."""
+    from deltaid.dynamics.dynamics import compiled
     from deltaid.report.check import check_page
+    from deltaid.report.drawing import drawing
 
     robot = value.robot
     lines = {"the files that it names": value.cures} if _can_be_cured(value) else {}
     title = (robot.title or robot.name) if robot else "robot"
-    return check_page(title, value, [_name(one) for one in value.sources], lines)
+    drawn = drawing(robot, compiled(robot).kinematics) if robot else None
+    return check_page(title, value, [_name(one) for one in value.sources], lines, drawn)
 
 
 def _title(value: Verdicts) -> str:
