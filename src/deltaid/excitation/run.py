@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.excitation.problem import ExcitationProblem
+from deltaid.mechanism.one_or_many import one_or_many_times
 from deltaid.motion.fourier import FourierMotion
 from deltaid.shown import Shown
 
@@ -43,6 +44,7 @@ class Run(Shown):
         """Time from rest to rest [s]."""
         return 2 * self.ramp + self.repeats * self.motion.period
 
+    @one_or_many_times
     def evaluate(
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:

@@ -49,6 +49,18 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     return decorate
 
 
+def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Let a method of times (samples,) take a single time, and return what it is then."""
+
+    @functools.wraps(method)
+    def call(self: Any, time: Any) -> Any:
+        times = np.asarray(time, dtype=float)
+        out = method(self, np.atleast_1d(times))  # pyright: ignore[reportCallIssue]
+        return out if times.ndim else _first(out)
+
+    return call  # pyright: ignore[reportReturnType]
+
+
 def _array(value: Any, dof: int, name: str) -> np.ndarray:
     try:
         array = np.asarray(value, dtype=float)

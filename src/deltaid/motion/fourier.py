@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.mechanism.one_or_many import one_or_many_times
 from deltaid.shown import Shown
 
 Coefficients = Float[np.ndarray, "coordinates harmonics"]
@@ -30,6 +31,7 @@ class FourierMotion(Shown):
         """2π/ω₀ [s]."""
         return 2 * np.pi / self.base_frequency
 
+    @one_or_many_times
     def evaluate(
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:
