@@ -76,13 +76,14 @@ class Fact:
 
 @dataclass(frozen=True)
 class Page:
-    """Everything a page says."""
+    """Everything a page says; `problems` are what makes its figures worthless, in red."""
 
     title: str
     subtitle: str
     facts: tuple[Fact, ...]
     sections: tuple[Section, ...]
     warnings: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
 
 
 def write_page(page: Page, path: Path) -> None:

@@ -8,13 +8,18 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 
 from deltaid.control.comparison import Run
+from deltaid.control.infeasible import Problem
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.dynamics.limits import effort_limits
-from deltaid.errors import Doubt
 from deltaid.report import style
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Text
-from deltaid.report.tracking_tables import NO_MODEL, comparison_table, drive_table
+from deltaid.report.tracking_tables import (
+    NO_MODEL,
+    comparison_table,
+    drive_table,
+    infeasible_lines,
+)
 from deltaid.robot.description import RobotDescription
 
 # Points a line is drawn with.
@@ -31,7 +36,12 @@ Points = Float[np.ndarray, " points"]
 
 
 def tracking_page(
-    robot: RobotDescription, result: Tracking, title: str, drives: Drives, bandwidth: float
+    robot: RobotDescription,
+    result: Tracking,
+    title: str,
+    drives: Drives,
+    bandwidth: float,
+    problems: Sequence[Problem] = (),
 ) -> Page:
     """One controller on one plant, which is `robot`; bandwidth in Hz."""
     own = [(title, style.IDENTIFIED, result)]
@@ -45,17 +55,24 @@ def tracking_page(
             ),
             Section("Torques", (_torques(robot, result), drive_table(robot, result))),
         ),
-        warnings=_lost([(title, result)]),
+        problems=tuple(problem.text for problem in problems),
     )
 
 
 def comparison_page(
-    robot: RobotDescription, runs: Sequence[Run], title: str, drives: Drives, bandwidth: float
+    robot: RobotDescription,
+    runs: Sequence[Run],
+    title: str,
+    drives: Drives,
+    bandwidth: float,
+    problems: Sequence[Problem] = (),
 ) -> Page:
-    """All controllers with all models on one plant; bandwidth in Hz."""
+    """All controllers with all models on one plant; bandwidth in Hz.
+
+    Nothing is praised on a motion that the robot cannot run (`problems`), and no run that stood at
+    a limit or was far off.
+    """
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
-    # Who was lost early may have been near until then.
-    best = min(done, key=lambda pair: (pair[1].ended is not None, pair[1].error.platform_rms))
     lines = [
         Section(controller, _errors(_of_controller(controller, done)))
         for controller in dict.fromkeys(run.controller for run, _ in done)
@@ -63,15 +80,7 @@ def comparison_page(
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
-        facts=(
-            Fact(
-                "least error of the platform",
-                f"{1e3 * best[1].error.platform_rms:.3g} mm",
-                f"rms; {best[0].controller}, {best[0].model or NO_MODEL}"
-                + (", until it was lost" if best[1].ended is not None else ""),
-            ),
-            *_gains(runs),
-        ),
+        facts=(_best(runs, problems), *(() if problems else _gains(runs))),
         sections=(
             Section(
                 "What identification buys",
@@ -79,7 +88,7 @@ def comparison_page(
             ),
             *lines,
         ),
-        warnings=_lost([(f"{run.controller}, {run.model or NO_MODEL}", t) for run, t in done]),
+        problems=infeasible_lines(problems, runs),
     )
 
 
@@ -97,13 +106,27 @@ def _facts(result: Tracking) -> tuple[Fact, ...]:
     )
 
 
+def _best(runs: Sequence[Run], problems: Sequence[Problem]) -> Fact:
+    """Who came nearest, of those that followed a motion that can be run."""
+    if problems:
+        return Fact("no comparison", "not feasible", "the motion is beyond the robot's limits")
+    sound = [(run, tracking.error) for run, tracking in _sound(runs)]
+    if not sound:
+        return Fact("no controller", "follows this motion", "each stood at a limit or was far off")
+    run, error = min(sound, key=lambda pair: pair[1].platform_rms)
+    note = f"rms; {run.controller}, {run.model or NO_MODEL}"
+    return Fact("least error of the platform", f"{1e3 * error.platform_rms:.3g} mm", note)
+
+
+def _sound(runs: Sequence[Run]) -> list[tuple[Run, Tracking]]:
+    """Runs that followed the motion, within the limits."""
+    done = [(run, run.tracking) for run in runs if run.tracking is not None]
+    return [(run, result) for run, result in done if result.ended is None and not run.problems]
+
+
 def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
     """How much smaller the error is with the identified model than with the prior."""
-    by_name = {
-        (r.controller, r.model): r.tracking
-        for r in runs
-        if r.tracking is not None and r.tracking.ended is None
-    }
+    by_name = {(run.controller, run.model): tracking for run, tracking in _sound(runs)}
     facts = []
     for controller in dict.fromkeys(run.controller for run in runs):
         prior, after = (by_name.get((controller, m)) for m in ("prior", "identified"))
@@ -114,18 +137,6 @@ def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
             times = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
             facts.append(Fact(controller, f"{times} times nearer", note))
     return tuple(facts)
-
-
-def _lost(runs: Sequence[tuple[str, Tracking]]) -> tuple[str, ...]:
-    return tuple(
-        Doubt(
-            f"{name}: lost after {run.ended:.4g} s, where a limb was stretched",
-            cause="its gains or its model do not hold the robot on this motion",
-            cure="lower the gains, or take a slower motion",
-        )
-        for name, run in runs
-        if run.ended is not None
-    )
 
 
 def _of_controller(
