@@ -75,7 +75,6 @@ class Question:
             )
         return value
 
-
     def _cure(self, value: float) -> str:
         """Numbers without a unit that would do with a smaller one."""
         smaller = {"m": "mm", "kg": "g"}.get(self.unit)

@@ -14,8 +14,14 @@ from deltaid.drafting.kinds import (
 
 
 def sources(draft: Draft) -> dict[str, str]:
-    """The key `sources` of a description."""
-    return dict(_sources(draft))
+    """The key `sources` of a description; drives that say the same say it once."""
+    found = dict(_sources(draft))
+    for part in ("friction", "rotor_inertia", "drive_limits"):
+        own = [key for key in found if key.startswith(f"{part}.")]
+        if len({found[key] for key in own}) == 1:
+            found[part] = found[own[0]]
+            found = {key: text for key, text in found.items() if key not in own}
+    return found
 
 
 def _sources(draft: Draft) -> Iterator[tuple[str, str]]:
@@ -75,7 +81,10 @@ def _drives(draft: Draft) -> Iterator[tuple[str, str]]:
     for i in range(limbs_of(draft.kind)):
         drive = f"drive{i + 1}"
         yield f"friction.{drive}", _together(draft, *law)
-        yield f"rotor_inertia.{drive}", _together(draft, *(("rotor_mass",) if rail else ("rotor", "gear")))
+        yield (
+            f"rotor_inertia.{drive}",
+            _together(draft, *(("rotor_mass",) if rail else ("rotor", "gear"))),
+        )
         yield f"drive_limits.{drive}", _together(draft, *ends, *most)
     if has_telescope(draft.kind):
         yield "friction.drive4", ASSUMED

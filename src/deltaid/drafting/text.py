@@ -23,7 +23,9 @@ _HEAD = f"""\
 # Nobody has measured what is "assumed": replace it where you can, and say in `sources` where from.
 """
 # Letters first, and no word that YAML reads as something else.
-_PLAIN = re.compile(r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z][\w ,;.'()/+-]*", re.IGNORECASE)
+_PLAIN = re.compile(
+    r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z][\w ,;.'()/+-]*", re.IGNORECASE
+)
 _AZIMUTHS = {
     "rigid": "[0, 120, 240]", "h4": "[15, 165, 270, 270]",
     "i4": "[45, -45, 135, -135]", "par4": "[45, -45, 135, -135]",
@@ -56,6 +58,11 @@ def number(value: float) -> str:
     return str(int(value)) if value == int(value) and abs(value) < 1e6 else repr(float(value))
 
 
+def product(a: float, b: float) -> float:
+    """Without the last bits, which only rounding made: 0.4 times 3 is 1.2."""
+    return float(f"{a * b:.12g}")
+
+
 def scalar(text: str) -> str:
     """Text of one line: plain words as they are, all else between quotes."""
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=not text.isprintable())
@@ -69,7 +76,9 @@ def written(draft: Draft) -> str:
         _limbs(writer), _platform(writer), _bodies(writer), _friction(writer), _rotors(writer),
         _limits(writer), _sources(writer),
     )  # fmt: skip
-    return _HEAD + head + "".join("\n" + "\n".join(part) + "\n" for part in map(list, parts) if part)
+    return (
+        _HEAD + head + "".join("\n" + "\n".join(part) + "\n" for part in map(list, parts) if part)
+    )
 
 
 def _limbs(w: _Writer) -> Iterator[str]:
@@ -127,7 +136,7 @@ def _platform(w: _Writer) -> Iterator[str]:
         yield "  direction_deg: 90 # the slide lies across the limbs that hold one half"
         yield "  first: [1, 2]"
         note = w.note("pinion").replace("# ", f"# rad/m, of a pinion of {number(a['pinion'])} m; ")
-        yield f"  ratio: {number(1 / (2 * a['pinion']))}{note}"
+        yield f"  ratio: {number(product(0.5, 1 / a['pinion']))}{note}"
     else:
         key = "half_length" if platform == "h4" else "length"
         yield w.line("  ", key, "m", "bar")
@@ -177,7 +186,7 @@ def _rotors(w: _Writer) -> Iterator[str]:
     if is_linear(kind):
         value, note = a["rotor_mass"], w.note("rotor_mass").replace("# ", "# kg; ", 1)
     else:
-        value = a["rotor"] * a["gear"] ** 2
+        value = product(a["rotor"], a["gear"] ** 2)
         times = f"{number(a['rotor'])} times {number(a['gear'])}²"
         note = w.note("rotor", "gear").replace("# ", f"# kg m², {times}; ", 1)
     for i in range(limbs_of(kind)):
@@ -195,12 +204,18 @@ def _limits(w: _Writer) -> Iterator[str]:
     yield ""
     yield "drive_limits:"
     if is_linear(kind):
-        ends, keys = [a["rail_low"], a["rail_high"]], ("rail_low", "rail_high", "rail_speed", "rail_force")
+        ends, keys = (
+            [a["rail_low"], a["rail_high"]],
+            ("rail_low", "rail_high", "rail_speed", "rail_force"),
+        )
         rest = f"speed: {number(a['rail_speed'])}, force: {number(a['rail_force'])}"
         limits = f"{{position: [{', '.join(map(number, ends))}], {rest}}}"
     else:
-        ends, keys = [a["angle_low"], a["angle_high"]], ("angle_low", "angle_high", "speed", "torque")
-        speed, torque = a["speed"] / a["gear"], a["torque"] * a["gear"]
+        ends, keys = (
+            [a["angle_low"], a["angle_high"]],
+            ("angle_low", "angle_high", "speed", "torque"),
+        )
+        speed, torque = product(a["speed"], 1 / a["gear"]), product(a["torque"], a["gear"])
         rest = f"speed_deg_s: {number(speed)}, torque: {number(torque)}"
         limits = f"{{angle_deg: [{', '.join(map(number, ends))}], {rest}}}"
     said = [f"{key.replace('_', ' ')} {w.draft.origins[key]}" for key in keys]
