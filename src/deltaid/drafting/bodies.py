@@ -42,12 +42,12 @@ def _driven(kind: str, a: Mapping[str, float]) -> Drawn:
     if is_linear(kind):
         shape = _lump("z", a["carriage_mass"])
         return Drawn("C", "carriage: slides along the rail", shape, "[m]", "carriage_mass")
-    shape = _rod("x", a["arm"], a["arm_mass"], _METAL, [a["arm"] / 2, 0, 0])
+    shape = _rod("x", a["arm"], a["arm_mass"], _METAL, a["arm"] / 2)
     return Drawn("U", "upper arm: turns about its y axis only", shape, _ARM, "arm_mass")
 
 
 def _strut(a: Mapping[str, float]) -> Drawn:
-    shape = _rod("x", a["strut"], a["strut_mass"], _CARBON, [a["strut"] / 2, 0, 0])
+    shape = _rod("x", a["strut"], a["strut_mass"], _CARBON, a["strut"] / 2)
     return Drawn("S", "one strut of the parallelogram", shape, _STRUT, "strut_mass")
 
 
@@ -64,13 +64,13 @@ def _platform(kind: str, a: Mapping[str, float]) -> list[Drawn]:
         half = _lump("y", mass / 2)
         return [Drawn("HP", "one of two half platforms, with its rack", half, "[m]", key), *tool]
     if platform_of(kind) == "h4":
-        middle = _rod("x", 2 * a["bar"], mass / 2, _METAL, [0, 0, 0])
+        middle = _rod("x", 2 * a["bar"], mass / 2, _METAL)
         return [
             Drawn("SB", "one of two side bars: translates only", _lump("y", mass / 4), "[m]", key),
             Drawn("MB", "middle bar: translates and turns about z", middle, "[m, Sxx, Syy]", key),
             *tool,
         ]
-    rod = _rod("x", a["bar"], mass / 8, _METAL, [0, 0, 0])
+    rod = _rod("x", a["bar"], mass / 8, _METAL)
     main = _lump("y", 3 * mass / 8)
     return [
         Drawn("MP", "one of two main parts: translates only", main, "[m]", key),
@@ -83,8 +83,8 @@ def _telescope(kind: str, a: Mapping[str, float]) -> list[Drawn]:
     if not has_telescope(kind):
         return []
     half, length = a["telescope_mass"] / 2, tube(a)
-    upper = _rod("z", length, half, _METAL, [0, 0, -length / 2])
-    lower = _rod("z", length, half, _METAL, [0, 0, length / 2])
+    upper = _rod("z", length, half, _METAL, -length / 2)
+    lower = _rod("z", length, half, _METAL, length / 2)
     return [
         Drawn("TU", "telescope, upper tube", upper, _TUBE, "telescope_mass"),
         Drawn("TL", "telescope, lower tube", lower, _TUBE, "telescope_mass"),
@@ -105,7 +105,7 @@ def tube(a: Mapping[str, float]) -> float:
 
 def _tool(a: Mapping[str, float]) -> Drawn:
     size = _size(a["tool_mass"])
-    shape = _rod("z", size, a["tool_mass"], _METAL, [0, 0, -size / 2])
+    shape = _rod("z", size, a["tool_mass"], _METAL, -size / 2)
     return Drawn("EE", "tool: translates and turns about z", shape, _TOOL, "tool_mass")
 
 
@@ -115,14 +115,14 @@ def _size(mass: float) -> float:
 
 
 def _lump(axis: str, mass: float) -> str:
-    return _rod(axis, _size(mass), mass, _METAL, [0, 0, 0])
+    return _rod(axis, _size(mass), mass, _METAL)
 
 
-def _rod(axis: str, length: float, mass: float, density: float, centre: list[float]) -> str:
-    """A solid cylinder, as thick as its mass makes it."""
+def _rod(axis: str, length: float, mass: float, density: float, middle: float = 0.0) -> str:
+    """A solid cylinder along an axis, its middle on it too, as thick as its mass makes it."""
     radius = rounded(float(np.sqrt(mass / (np.pi * density * length))), 3)
-    place = ", ".join(f"{float(x):g}" if not x else repr(float(x)) for x in centre)
+    centre = ", ".join(repr(middle) if name == axis and middle else "0" for name in "xyz")
     return (
         f"{{shape: hollow_cylinder, axis: {axis}, length: {length!r}, outer_radius: {radius!r},\n"
-        f"         centre: [{place}], mass: {mass!r}}}"
+        f"         centre: [{centre}], mass: {mass!r}}}"
     )

@@ -21,6 +21,7 @@ class Draft:
         offered: numbers of a robot to start from, which stand where nothing else is given.
         source: that robot.
         found: the workspace that the lengths reach, once it is known: found_radius, found_low, …
+        found_for: the answers that it was found for.
     """
 
     kind: str
@@ -31,6 +32,7 @@ class Draft:
     offered: Mapping[str, float] = field(default_factory=dict[str, float])
     source: str = ""
     found: Mapping[str, float] = field(default_factory=dict[str, float])
+    found_for: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def answered(self, key: str, value: float, origin: str) -> "Draft":
         """With one more answer."""

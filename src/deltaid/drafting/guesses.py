@@ -10,6 +10,8 @@ _GRAVITY = 9.81
 # Acceleration of the platform that assumed motors are strong enough for [m/s²], and how much
 # stronger they are than one limb alone would need.
 _ACCELERATION, _MORE = 40.0, 2.0
+# Mass of a part over the cube of arm and strut [kg/m³], at most: a tenth of a solid block's.
+_HEAVIEST = 15.0
 # Largest speed and acceleration that are assumed of a platform [m/s, m/s²].
 _FASTEST, _HARDEST = 5.0, 60.0
 
@@ -23,6 +25,12 @@ def lifted(kind: str, a: Mapping[str, float]) -> float:
     """Mass that one drive moves: its share of platform, tool and telescope, and its struts [kg]."""
     shared = sum(a.get(key, 0.0) for key in ("platform_mass", "tool_mass", "telescope_mass"))
     return shared / limbs_of(kind) + 2 * a["strut_mass"]
+
+
+def mass(kind: str, a: Mapping[str, float], typical: float) -> float:
+    """A mass that a robot of this size may have [kg]."""
+    size = a["strut"] + a.get("arm", 0.0)
+    return rounded(min(typical, _HEAVIEST * size**3))
 
 
 def bar(kind: str, a: Mapping[str, float]) -> float:

@@ -1,7 +1,6 @@
 """Asking for a robot: each answer is checked at once, and groups of them against one another."""
 
-from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from deltaid.drafting.draft import GIVEN, Draft
 from deltaid.drafting.drafts import require_group
@@ -9,9 +8,8 @@ from deltaid.drafting.quantity import quantity
 from deltaid.drafting.questions import GROUPS, Group, Question, asked
 from deltaid.errors import DeltaidError
 
-Progress = Callable[[str], None]
 
-
+@runtime_checkable
 class Asker(Protocol):
     """Whoever answers."""
 
@@ -32,20 +30,21 @@ def interview(draft: Draft, asker: Asker | None = None) -> Draft:
     """
     if asker is None:
         draft.require_known()
+        return require_group(require_group(draft, "lengths"), "workspace")
     for group in GROUPS:
         draft = _settled(draft, group, asker)
     return draft
 
 
-def _settled(draft: Draft, group: Group, asker: Asker | None) -> Draft:
+def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
     """A group's answers, asked for again until they go together."""
     again = False
     while True:
-        draft = _asked(draft, group, asker, again=again) if asker else draft
+        draft = _asked(draft, group, asker, again=again)
         try:
             return require_group(draft, group)
         except DeltaidError as error:
-            if asker is None or not _has(draft.kind, group):
+            if not _has(draft.kind, group):
                 raise
             asker.tell(error)
             again = True

@@ -42,8 +42,8 @@ class Question:
     key: str
     text: str
     unit: str
-    low: float
-    high: float
+    low: int | float
+    high: int | float
     how: str
     of: Callable[[str], bool]
     assumed: Callable[[str, Answers], float] | None
@@ -128,17 +128,17 @@ QUESTIONS: tuple[Question, ...] = (
              "measure from stop to stop", is_linear,
              lambda kind, a: guesses.rounded(a["strut"] + a["rail_low"]), "lengths"),
     Question("arm_mass", "mass of one arm, with the elbow's joints", "kg", 1e-3, 500, _SCALE,
-             is_rotary, lambda kind, a: guesses.rounded(1.5 * a["arm"]), "masses"),
+             is_rotary, lambda kind, a: guesses.mass(kind, a, 1.5 * a["arm"]), "masses"),
     Question("carriage_mass", "mass of one carriage", "kg", 1e-3, 2000, _SCALE, is_linear,
-             lambda kind, a: guesses.rounded(2.0 * a["strut"]), "masses"),
+             lambda kind, a: guesses.mass(kind, a, 2.0 * a["strut"]), "masses"),
     Question("strut_mass", "mass of one strut of the two, with its joints", "kg", 1e-4, 200, _SCALE,
-             _all, lambda kind, a: guesses.rounded(0.15 * a["strut"]), "masses"),
+             _all, lambda kind, a: guesses.mass(kind, a, 0.15 * a["strut"]), "masses"),
     Question("platform_mass", "mass of the platform, with all that does not turn", "kg", 1e-3, 500,
-             _SCALE, _all, lambda kind, a: guesses.rounded(0.8 * a["strut"]), "masses"),
+             _SCALE, _all, lambda kind, a: guesses.mass(kind, a, 0.8 * a["strut"]), "masses"),
     Question("tool_mass", "mass of the tool, and what turns with it", "kg", 1e-3, 500, _SCALE,
-             turns, lambda kind, a: guesses.rounded(0.3 * a["strut"]), "masses"),
+             turns, lambda kind, a: guesses.mass(kind, a, 0.3 * a["strut"]), "masses"),
     Question("telescope_mass", "mass of the telescope's two tubes together", "kg", 1e-3, 500,
-             _SCALE, has_telescope, lambda kind, a: guesses.rounded(a["strut"]), "masses"),
+             _SCALE, has_telescope, lambda kind, a: guesses.mass(kind, a, a["strut"]), "masses"),
     Question("gear", "gear ratio of the motors; 1 if what follows is behind the gear", "", 0.01,
              1000, _SHEET, is_rotary, _constant(1.0), "motors"),
     Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from deltaid.drafting.bodies import bodies, stroke
 from deltaid.drafting.draft import ASSUMED, Draft
-from deltaid.drafting.guesses import lifted, rounded
+from deltaid.drafting.guesses import rounded
 from deltaid.drafting.kinds import (
     has_telescope,
     is_linear,
@@ -82,8 +82,7 @@ def written(draft: Draft) -> str:
 
 
 def _limbs(w: _Writer) -> Iterator[str]:
-    kind, a = w.draft.kind, w.a
-    platform = platform_of(kind)
+    kind, platform = w.draft.kind, platform_of(w.draft.kind)
     yield "limbs:"
     yield f"  drive: {'linear' if is_linear(kind) else 'rotary'}"
     yield f"  azimuth_deg: {_AZIMUTHS[platform]} # assumed: world axes are laid that way"
@@ -148,7 +147,7 @@ def _platform(w: _Writer) -> Iterator[str]:
 
 
 def _bodies(w: _Writer) -> Iterator[str]:
-    yield "bodies: # solids of the right mass; shapes are assumed, better ones are worth ten minutes"
+    yield "bodies: # solids of the right mass; shapes are assumed: better ones are worth minutes"
     for body in bodies(w.draft.kind, w.a):
         yield f"  {body.name}: # {body.comment}; mass:{w.note(body.mass)[2:]}"
         yield "    prior:"
@@ -168,9 +167,9 @@ def _friction(w: _Writer) -> Iterator[str]:
     if has_telescope(kind):
         coulomb = rounded(0.08 * a["tool_torque"])
         yield f"  drive4: {_law(coulomb / 16, coulomb)} # assumed"
-        yield f"  slide: {_law(0.3 * weight, 0.4 * weight)} # N s/m and N, of the telescope; assumed"
+        yield f"  slide: {_law(0.3 * weight, 0.4 * weight)} # N s/m and N, telescope; assumed"
     elif platform_of(kind) == "i4":
-        yield f"  platform: {_law(0.3 * weight, 0.3 * weight)} # N s/m and N, of the slide; assumed"
+        yield f"  platform: {_law(0.3 * weight, 0.3 * weight)} # N s/m and N; assumed"
     elif platform_of(kind) != "rigid":
         coulomb = 0.25 * weight * a["bar"]
         yield f"  platform: {_law(coulomb / 6, coulomb)} # of the bar's joints; assumed"

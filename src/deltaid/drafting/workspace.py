@@ -21,6 +21,9 @@ _TALL, _LARGEST, _SMALLEST, _STEP, _AROUND, _LEVELS, _SHARE = 0.7, 0.8, 0.03, 0.
 _GROWN, _GROWTHS = 0.05, 60
 # How far from the first guess its middle may lie, as shares of the struts' length.
 _SHIFTS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3)
+# Angles of the arms that are tried, degrees down; what struts must be longer than their joints are
+# apart sideways, as a factor.
+_ANGLES, _SPARE = (30.0, 45.0, 60.0, 75.0), 1.02
 _LENGTHS = ("--arm", "--strut", "--base-radius", "--platform-radius")
 
 
@@ -44,12 +47,12 @@ def height(kind: str, a: Mapping[str, float]) -> float:
         out, down = a["base_radius"] + along * np.sin(tilt), along * np.cos(tilt)
         where = "with the carriages halfway"
     else:
-        angle = np.deg2rad(np.clip(30.0, a["angle_low"], a["angle_high"]))
+        angle = _angle(a)
         out = a["base_radius"] + a["arm"] * np.cos(angle)
         down = a["arm"] * np.sin(angle)
         where = f"with the arms {np.rad2deg(angle):.3g}° down"
     wide = abs(out - a.get("platform_radius", 0.0))
-    if a["strut"] <= 1.02 * wide:
+    if a["strut"] <= _SPARE * wide:
         raise DeltaidError(
             f"a strut of {1e3 * a['strut']:.4g} mm cannot reach the platform: {where} its joints "
             f"are {1e3 * wide:.4g} mm apart sideways alone",
@@ -59,6 +62,16 @@ def height(kind: str, a: Mapping[str, float]) -> float:
             else "a longer strut, a smaller base or a larger platform",
         )
     return float(down + np.sqrt(a["strut"] ** 2 - wide**2))
+
+
+def _angle(a: Mapping[str, float]) -> float:
+    """30° down, or farther where struts are too short for that [rad]."""
+    for degrees in _ANGLES:
+        angle = float(np.deg2rad(np.clip(degrees, a["angle_low"], a["angle_high"])))
+        out = a["base_radius"] + a["arm"] * np.cos(angle) - a.get("platform_radius", 0.0)
+        if a["strut"] > _SPARE * abs(out):
+            break
+    return angle
 
 
 def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
@@ -85,7 +98,7 @@ def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
         radius *= _STEP
     raise DeltaidError(
         "no place was found where the robot stands well: everywhere near the middle "
-        f"{_worst(at_rest, middle)}",
+        f"{_worst(at_rest, middle, _SMALLEST * strut)}",
         cure=_cure(robot),
     )
 
@@ -107,7 +120,10 @@ def _cure(robot: RobotDescription) -> str:
     linear = robot.is_linear("drive1")
     lengths = ", ".join(_LENGTHS[1 if linear else 0 :])
     ends = "--rail-low and --rail-high" if linear else "--angle-low and --angle-high"
-    return f"check the lengths ({lengths}), the ends {ends}, and --swing"
+    return (
+        f"check the lengths ({lengths}), the ends {ends}, and --swing; most machines have a base "
+        "wider than the platform" + ("" if linear else ", and arms of a third to a half of a strut")
+    )
 
 
 def _rounded(space: Space) -> Space:
@@ -133,17 +149,16 @@ def _holds(at_rest: AtRest, space: Space) -> bool:
     return bool(poses.stands.all() and (poses.shares[:, _own(at_rest)] <= _SHARE).all())
 
 
-def _worst(at_rest: AtRest, middle: float) -> str:
-    """What is broken there."""
-    z = np.zeros((1, at_rest.dynamics.dof))
-    z[0, 2] = -middle
-    poses = at_rest(z)
-    if not poses.stands[0]:
-        return at_rest.why_not(z[0])
+def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
+    """What is broken first near there."""
+    low = -middle - 0.5 * _TALL * radius
+    poses = at_rest(_points(at_rest, Space(radius, low, low + _TALL * radius)))
+    if not poses.stands.all():
+        return at_rest.why_not(poses.z[int(np.argmin(poses.stands))])
     own = _own(at_rest)
-    shares = poses.shares[0, own]
+    shares = poses.shares[:, own].max(axis=0)
     name = at_rest.limits[own[int(shares.argmax())]]
-    return f"the limit “{name}” is used up to {shares.max():.0%} or more"
+    return f"the limit “{name}” is at {shares.max():.0%}"
 
 
 def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:
