@@ -81,7 +81,6 @@ def new(
     so in the file. Without a terminal nothing is asked.
     """
     from deltaid.cli.output import console, print_note, require_report
-    from deltaid.drafting.interview import interview
     from deltaid.errors import DeltaidError
     from deltaid.files import require_writable
 
@@ -97,6 +96,8 @@ def new(
     asker = None if yes or not (sys.stdin.isatty() and sys.stdout.isatty()) else _Terminal()
     try:
         draft = _draft(file, kind, start, name, title, given, asker)
+        from deltaid.drafting.interview import interview  # slow; the first question is not
+
         draft = interview(draft, asker)
     except (KeyboardInterrupt, EOFError):
         console.print()
@@ -241,13 +242,16 @@ def as_json(value: dict[str, Any]) -> str:
 
 def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     """What was written, how much of it is known, and the robot at rest."""
-    from deltaid.cli.output import console
+    from deltaid.cli.output import console, print_warnings
     from deltaid.cli.show import survey_of
     from deltaid.drafting.draft import ASSUMED
+    from deltaid.drafting.drafts import unusual
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
 
-    console.print(f"wrote {file}, which passes `deltaid check`")
+    doubts = unusual(draft)
+    print_warnings(doubts)
+    console.print(f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`")
     assumed = [key for key, origin in draft.origins.items() if origin == ASSUMED]
     console.print(
         f"{len(draft.values) - len(assumed)} numbers are known, {len(assumed)} are assumed"

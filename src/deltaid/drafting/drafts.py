@@ -40,6 +40,12 @@ def doubts(draft: Draft) -> tuple[Verdict, ...]:
     return tuple(v for v in of_robot(description(draft)) if v.grade is not Grade.GOOD)
 
 
+def unusual(draft: Draft) -> tuple[str, ...]:
+    """What `deltaid check` doubts of a draft's masses, which the machine may have all the same."""
+    found = checked_priors(description(draft))
+    return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in found if v.grade is not Grade.GOOD)
+
+
 def require_group(draft: Draft, group: Group) -> Draft:
     """A draft whose answers so far go together, with what they make known.
 

@@ -112,7 +112,7 @@ def _points_of_h4(w: _Writer) -> Iterator[str]:
     base, own = h4_points(w.a)
     note = w.note("base_radius").replace("# ", "# m, from base_radius; ", 1)
     yield f"  base_points: {_list(base)}{note}"
-    yield f"  platform_points: {_list(own)} # m; assumed, on a bar of this length"
+    yield f"  platform_points: {_list(own)} # m; assumed"
 
 
 def _list(points: list[list[float]]) -> str:

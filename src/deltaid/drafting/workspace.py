@@ -20,7 +20,7 @@ _TALL, _LARGEST, _SMALLEST, _STEP, _AROUND, _LEVELS, _SHARE = 0.7, 0.8, 0.03, 0.
 # Steps by which its height grows, as a share of the struts' length, and how many at most.
 _GROWN, _GROWTHS = 0.05, 60
 # How far from the first guess its middle may lie, as shares of the struts' length.
-_SHIFTS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3)
+_SHIFTS = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.25, 0.3)
 # Angles of the arms that are tried, degrees down; what struts must be longer than their joints are
 # apart sideways, as a factor.
 _ANGLES, _SPARE = (30.0, 45.0, 60.0, 75.0), 1.02
@@ -66,12 +66,14 @@ def height(kind: str, a: Mapping[str, float]) -> float:
 
 def _angle(a: Mapping[str, float]) -> float:
     """30° down, or farther where struts are too short for that [rad]."""
-    for degrees in _ANGLES:
-        angle = float(np.deg2rad(np.clip(degrees, a["angle_low"], a["angle_high"])))
-        out = a["base_radius"] + a["arm"] * np.cos(angle) - a.get("platform_radius", 0.0)
-        if a["strut"] > _SPARE * abs(out):
-            break
-    return angle
+    tried = [float(np.deg2rad(np.clip(x, a["angle_low"], a["angle_high"]))) for x in _ANGLES]
+    inner = a.get("platform_radius", 0.0)
+    fits = (
+        angle
+        for angle in tried
+        if a["strut"] > _SPARE * abs(a["base_radius"] + a["arm"] * np.cos(angle) - inner)
+    )
+    return next(fits, tried[0])
 
 
 def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
