@@ -123,6 +123,23 @@ def test_schema_and_program_have_the_same_limits(part: type[BaseModel]) -> None:
     assert part.__name__ not in IN_CONTEXT or not refused(part, IN_CONTEXT[part.__name__])
 
 
+@pytest.mark.parametrize(
+    ("name", "key", "wrong", "right"),
+    [
+        ("H4Platform", "first", [1, 1], [1, 3]), ("Par4Platform", "first", [1, 5], [1, 4]),
+        ("I4Platform", "first", [1], [3, 4]), ("I4Platform", "ratio", 0, -40),
+        ("Telescope", "stroke", [0, 1], [0.5, 1]), ("Telescope", "stroke", [-1, 1], [1e-3, 1]),
+        ("Body", "free", ["m", "m"], []), ("ColumnMapping", "data_row", 1, 2),
+    ],
+)  # fmt: skip
+def test_what_a_part_refuses_as_a_whole(name: str, key: str, wrong: Any, right: Any) -> None:
+    part = next(one for one in PARTS if one.__name__ == name)
+    for value, outside in ((wrong, True), (right, False)):
+        data = IN_CONTEXT[name] | {key: value}
+        assert refused(part, data) == outside
+        assert bool(violations(data, part.model_json_schema())) == outside
+
+
 def test_limits_bite() -> None:
     """The comparison sees limits at all: how many values each side refuses."""
     counted = 0

@@ -128,7 +128,9 @@ def _draft(
         robot = load_robot(start)
         offered, found = answers(robot), kind_of(robot)
         if kind not in (None, found):
-            raise DeltaidError(f"{start} is a {found}; leave --kind out", where=f"--kind {kind}")
+            raise DeltaidError(
+                f"{start} is a {found}", where=f"--kind {kind}", cure="leave --kind out"
+            )
         kind = found
     if kind is None and asker is not None:
         kind = asker.kind()
@@ -146,12 +148,11 @@ def _draft(
             continue
         if not question.of(kind):
             raise DeltaidError(
-                f"a {kind} has none ({question.text})", where=f"{question.option} {text}"
+                f"a {kind} has none ({question.text})",
+                where=f"{question.option} {text}",
+                cure="leave it out, or choose another --kind",
             )
-        try:
-            value = quantity(text, question.unit)
-        except DeltaidError as error:
-            raise DeltaidError(error.what, where=question.option, cure=error.cure) from None
+        value = quantity(text, question.unit, question.option)
         draft = draft.answered(question.key, question.require(value), GIVEN)
     return draft
 
@@ -167,7 +168,7 @@ def _known(kind: str | None) -> str:
     if kind in KINDS:
         return str(kind)
     told = "is missing" if kind is None else f"{kind!r} is not known"
-    raise DeltaidError(f"{told}; choose from {', '.join(KINDS)}", where="--kind")
+    raise DeltaidError(told, where="--kind", cure=f"choose from {', '.join(KINDS)}")
 
 
 @dataclass

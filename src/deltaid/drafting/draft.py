@@ -76,6 +76,7 @@ class Draft:
             raise DeltaidError(
                 f"a {self.kind} needs {', '.join(missing)}: nobody can guess "
                 f"{'it' if len(missing) == 1 else 'them'}",
+                where=f"--kind {self.kind}",
                 cure="give them as options such as --strut 235mm, or run the command in a "
                 "terminal, where it asks; --from NAME starts from a robot of the catalogue",
             )

@@ -73,6 +73,6 @@ def _one(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
         if not text and offer is not None:
             return offer
         try:
-            return question.require(quantity(text, question.unit)), GIVEN
+            return question.require(quantity(text, question.unit, question.option)), GIVEN
         except DeltaidError as error:
             asker.tell(error)

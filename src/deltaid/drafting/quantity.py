@@ -15,8 +15,8 @@ _GRAMMAR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([A-Za
 _LONGEST = 40
 
 
-def quantity(text: str, unit: str) -> float:
-    """A number in `unit`; one without a unit is in it already.
+def quantity(text: str, unit: str, where: str = "the answer") -> float:
+    """A number in `unit`; one without a unit is in it already. `where` names it in messages.
 
     Raises:
         DeltaidError: it is no number, or its unit is of another kind.
@@ -27,7 +27,8 @@ def quantity(text: str, unit: str) -> float:
     found = _GRAMMAR.fullmatch(text) if len(text) <= _LONGEST else None
     if found is None:
         comma = ", with a point and no comma" if "," in text else ""
-        raise DeltaidError(f"{text[:_LONGEST]!r} is not a number{comma}; write {_example(unit)}")
+        what = f"{text[:_LONGEST]!r} is not a number{comma}"
+        raise DeltaidError(what, where=where, cure=f"write {_example(unit)}")
     number, words = float(found[1]), found[2].strip()
     if not words:
         return number
@@ -40,7 +41,9 @@ def quantity(text: str, unit: str) -> float:
         return float(_registry().Quantity(number, given).to(unit).magnitude)
     except (pint.PintError, ValueError, TypeError, AttributeError):
         raise DeltaidError(
-            f"{found[2].strip()!r} is no unit for this; write {_example(unit)}"
+            f"{found[2].strip()!r} is no unit for this",
+            where=where,
+            cure=f"write {_example(unit)}",
         ) from None
 
 

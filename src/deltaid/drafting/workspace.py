@@ -88,6 +88,7 @@ def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
         raise DeltaidError(
             f"the robot cannot stand {1e3 * middle:.4g} mm below its base, where its workspace "
             f"should be: {error.what}",
+            where="--strut",
             cure=_cure(robot),
         ) from None
     radius = _LARGEST * strut
@@ -101,6 +102,7 @@ def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
     raise DeltaidError(
         "no place was found where the robot stands well: everywhere near the middle "
         f"{_worst(at_rest, middle, _SMALLEST * strut)}",
+        where="the lengths",
         cure=_cure(robot),
     )
 
