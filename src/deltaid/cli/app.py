@@ -22,6 +22,7 @@ from deltaid.cli import (
     forces,
     gather,
     identify,
+    new,
     reproduce,
     robots,
     sample,
@@ -47,6 +48,7 @@ app = typer.Typer(
 for module in (
     demo,
     robots,
+    new,
     schema,
     show,
     excite,
