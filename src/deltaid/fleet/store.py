@@ -79,6 +79,20 @@ class Store:
                 )
             yield copy
 
+    def stamp(self, path: str) -> str:
+        """What changes when a file does, without reading it: its size and time or entity tag.
+
+        Raises:
+            RecordingError: there is no such file, or the store cannot be reached.
+        """
+        with self._told(path):
+            if not is_address(path):
+                found = os.stat(path)
+                return f"{found.st_size} {found.st_mtime_ns}"
+            info = self._system(path.partition("://")[0]).info(path)
+        tag = info.get("ETag") or info.get("etag") or info.get("LastModified") or info.get("mtime")
+        return f"{info.get('size')} {tag}"
+
     def _local(self, name: str, folder: Path) -> str:
         path = Path(name).expanduser()
         return str(path if path.is_absolute() else folder / path)
