@@ -319,12 +319,17 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
         ("least error of the platform", "0.2 mm"),
         ("pd-feedforward", "250 times nearer"),
     ]
-    (warning,) = page.problems
+    assert page.verdict is not None
+    assert page.verdict.sentence == (
+        "Good: pd-feedforward with the identified model follows best, within 0.2 mm (rms; 0.2 mm "
+        "at most)."
+    )
+    (warning,) = page.verdict.lines
     assert warning.startswith(
         "computed-torque, prior: lost after 0.2 s, where a limb was stretched; likeliest cause:"
     )
     [table] = [block for block in page.sections[0].blocks if isinstance(block, Table)]
-    assert [row[4] for row in table.rows] == ["100", "3", "0", "0"]
+    assert [row[4] for row in table.rows] == ["5.73", "0.172", "0", "0"]
     [text] = [block for block in page.sections[0].blocks if isinstance(block, Text)]
     assert "12 Hz" in text.text
     assert "a delay of 2 samples" in text.text

@@ -151,7 +151,9 @@ def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(robot: Model
     )
     page = comparison_page(robot.robot, runs, "a", Drives(), 10.0, of_it)
     assert [fact.label for fact in page.facts] == ["no comparison"]
-    assert page.problems[0] == of_it[0].text
+    assert page.verdict is not None
+    assert page.verdict.grade == "poor"
+    assert page.verdict.sentence == f"Not feasible: {of_it[0].text}."
     page = comparison_page(robot.robot, runs, "a", Drives(), 10.0)
     assert [fact.note for fact in page.facts] == ["rms; computed-torque, prior"]
     lines = infeasible_lines((), runs)
@@ -177,7 +179,8 @@ def test_simulate_says_in_red_what_cannot_be_run(robot: Model, tmp_path: Path) -
     assert outcome.code == 0
     assert "not feasible: the motion is too fast for drive4" in outcome.err
     page = report.read_text(encoding="utf-8")
-    assert '<aside class="warnings problems"' in page
+    assert '<div class="verdict poor"' in page
+    assert "Not feasible: the motion is too fast for drive4" in page
     answer = json.loads(run(*files, "--json").out)
     assert {"kind", "what", "text", "size", "time", "share"} <= set(answer["infeasible"][0])
 

@@ -14,6 +14,7 @@ from deltaid.dynamics.limits import effort_limits
 from deltaid.report import style
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Text
+from deltaid.report.summary import Grade, Summary
 from deltaid.report.tracking_tables import (
     NO_MODEL,
     comparison_table,
@@ -55,7 +56,7 @@ def tracking_page(
             ),
             Section("Torques", (_torques(robot, result), drive_table(robot, result))),
         ),
-        problems=tuple(problem.text for problem in problems),
+        verdict=_followed(result, problems),
     )
 
 
@@ -88,7 +89,41 @@ def comparison_page(
             ),
             *lines,
         ),
-        problems=infeasible_lines(problems, runs),
+        verdict=_compared(runs, problems),
+    )
+
+
+def _followed(result: Tracking, problems: Sequence[Problem]) -> Summary:
+    """Whether a simulated motion can be run, and how well it was followed."""
+    if problems:
+        first, *others = (problem.text for problem in problems)
+        return Summary(Grade.POOR, f"Not feasible: {first}.", tuple(others))
+    error = result.error
+    return Summary(
+        Grade.GOOD,
+        f"Good: the platform follows within {1e3 * error.platform_rms:.3g} mm (rms; "
+        f"{1e3 * error.platform_max:.3g} mm at most), and no drive stands at a limit.",
+    )
+
+
+def _compared(runs: Sequence[Run], problems: Sequence[Problem]) -> Summary:
+    """What a comparison came to; nothing on a motion that cannot be run."""
+    lines = infeasible_lines(problems, runs)
+    if problems:
+        return Summary(Grade.POOR, f"Not feasible: {lines[0]}.", lines[1:])
+    sound = _sound(runs)
+    if not sound:
+        return Summary(Grade.POOR, "Poor: no controller follows this motion.", lines)
+    run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
+    model = f"the {run.model} model" if run.model else NO_MODEL
+    if run.model == "base parameters":
+        model = run.model
+    error = tracking.error
+    return Summary(
+        Grade.GOOD,
+        f"Good: {run.controller} with {model} follows best, within "
+        f"{1e3 * error.platform_rms:.3g} mm (rms; {1e3 * error.platform_max:.3g} mm at most).",
+        lines,
     )
 
 
@@ -98,7 +133,7 @@ def _facts(result: Tracking) -> tuple[Fact, ...]:
         Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
         Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
         *(
-            [Fact("error of the tool's turn", f"{1e3 * error.turn_rms:.3g} mrad", "rms")]
+            [Fact("error of the tool's turn", f"{np.rad2deg(error.turn_rms):.3g}°", "rms")]
             if error.turn_rms is not None
             else []
         ),
@@ -190,13 +225,13 @@ def _errors(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
     caption = "Distance of the platform point from where it should be."
     figures = [_over_time(platform, "platform error", "mm", caption)]
     turns = [
-        (name, color, run.time, 1e3 * run.turn_error)
+        (name, color, run.time, np.rad2deg(run.turn_error))
         for name, color, run in runs
         if run.turn_error is not None
     ]
     if turns:
         caption = "Turn ψ of the tool, actual less desired."
-        figures.append(_over_time(turns, "error of the turn", "mrad", caption))
+        figures.append(_over_time(turns, "error of the turn", "°", caption))
     return tuple(figures)
 
 
@@ -223,10 +258,11 @@ def _over_time(
 
 def _drives(robot: RobotDescription, result: Tracking) -> Figure:
     """q − q_d of each drive."""
-    units = {d: "mm" if robot.is_linear(d) else "mrad" for d in robot.drives}
+    units = {d: "mm" if robot.is_linear(d) else "°" for d in robot.drives}
     figure = _stack(robot, lambda drive: f"{drive} [{units[drive]}]")
     for i, drive in enumerate(robot.drives):
-        time, error = _peaks(result.time, 1e3 * result.drive_error[:, i])
+        scale = 1e3 if robot.is_linear(robot.drives[i]) else np.rad2deg(1.0)
+        time, error = _peaks(result.time, scale * result.drive_error[:, i])
         _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {units[drive]}")
     return Figure(figure, "Error of each drive, actual less desired coordinate.")
 
