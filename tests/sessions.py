@@ -20,6 +20,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +31,7 @@ from deltaid.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[1]
 SKIPPED = "…"
-_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 for console in (output.console, output.error_console):
     console.width = 100  # whatever the terminal
@@ -46,8 +47,9 @@ class Command:
 
     @property
     def expected_code(self) -> int:
-        """2 where an error is quoted, else 0."""
-        return 2 if any(line.startswith("error:") for line in self.quoted) else 0
+        """2 where an error is quoted, 4 where a check finds something wrong, else 0."""
+        starts = {line.partition(" ")[0] for line in self.quoted}
+        return 2 if "error:" in starts else 4 if "wrong" in starts else 0
 
 
 @dataclass(frozen=True)
@@ -59,10 +61,10 @@ class Code:
 
 
 def blocks(page: str, language: str) -> Iterator[tuple[int, str]]:
-    """Line number and text of all fenced blocks in a language."""
+    """Line number and text of all fenced blocks in a language, those in tabs too."""
     for match in _FENCE.finditer(page):
-        if match[1] == language:
-            yield page.count("\n", 0, match.start()) + 2, match[2]
+        if match[2] == language:
+            yield page.count("\n", 0, match.start()) + 2, textwrap.dedent(match[3])
 
 
 def steps(page: str) -> list[Command | Code]:

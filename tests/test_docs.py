@@ -21,7 +21,9 @@ from sessions import ROOT, SKIPPED, blocks
 
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(DOCS.rglob("*.md"))
+_API = (DOCS / "api.md", *sorted((DOCS / "api").glob("*.md")))
+API = "".join(path.read_text(encoding="utf-8") for path in _API)
 _RUN = (
     "tutorial",
     "recordings",
@@ -30,7 +32,11 @@ _RUN = (
     "theory",
     "cli",
     "api",
+    "api/models",
     "forces",
+    "i_have_a_log",
+    "i_want_feed_forward",
+    "i_want_forces",
     "posterior",
     "sensors",
     "simulation",
@@ -38,7 +44,7 @@ _RUN = (
 RUNNABLE = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in _RUN)]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
-_SHELL = ("", "console", "bash", "sh", "shell")
+_SHELL = ("", "console", "bash", "sh", "shell", "powershell")
 
 
 def section(heading: str) -> str:
@@ -66,8 +72,7 @@ def command_lines(path: Path) -> list[str]:
 @pytest.mark.parametrize("name", deltaid.__all__)
 def test_public_names_are_what_the_api_page_shows(name: str) -> None:
     assert getattr(deltaid, name).__name__ == name
-    page = (DOCS / "api.md").read_text(encoding="utf-8")
-    assert re.search(rf"^::: deltaid\.{name}$", page, re.M)
+    assert re.search(rf"^::: deltaid\.{name}$", API, re.M)
 
 
 @pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)
