@@ -3,16 +3,18 @@
     pip install -e '.[test]'
     python benchmarks/pictures.py
 
-writes into docs/images. Pages are photographed in Chromium; the terminal is an SVG that plays by
-itself, written by `recorded_terminal`.
+writes into docs/images. Pages are photographed in Chromium, in light and in dark colours; the
+terminal is an SVG that plays by itself, written by `recorded_terminal`.
 """
 
+import io
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from PIL import Image
 from playwright import sync_api
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -22,13 +24,19 @@ ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
 ROBOTS = ("irb360-6-1600", "h4", "par4-linear", "linear-delta")
 SESSION = (
-    Shown("deltaid check demo/robot.yaml log.csv --columns columns.yaml --write mended.yaml", last=9),
+    Shown(
+        "deltaid check demo/robot.yaml log.csv --columns columns.yaml --write mended.yaml",
+        first=5,
+        last=9,
+    ),
     Shown(
         "deltaid identify demo/robot.yaml log.csv --columns mended.yaml "
         "--verify other-log.csv -o model.yaml --report report.html",
         last=15,
     ),
-    Shown("deltaid forces model.yaml planned.csv --columns planned.yaml", first=6),
+    Shown(
+        "deltaid forces model.yaml planned.csv --columns planned.yaml --strut-spacing 0.1", first=8
+    ),
     Shown("deltaid torque model.yaml planned.csv --columns planned.yaml -o feed-forward.csv"),
 )
 
@@ -45,13 +53,17 @@ def prepare(folder: Path) -> None:
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
 
 
-def photograph(browser: sync_api.Browser, page: Path, target: Path, *, part: str | None) -> None:
-    """The first screen of a page, or one part of it."""
-    tab = browser.new_page(viewport={"width": 1200, "height": 800}, device_scale_factor=1)
-    tab.goto(page.as_uri())
-    tab.wait_for_timeout(3000)  # figures draw themselves
-    (tab.locator(part).first if part else tab).screenshot(path=target)
-    tab.close()
+def photograph(browser: sync_api.Browser, page: Path, name: str, *, part: str | None) -> None:
+    """The first screen of a page, or one part of it, as NAME.png and NAME-dark.png."""
+    for scheme, ending in (("light", ""), ("dark", "-dark")):
+        tab = browser.new_page(viewport={"width": 1200, "height": 800}, color_scheme=scheme)
+        tab.goto(page.as_uri())
+        tab.wait_for_timeout(3000)  # figures draw themselves
+        png = (tab.locator(part).first if part else tab).screenshot()
+        tab.close()
+        # 256 colours are enough for lines and text, and take a third of the room.
+        picture = Image.open(io.BytesIO(png)).convert("RGB").quantize(256)
+        picture.save(IMAGES / f"{name}{ending}.png", optimize=True)
 
 
 def main() -> None:
@@ -61,18 +73,18 @@ def main() -> None:
         prepare(folder)
         svg = recorded_terminal(SESSION, folder)
         (IMAGES / "terminal.svg").write_text(svg, encoding="utf-8")
-        chromium = shutil.which("chromium")
         browser = playwright.chromium.launch(
-            executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--enable-unsafe-swiftshader"],
         )
-        photograph(browser, folder / "report.html", IMAGES / "report.png", part=None)
         for name in ROBOTS:
             page = folder / f"{name}.html"
             subprocess.run(["deltaid", "show", name, "-o", page], check=True, capture_output=True)
-            photograph(browser, page, IMAGES / f"{name}.png", part=".js-plotly-plot")
+            photograph(browser, page, name, part=".js-plotly-plot")
         excited = ["deltaid", "excite", "demo/robot.yaml", "-o", "m.csv", "--starts", "1"]
-        subprocess.run([*excited, "--report", "excite.html"], cwd=folder, check=True)
-        photograph(browser, folder / "excite.html", IMAGES / "excitation.png", part=None)
+        subprocess.run([*excited, "--report", "excitation.html"], cwd=folder, check=True)
+        for name in ("report", "excitation"):
+            photograph(browser, folder / f"{name}.html", name, part=None)
         browser.close()
 
 

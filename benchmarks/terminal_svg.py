@@ -1,7 +1,8 @@
-"""A terminal session as an SVG that plays by itself: commands are typed, their output scrolls by."""
+"""A terminal session as an SVG that plays by itself: commands are typed, output scrolls by."""
 
 import html
 import os
+import re
 import shlex
 import subprocess
 from dataclasses import dataclass
@@ -15,34 +16,44 @@ from rich.text import Text
 
 COLUMNS, ROWS = 100, 27
 _CELL, _LINE, _TOP = 8.4, 19, 44  # px
-_TYPING, _THINKING, _READING, _END = 1.1, 0.5, 2.6, 2.0  # s
+_TYPING, _THINKING, _READING, _END = 1.0, 0.4, 2.6, 2.0  # s
+_WAITING = re.compile("[\u2800-\u28ff] ")  # a wheel that turns while something is computed
+_SOMETHING_WRONG = 4  # exit code of deltaid check
 _STYLE = f"""
 text {{ font: 14px/{_LINE}px ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
   fill: #d9d9d9; white-space: pre; }}
 .line {{ visibility: hidden; }}
-@media (prefers-reduced-motion: reduce) {{ .line, .all {{ animation-duration: 0s !important; }} }}
 """
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A command and how many lines of its output are shown: the first, the last, or all."""
+    """A command, and of its output the first and last lines that are shown; all if neither."""
 
     command: str
     first: int = 0
     last: int = 0
 
     def lines(self, folder: Path) -> list[Text]:
-        """Run it; what a terminal would show."""
+        """Run it; what stands in a terminal when it has ended.
+
+        Raises:
+            subprocess.CalledProcessError: If it ends with an error; a check may find something.
+        """
         environment = os.environ | {"FORCE_COLOR": "1", "COLUMNS": str(COLUMNS)}
         done = subprocess.run(
             shlex.split(self.command), cwd=folder, capture_output=True, text=True, env=environment
         )
-        printed = [Text.from_ansi(line) for line in (done.stderr + done.stdout).splitlines()]
-        if not self.first and not self.last:
+        if done.returncode not in (0, _SOMETHING_WRONG):
+            done.check_returncode()
+        texts = [Text.from_ansi(line) for line in (done.stderr + done.stdout).splitlines()]
+        printed = [text for text in texts if not _WAITING.match(text.plain)]
+        while printed and not printed[0].plain.strip():
+            del printed[0]
+        if len(printed) <= (self.first + self.last or len(printed)):
             return printed
-        cut = Text("…", style="dim")
-        return [*printed[: self.first], cut] if self.first else [cut, *printed[-self.last :]]
+        end = printed[len(printed) - self.last :]
+        return [*printed[: self.first], Text("…", style="dim"), *end]
 
 
 def recorded_terminal(session: tuple[Shown, ...], folder: Path) -> str:
@@ -83,8 +94,12 @@ def _svg(rows: list[tuple[float, bool, list[Segment]]], total: float) -> str:
 <style>{_STYLE}
 .all {{ animation: scroll {total:.1f}s step-end infinite; }}
 @keyframes scroll {{ {scroll} {end} }}
+@media (prefers-reduced-motion: reduce) {{
+  .line, .all {{ animation: none !important; }} .line {{ visibility: visible; }}
+  .all {{ transform: translateY({-_LINE * max(0, len(rows) - ROWS)}px); }} }}
 </style>
-<rect width="{width}" height="{height}" rx="8" fill="#191919"/>{dots}
+<rect x=".5" y=".5" width="{width - 1}" height="{height - 1}" rx="8" fill="#191919" stroke="#555"/>
+{dots}
 <svg x="16" y="{_TOP - 8}" width="{width - 32}" height="{ROWS * _LINE + 8}"><g class="all">
 {lines}
 </g></svg></svg>

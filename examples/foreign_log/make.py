@@ -1,4 +1,4 @@
-"""Two logs as somebody else's controller may write them, made from the recordings of `deltaid demo`.
+"""Two logs as somebody else's controller may write them, made from recordings of `deltaid demo`.
 
     deltaid demo --keep demo
     python make.py
