@@ -17,34 +17,18 @@ from deltaid.cli.app import app
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
-from sessions import ROOT, SKIPPED, blocks
+from sessions import NOT_RUN, ROOT, SKIPPED, blocks, steps
 
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.rglob("*.md"))
 _API = (DOCS / "api.md", *sorted((DOCS / "api").glob("*.md")))
 API = "".join(path.read_text(encoding="utf-8") for path in _API)
-_RUN = (
-    "tutorial",
-    "recordings",
-    "mechanisms",
-    "conventions",
-    "theory",
-    "cli",
-    "api",
-    "api/models",
-    "forces",
-    "i_have_a_log",
-    "i_want_feed_forward",
-    "i_want_forces",
-    "posterior",
-    "sensors",
-    "simulation",
-)
-RUNNABLE = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in _RUN)]
+RUNNABLE = [ROOT / "README.md", *(path for path in PAGES if steps(path.read_text("utf-8")))]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
-_SHELL = ("", "console", "bash", "sh", "shell", "powershell")
+_SHELL = ("", "console", "sh", "powershell")
+_NO_COMMANDS = ("python", "text", "yaml", "matlab", "c", "json")
 
 
 def section(heading: str) -> str:
@@ -89,6 +73,18 @@ def test_command_lines_parse(path: Path) -> None:
         for word in words:
             if word.startswith("-"):
                 assert word.partition("=")[0] in options, f"{path.name}: {line}"
+
+
+@pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)
+def test_blocks_are_of_a_kind_that_is_run_or_read(path: Path) -> None:
+    page = path.read_text(encoding="utf-8")
+    kinds = set(re.findall(r"^ *```(\w*)[^\n]*\n.*?^ *```$", page, re.M | re.S))
+    assert kinds <= {*_SHELL, *_NO_COMMANDS}
+
+
+def test_little_is_not_run() -> None:
+    lines = [line for path in RUNNABLE for line in command_lines(path)]
+    assert sum(bool(NOT_RUN.search(line)) for line in lines) < 0.1 * len(lines)
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
