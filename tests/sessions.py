@@ -35,10 +35,10 @@ from deltaid.cli.app import main
 ROOT = Path(__file__).resolve().parents[1]
 SKIPPED = "…"
 # These need a network, a new environment or minutes, a recording that is not ours to give, or they
-# serve until they are stopped; .ci/run, tests/test_reproduce.py and tests/test_show.py run most.
+# serve until they are stopped; .ci/run and tests of their own run most of them.
 NOT_RUN = re.compile(
     r"\b(pip|venv|ruff|twine|zensical|pictures\.py|sessions\.py|links\.py|notebooks\.py|DATA_EMPS)\b"
-    r"|\bbenchmarks/|\bdeltaid (reproduce|studio)\b|\b(surrogate|irb360)/|--live\b|^cd "
+    r"|\bbenchmarks/|\bdeltaid (compare-controllers|reproduce|studio)\b|\b(surrogate|irb360)/|--live\b|^cd "
 )
 _BEFORE = re.compile(r"<!-- before( python)?\n(.*?)-->", re.DOTALL)
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
