@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from deltaid.model.friction_record import AdditionKind, FrictionChoice
-from deltaid.report.numbers import WIDTH, number, percent, span, with_uncertainty
+from deltaid.report.numbers import WIDTH, measured, number, percent, span, with_uncertainty
 from deltaid.report.table import Table
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
@@ -22,6 +22,10 @@ MEASURED = ("data", "measured", "sum", "limit")
 _LOPSIDED = 2.0
 # What ± stands for in tables.
 _HALF_WIDTH = "± (95 %)"
+_VERIFY = (
+    " The columns from “verify rms” on are of the recording that the model was compared with, "
+    "those before them of the ones that it was identified from."
+)
 ADDITIONS: dict[AdditionKind, str] = {
     "offset": "offset",
     "both_ways": "both ways",
@@ -145,9 +149,9 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
                 cell
                 for error in errors
                 for cell in (
-                    number(error.rms[i], 3),
+                    measured(error.rms[i]),
                     percent(error.nrmse[i]),
-                    number(error.rms_unfiltered[i], 3),
+                    measured(error.rms_unfiltered[i]),
                 )
             ),
         )
@@ -159,7 +163,7 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
         rows,
         "Root mean square of measured minus predicted torque or force, also as a share of the "
         "measured one's own root mean square. Unfiltered is against what was recorded, with all "
-        "its noise.",
+        "its noise." + (_VERIFY if second else ""),
     )
 
 

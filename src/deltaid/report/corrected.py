@@ -1,0 +1,75 @@
+"""What an identification put right, as one sentence."""
+
+import re
+from collections.abc import Sequence
+
+from deltaid.model.corrections import Correction, Kind
+from deltaid.report.glossary import body_in_words
+
+# Longer rows of drives are told by their ends.
+_LONG = 2
+
+_WORDS = (
+    "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
+    "twelve",
+)  # fmt: skip
+_NAMES: dict[Kind, str] = {
+    "velocity": "recorded velocities left out",
+    "lag": "lag between torques and positions",
+    "load": "held load",
+    "contact": "contacts",
+    "backlash": "play in gears",
+    "friction": "friction law",
+    "temperature": "friction that warms up",
+    "gain": "torque constant",
+    "sensor": "sensor",
+    "compliance": "gears that wind up",
+    "prior": "prior made wider",
+    "cutoff": "cut-off of the filter",
+}
+
+
+def corrected(corrections: Sequence[Correction]) -> str:
+    """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
+    if not corrections:
+        return "Nothing had to be put right."
+    subjects: dict[Kind, dict[str, None]] = {}
+    for one in corrections:
+        subjects.setdefault(one.kind, {})[one.subject] = None
+    things = ", ".join(
+        _thing(kind, tuple(one for one in of if one not in ("", kind)))
+        for kind, of in subjects.items()
+    )
+    if len(subjects) == 1:
+        return f"One correction was made: {things}."
+    return f"{in_words(len(subjects)).capitalize()} corrections were made: {things}."
+
+
+def in_words(count: int) -> str:
+    """A count in words up to twelve."""
+    return _WORDS[count] if 0 <= count < len(_WORDS) else str(count)
+
+
+def _thing(kind: Kind, subjects: tuple[str, ...]) -> str:
+    return _NAMES[kind] + (f" ({', '.join(_short(subjects))})" if subjects else "")
+
+
+def _short(subjects: tuple[str, ...]) -> list[str]:
+    """Bodies by what they are; three or more drives in a row by the first and the last."""
+    runs: list[list[str]] = []
+    for one in subjects:
+        if runs and _next(runs[-1][-1]) == one:
+            runs[-1].append(one)
+        else:
+            runs.append([one])
+    said = []
+    for run in runs:
+        words = [body_in_words(one) for one in run]
+        said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
+    return said
+
+
+def _next(name: str) -> str:
+    """drive3 after drive2; nothing after a name without a number."""
+    numbered = re.fullmatch(r"(.*?)(\d+)", name)
+    return f"{numbered[1]}{int(numbered[2]) + 1}" if numbered else ""
