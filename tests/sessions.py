@@ -37,8 +37,9 @@ SKIPPED = "…"
 # These need a network, a new environment or minutes, a recording that is not ours to give, or they
 # serve until they are stopped; .ci/run and tests of their own run most of them.
 NOT_RUN = re.compile(
-    r"\b(pip|venv|ruff|twine|zensical|pictures\.py|sessions\.py|links\.py|notebooks\.py|DATA_EMPS)\b"
-    r"|\bbenchmarks/|\bdeltaid (compare-controllers|reproduce|studio)\b|\b(surrogate|irb360)/|--live\b|^cd "
+    r"\b(pip|venv|ruff|twine|zensical|(pictures|sessions|links|notebook_page)\.py|DATA_EMPS)\b"
+    r"|\bdeltaid (compare-controllers|reproduce|studio)\b|--live\b"
+    r"|\bbenchmarks/|\b(surrogate|irb360)/|^cd "
 )
 _BEFORE = re.compile(r"<!-- before( python)?\n(.*?)-->", re.DOTALL)
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)

@@ -24,7 +24,12 @@ COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.rglob("*.md"))
 _API = (DOCS / "api.md", *sorted((DOCS / "api").glob("*.md")))
 API = "".join(path.read_text(encoding="utf-8") for path in _API)
-RUNNABLE = [ROOT / "README.md", *(path for path in PAGES if steps(path.read_text("utf-8")))]
+RUNNABLE = [ROOT / "README.md"]
+RUNNABLE += [  # a notebook's page is made by running the notebook
+    path
+    for path in PAGES
+    if steps(path.read_text(encoding="utf-8")) and not path.with_suffix(".ipynb").exists()
+]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
 _SHELL = ("", "console", "sh", "powershell")
