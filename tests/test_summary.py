@@ -10,6 +10,7 @@ from command import run
 from deltaid.check.identified import Judged, identify
 from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.check.verdict import Verdict
+from deltaid.check.verdicts import Verdicts
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
@@ -119,7 +120,9 @@ def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -
     def with_verdict(grade: CheckGrade) -> Summary:
         verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
         model = result.model.changed(warnings=(verdict.sentence,))
-        return summary(replace(result, model=model, verdicts=(verdict,)), off(error, 0.01))
+        return summary(
+            replace(result, model=model, verdicts=Verdicts((verdict,))), off(error, 0.01)
+        )
 
     assert with_verdict(CheckGrade.CANNOT_TELL).grade is Grade.GOOD
     assert with_verdict(CheckGrade.DOUBTFUL).grade is Grade.FAIR
@@ -132,7 +135,7 @@ def test_what_the_checks_say_stands_once_on_the_page(result: Judged) -> None:
     verdict = Verdict("clock", CheckGrade.DOUBTFUL, "rows repeat", cause="lost", cure="log anew")
     model = result.model.changed(warnings=(verdict.sentence, "something else"))
     good = Verdict("rate", CheckGrade.GOOD, "1000 Hz")
-    page = identification_page(replace(result, model=model, verdicts=(verdict, good)))
+    page = identification_page(replace(result, model=model, verdicts=Verdicts((verdict, good))))
     assert page.warnings == ("something else",)
     assert ("doubtful", "clock", "rows repeat", "lost → log anew") in page.front[0].rows
     assert Fact("checks", "1 doubtful", "clock") in page.facts

@@ -21,6 +21,7 @@ from deltaid.cli import (
     export,
     forces,
     identify,
+    new,
     reproduce,
     robots,
     sample,
@@ -46,6 +47,7 @@ app = typer.Typer(
 for module in (
     demo,
     robots,
+    new,
     schema,
     show,
     excite,

@@ -13,6 +13,7 @@ from deltaid.recording.sensor_columns import SensorColumns
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
+from deltaid.shown import Shown
 
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
@@ -60,12 +61,22 @@ class AllDrives(Part):
     columns: tuple[Name, ...] | None = Field(
         default=None, description="in place of it: one column a drive"
     )
-    unit: str | tuple[str, ...]
-    gear: Positive | tuple[Positive, ...] = 1.0
-    lead: Positive | tuple[Positive, ...] | None = None
-    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = 1
-    zero: float | tuple[float, ...] = 0.0
-    torque_constant: Positive | tuple[Positive, ...] | None = None
+    unit: str | tuple[str, ...] = Field(description="such as deg, rpm, mN*m")
+    gear: Positive | tuple[Positive, ...] = Field(
+        default=1.0, description="motor revolutions per joint revolution"
+    )
+    lead: Positive | tuple[Positive, ...] | None = Field(
+        default=None, description="m per revolution of spindle or belt pulley"
+    )
+    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = Field(
+        default=1, description="-1 if the column counts the other way"
+    )
+    zero: float | tuple[float, ...] = Field(
+        default=0.0, description="the column's number where the joint value is 0"
+    )
+    torque_constant: Positive | tuple[Positive, ...] | None = Field(
+        default=None, description="N m per A at the motor"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "AllDrives":
@@ -148,17 +159,23 @@ class TemperatureColumn(Part):
     """The column of a temperature that friction may follow, of a motor, a gear or the oil."""
 
     column: Name
-    unit: Literal["degC", "K", "degF"] = "degC"
+    unit: Literal["degC", "K", "degF"] = Field(default="degC", description="of the column")
 
 
-class ColumnMapping(Part):
+class ColumnMapping(Shown, Part):
     """The user's mapping file: columns of a log by address, drives in order of q."""
 
-    time: TimeColumn = TimeColumn()
-    position: DriveColumns | None = None
-    velocity: DriveColumns | None = None
-    acceleration: DriveColumns | None = None
-    torque: DriveColumns | None = None
+    time: TimeColumn = Field(default=TimeColumn(), description="when each row was recorded")
+    position: DriveColumns | None = Field(default=None, description="of the drives")
+    velocity: DriveColumns | None = Field(
+        default=None, description="of the drives; made of positions where left out"
+    )
+    acceleration: DriveColumns | None = Field(
+        default=None, description="of the drives; made of positions where left out"
+    )
+    torque: DriveColumns | None = Field(
+        default=None, description="of the drives, as they drive the joints; forces of rails"
+    )
     load: Load | tuple[Load, ...] | None = Field(
         default=None, description="what the robot carries, and when; a list if there are several"
     )
@@ -174,7 +191,7 @@ class ColumnMapping(Part):
         default=1,
         description="line of a CSV file of the column names; searched if neither row is given",
     )
-    data_row: int | None = Field(
+    data_row: Annotated[int, Field(json_schema_extra={"minimum": 2})] | None = Field(
         default=None,
         description="line of a CSV file that holds the first numbers; after header_row by default",
     )
@@ -218,18 +235,22 @@ class ColumnMapping(Part):
         return self
 
 
+# A mapping, by value, as a dictionary of the same keys, or the file of one.
+MappingLike = ColumnMapping | Mapping[str, Any] | str | Path
 # One for all recordings, or one each in their order; None for the default names.
-ColumnMappings = ColumnMapping | Sequence[ColumnMapping | None] | None
+ColumnMappings = MappingLike | Sequence[MappingLike | None] | None
 
 
 def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping | None]:
     """The mapping of each recording.
 
     Raises:
-        RecordingError: there are several, but not as many as recordings.
+        RecordingError: there are several, but not as many as recordings; or something is none.
+        DescriptionError: a file does not fit.
     """
-    if columns is None or isinstance(columns, ColumnMapping):
-        return [columns] * recordings
+    if not isinstance(columns, Sequence) or isinstance(columns, str):
+        return [as_mapping(columns)] * recordings
+    columns = [as_mapping(one) for one in columns]
     if len(columns) == 1:
         return [columns[0]] * recordings
     if len(columns) not in (0, recordings):
@@ -240,6 +261,27 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
             cure="give one for all recordings, or one for each, in the same order",
         )
     return list(columns) or [None] * recordings
+
+
+def as_mapping(columns: object) -> ColumnMapping | None:
+    """A mapping by value, dictionary or file; None for the default names.
+
+    Raises:
+        RecordingError: it is none of these.
+        DescriptionError: the file or the dictionary does not fit.
+    """
+    if columns is None or isinstance(columns, ColumnMapping):
+        return columns
+    if isinstance(columns, str | Path):
+        return load_mapping(columns)
+    if isinstance(columns, Mapping):
+        return ColumnMapping.from_dict(columns, "columns").of("columns")
+    raise RecordingError(
+        f"a {type(columns).__name__} is no mapping of columns",
+        where="columns",
+        cure="give deltaid.ColumnMapping(…) or a dictionary of the same keys, the path of a "
+        "mapping file, or a list of these with one for each recording",
+    )
 
 
 def load_mapping(path: str | Path) -> ColumnMapping:
