@@ -79,15 +79,9 @@ def test_no_other_file_names_an_address() -> None:
 
 # A line that installs names what is in the folder ('.'), or a package that an index has.
 ELSEWHERE = {
-    "build",
-    "twine",
-    "matplotlib",
-    "viser",
-    "viser==1.1.1",
-    "h5py",
-    "rosbags",
-    "zstandard",
-}
+    "build", "twine",
+    "h5py", "matplotlib", "nicegui", "pandas", "rosbags", "viser", "viser==1.1.1", "zstandard",
+}  # fmt: skip
 
 
 def test_lines_that_install_work_today() -> None:
