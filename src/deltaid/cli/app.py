@@ -28,6 +28,7 @@ from deltaid.cli import (
     sensors,
     show,
     simulate,
+    studio,
     torque,
     validate,
 )
@@ -45,6 +46,7 @@ app = typer.Typer(
 )
 for module in (
     demo,
+    studio,
     robots,
     schema,
     show,

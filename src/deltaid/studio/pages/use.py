@@ -1,0 +1,152 @@
+"""Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
+
+from collections.abc import Callable
+from typing import get_args
+
+from nicegui import ui
+
+from deltaid.control.options import ControllerName
+from deltaid.studio.pages import parts
+from deltaid.studio.runs import next_run, runs
+from deltaid.studio.session import Session
+from deltaid.studio.steps import (
+    Step,
+    excite_step,
+    export_step,
+    forces_step,
+    simulate_step,
+)
+
+_FORMS = {
+    "c": "C code (.c, .h)",
+    "mjcf": "MuJoCo (MJCF)",
+    "urdf": "URDF and loop closures",
+    "fmu": "FMU, forward dynamics",
+    "fmu-inverse": "FMU, inverse dynamics",
+    "casadi": "CasADi function",
+    "npz": "NumPy arrays (.npz)",
+}
+
+
+async def body(session: Session) -> None:
+    """The whole stage."""
+    model = _subject(session)
+    if model is None:
+        parts.note("Pick a robot first; a fitted model is better.")
+        return
+    if session.plan.model is None:
+        parts.note("There is no fitted model yet: what is here goes by the robot's prior.", "doubt")
+    motions = _motions(session)
+    _excite(session, model)
+    _along(session, "simulate", "Simulate a controller", model, motions)
+    _along(session, "forces", "Forces in struts, joints and bearings", model, motions)
+    _export(session, model)
+    _files(session)
+
+
+def _subject(session: Session) -> str | None:
+    model = session.plan.model
+    if model is not None and session.folder.has(model):
+        return model
+    return session.plan.robot
+
+
+def _motions(session: Session) -> list[str]:
+    """Files with a motion: planned ones first, then recordings."""
+    planned = [
+        name
+        for run in runs(session.folder)
+        if run.record.kind == "excite" and run.succeeded
+        for name in (run.file("motion.csv"),)
+        if session.folder.has(name)
+    ]
+    return [*planned, *(one.file for one in session.plan.recordings)]
+
+
+def _begin(session: Session, kind: str, make: Callable[[str], Step]) -> None:
+    parts.attempt(lambda: session.begin(kind, make))
+
+
+def _last(session: Session, kind: str) -> None:
+    """Progress of a step of this kind, and what the last one made."""
+    parts.progress(session, kind)
+    run = next((r for r in runs(session.folder) if r.record.kind == kind and r.succeeded), None)
+    if run is None:
+        return
+    with ui.row():
+        ui.label(f"{run.name}:").classes("dim")
+        for path in sorted((session.folder.root / run.folder).iterdir()):
+            if path.is_file() and path.name not in ("run.yaml", "messages.txt", "output.json"):
+                ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
+
+
+def _excite(session: Session, model: str) -> None:
+    def make(at: str) -> Step:
+        seconds, starts = float(duration.value or 10), int(count.value or 4)
+        return excite_step(model, f"{at}/motion.csv", at, duration=seconds, starts=starts)
+
+    with parts.panel("A motion for the next recording"):
+        with ui.row().classes("items-center"):
+            duration = ui.number("Seconds", value=10, min=0.1, max=3600).props("outlined dense")
+            count = ui.number("Starts", value=4, min=1, max=100).props("outlined dense")
+            ui.button("Excite", on_click=lambda: _begin(session, "excite", make)).props(
+                "outline no-caps"
+            ).set_enabled(not session.busy)
+        _last(session, "excite")
+        parts.commands(make(next_run(session.folder, "excite")))
+
+
+def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
+    """Simulation, or forces, along a motion."""
+    with parts.panel(title):
+        if not motions:
+            parts.note("There is no motion yet: take one from above, or add a recording.")
+            return
+        used = {one.file: one.mapping for one in session.plan.recordings}
+        with ui.row().classes("items-center"):
+            motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
+            motion.props(f'aria-label="Motion: {kind}"')
+            law = spacing = None
+            if kind == "simulate":
+                law = ui.select(
+                    list(get_args(ControllerName)), value="computed-torque", label="Controller"
+                )
+                law.props("outlined dense")
+            else:
+                spacing = ui.number("Distance of a limb's struts [m], if not described")
+                spacing.props("outlined dense").classes("w-72")
+
+            def make(at: str) -> Step:
+                path = str(motion.value)
+                if law is not None:
+                    return simulate_step(model, path, used.get(path), at, str(law.value))
+                assert spacing is not None
+                return forces_step(model, path, used.get(path), at, spacing.value)
+
+            ui.button(kind.capitalize(), on_click=lambda: _begin(session, kind, make)).props(
+                "outline no-caps"
+            ).set_enabled(not session.busy)
+        _last(session, kind)
+        parts.commands(make(next_run(session.folder, kind)))
+
+
+def _export(session: Session, model: str) -> None:
+    def make(at: str) -> Step:
+        return export_step(model, str(form.value), f"{at}/")
+
+    with parts.panel("Export"):
+        with ui.row().classes("items-center"):
+            form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
+            ui.button("Export", on_click=lambda: _begin(session, "export", make)).props(
+                "outline no-caps"
+            ).set_enabled(not session.busy)
+        _last(session, "export")
+        parts.commands(make(next_run(session.folder, "export")))
+
+
+def _files(session: Session) -> None:
+    with parts.panel("Files of the folder"), ui.row():
+        model = session.plan.model
+        names = [path.name for path in session.folder.files()]
+        for name in ([model] if model and session.folder.has(model) else []) + names:
+            ui.link(name, f"/files/{name}?download=true")
