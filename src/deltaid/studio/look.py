@@ -118,7 +118,7 @@ def held(path: str, linear: Sequence[bool]) -> Held:
 
 
 def preview(
-    path: str, robot: str, mapping: dict[str, Any], points: int = 1200, span: Any = None
+    path: str, robot: str, mapping: dict[str, Any], points: int = 2400, span: Any = None
 ) -> Preview:
     """A recording as a mapping reads it: positions in degrees or m, torques in N m or N.
 

@@ -190,7 +190,7 @@ def standing(session: Session) -> dict[str, str]:
         found["fit"] = "open" if grade else "later"
     if plan.model is not None and session.folder.has(plan.model):
         found["fit"] = "done" if found["fit"] == "open" else found["fit"]
-        found["result"] = found["use"] = "open"
+        found["result"], found["use"] = "done", "open"
     return found
 
 

@@ -51,7 +51,7 @@ def _begin(session: Session) -> None:
                 "check again.",
                 "doubt",
             )
-        parts.commands(check_step(plan, next_run(session.folder, "check")))
+        parts.commands(lambda: check_step(plan, next_run(session.folder, "check")))
 
 
 def _run(session: Session) -> None:

@@ -60,7 +60,7 @@ async def body(session: Session) -> None:
         if job is not None and job.step.kind == "fit" and job.state == "done":
             parts.note("The model is fitted.", "good")
             ui.button("See the result", on_click=lambda: ui.navigate.to("/result")).props("no-caps")
-        parts.commands(fit_step(plan, next_run(session.folder, "fit")))
+        parts.commands(lambda: fit_step(plan, next_run(session.folder, "fit")))
     _settings(session)
 
 

@@ -6,6 +6,7 @@ from html import escape
 from typing import Any
 
 from nicegui import ui
+from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
 from deltaid.studio.jobs import Job
@@ -62,12 +63,25 @@ def grade(word: str) -> None:
     ui.label(word).classes(f"grade {_GRADES.get(word, 'tell')}")
 
 
-def commands(step: Step) -> None:
-    """The command line of a step and the Python that does the same, to be copied."""
-    with ui.expansion("Command line and Python of this step").classes("w-full").props("dense"):
+def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
+    """The command line of a step and the Python that does the same, to be copied.
+
+    Args:
+        make: the step as it would begin now.
+        fields: it follows from; when one changes, so does what is shown.
+    """
+
+    def text() -> None:
+        step = make()
         ui.label("In the studio's folder:").classes("dim")
         code(step.command, "Copy command", "command")
         code(step.python, "Copy Python", "python")
+
+    with ui.expansion("Command line and Python of this step").classes("w-full").props("dense"):
+        shown = ui.refreshable(text)
+        shown()
+    for field in fields:
+        field.on_value_change(lambda: shown.refresh())
 
 
 def code(text: str, label: str, kind: str = "") -> None:

@@ -162,4 +162,4 @@ def _look(session: Session, name: str) -> None:
             problem(Problem(what, cure=cure))
         else:
             report(session, VIEW, f"{name}: picture, reach, limits")
-        commands(show_step(name, VIEW))
+        commands(lambda: show_step(name, VIEW))

@@ -1,9 +1,10 @@
 """Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
 
 from collections.abc import Callable
-from typing import get_args
+from typing import Any, get_args
 
 from nicegui import ui
+from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.control.options import ControllerName
 from deltaid.studio.pages import parts
@@ -93,7 +94,7 @@ def _excite(session: Session, model: str) -> None:
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, "excite")
-        parts.commands(make(next_run(session.folder, "excite")))
+        parts.commands(lambda: make(next_run(session.folder, "excite")), duration, count)
 
 
 def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
@@ -106,28 +107,29 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
         with ui.row().classes("items-center"):
             motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
             motion.props(f'aria-label="Motion: {kind}"')
-            law = spacing = None
-            if kind == "simulate":
-                law = ui.select(
-                    list(get_args(ControllerName)), value="computed-torque", label="Controller"
-                )
-                law.props("outlined dense")
-            else:
-                spacing = ui.number("Distance of a limb's struts [m], if not described")
-                spacing.props("outlined dense").classes("w-72")
+            option = _law() if kind == "simulate" else _spacing()
 
             def make(at: str) -> Step:
-                path = str(motion.value)
-                if law is not None:
-                    return simulate_step(model, path, used.get(path), at, str(law.value))
-                assert spacing is not None
-                return forces_step(model, path, used.get(path), at, spacing.value)
+                path, asked = str(motion.value), option.value
+                if kind == "simulate":
+                    return simulate_step(model, path, used.get(path), at, str(asked))
+                return forces_step(model, path, used.get(path), at, asked)
 
             ui.button(kind.capitalize(), on_click=lambda: _begin(session, kind, make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, kind)
-        parts.commands(make(next_run(session.folder, kind)))
+        parts.commands(lambda: make(next_run(session.folder, kind)), motion, option)
+
+
+def _law() -> ValueElement[Any]:
+    names = list(get_args(ControllerName))
+    return ui.select(names, value="computed-torque", label="Controller").props("outlined dense")
+
+
+def _spacing() -> ValueElement[Any]:
+    field = ui.number("Distance of a limb's struts [m], if not described")
+    return field.props("outlined dense").classes("w-96")
 
 
 def _export(session: Session, model: str) -> None:
@@ -141,7 +143,7 @@ def _export(session: Session, model: str) -> None:
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, "export")
-        parts.commands(make(next_run(session.folder, "export")))
+        parts.commands(lambda: make(next_run(session.folder, "export")), form)
 
 
 def _files(session: Session) -> None:
