@@ -20,6 +20,7 @@ import numpy as np
 from _table import leave
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from deltaid.errors import IdentificationError
 from deltaid.identification.identify import identify
 from deltaid.model.model import load
 from deltaid.model.record import Settings
@@ -55,19 +56,22 @@ class Told(NamedTuple):
 
 def one(name: str, case: str, seed: int) -> tuple[np.ndarray, dict[str, Told]]:
     """Whether data decides each entry of one drawn robot, and what is told of it, by the kind of
-    interval."""
+    interval; without the second where drawing models is refused."""
     rng, of = np.random.default_rng(1000 + seed), sensed(name, case, SPREAD)
     p = drawn(of.reduction, SPREAD, rng)
     robot, log = weighed(of, p, rng), recorded(name, of, p, rng)
     model = identify(robot, log, settings=Settings(prior_spread=SPREAD)).model
     found = model.parameters
     low, high, value, std = np.array([(x.low, x.high, x.value, x.std) for x in found]).T
-    draws = draw(load(model), MODELS, seed).p
+    decided = np.array([x.determined_by in ("data", "measured") for x in found])
+    told = {"linear": Told(value - p, std, (low <= p) & (p <= high))}
+    try:
+        draws = draw(load(model), MODELS, seed).p
+    except IdentificationError:
+        return decided, told
     ends = np.quantile(draws, (0.025, 0.975), axis=0)
-    return np.array([x.determined_by in ("data", "measured") for x in found]), {
-        "linear": Told(value - p, std, (low <= p) & (p <= high)),
-        "posterior": Told(draws.mean(0) - p, draws.std(0), (ends[0] <= p) & (p <= ends[1])),
-    }
+    own = Told(draws.mean(0) - p, draws.std(0), (ends[0] <= p) & (p <= ends[1]))
+    return decided, told | {"posterior": own}
 
 
 def rows(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[object, ...]]:
@@ -75,7 +79,7 @@ def rows(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> list[tu
     results = list(pool.map(one, [name] * seeds, [case] * seeds, range(seeds)))
     some = np.mean([decided for decided, _ in results], axis=0) >= _MOSTLY
     return [
-        row(name, case, kind, [told[kind] for _, told in results], some)
+        row(name, case, kind, [told[kind] for _, told in results if kind in told], some)
         for kind in ("linear", "posterior")
     ]
 

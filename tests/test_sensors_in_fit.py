@@ -1,8 +1,11 @@
 """Sensors beside the drives in a fit: intervals hold, gains follow from a plate, facts scatter."""
 
+from collections.abc import Callable
+
 import numpy as np
 import polars as pl
 import pytest
+from scipy.spatial.transform import Rotation
 
 import deltaid
 from deltaid.identification.identify import identify
@@ -83,7 +86,7 @@ def test_facts_add_their_own_variance_to_the_scatter_of_groups() -> None:
 
 
 def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> None:
-    CASES["plate unsure"] = {
+    CASES["plate noisy"] = {
         "sensors": {
             "plate": {
                 "kind": "base-wrench",
@@ -95,7 +98,7 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
             }
         }
     }
-    of, rng = sensed("clavel-delta3", "plate unsure", 0.5), np.random.default_rng(7)
+    of, rng = sensed("clavel-delta3", "plate noisy", 0.5), np.random.default_rng(7)
     (rows,) = of.sensors
     true = np.array([0.0] * 6 + [0.002, -0.003, 0.004, 0.01, -0.005, 0.008, 0.02])
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, unknowns=true)
@@ -107,6 +110,33 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
     # Neither torques nor the plate are known in N better than the plate's tolerance.
     assert plate.parameters[-1].std > 1e-4
     assert "gain" in plate.parameters[-1].name
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "gain"),
+    [((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 0.0), ((0.03, -0.02, 0.01), (0.05, -0.06, 0.04), 0.1)],
+)
+def test_a_plate_that_truly_stands_elsewhere_is_found_there(
+    place: tuple[float, ...], turn: tuple[float, ...], gain: float
+) -> None:
+    """Another plate, in that place and with those axes, has shown it."""
+    about = {"kind": "base-wrench", "force_noise": 1.0, "moment_noise": 0.1}
+    axes = Rotation.from_rotvec(turn).as_euler("xyz", degrees=True).tolist()
+    unsure = {"position_tolerance": 0.05, "rotation_tolerance": 0.1, "gain_tolerance": 0.1}
+    CASES["plate unsure"] = {"sensors": {"plate": about | unsure}}
+    CASES["plate elsewhere"] = {
+        "sensors": {"plate": about | {"position": list(place), "rotation_deg": axes}}
+    }
+    of, other = (
+        sensed.__wrapped__("clavel-delta3", case, 0.5)
+        for case in ("plate unsure", "plate elsewhere")
+    )
+    log = recorded("clavel-delta3", other, of.reduction.p_reg, np.random.default_rng(7))
+    log = log.with_columns(pl.selectors.starts_with("plate") / (1.0 - gain))
+    (plate,) = identify(of.robot, log).model.sensors
+    for one, x in zip(plate.parameters[6:], (*place, *turn, gain), strict=True):
+        # A turn is told as 2 tan(θ/2), which is 0.1 mrad more at a tenth of a radian.
+        assert abs(one.value - x) < 4 * one.std + 1e-4 * (one.unit == "rad"), one.name
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -145,20 +175,39 @@ def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(case: 
     assert found == alone
 
 
-@pytest.mark.parametrize("case", ["wrench", "strut and platform weighed"])
-def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(case: str) -> None:
-    """Drag by the square of speed: more columns come when gains and facts are known already."""
+def drag(v: np.ndarray) -> np.ndarray:
+    """By the square of speed."""
+    return np.sign(v) * v**2
+
+
+def drag_backwards(v: np.ndarray) -> np.ndarray:
+    """By speed, in one direction."""
+    return np.minimum(v, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("case", "shape", "word"),
+    [
+        ("wrench", drag, "|speed|"),
+        ("strut and platform weighed", drag, "|speed|"),
+        ("gauges", drag_backwards, "each direction its own"),
+    ],
+)
+def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
+    case: str, shape: Callable[[np.ndarray], np.ndarray], word: str
+) -> None:
+    """More columns come when gains and facts are known already; gains give friction no scale."""
     of, rng = sensed("clavel-delta3", case, SPREAD), np.random.default_rng(3)
     p, (_, _, _, qd, _) = drawn(of.reduction, SPREAD, rng), motion("clavel-delta3")
     log = recorded("clavel-delta3", of, p, rng)
     for i, v in enumerate(qd.T):
         tau = log[f"tau{i + 1}"].to_numpy()
-        drag = 0.05 * np.abs(tau).max() * np.sign(v) * (v / np.abs(v).max()) ** 2
-        log = log.with_columns(pl.Series(f"tau{i + 1}", tau + drag))
+        more = 0.05 * np.abs(tau).max() * shape(v / np.abs(v).max())
+        log = log.with_columns(pl.Series(f"tau{i + 1}", tau + more))
     model = identify(weighed(of, p, rng), log, settings=Settings(prior_spread=SPREAD)).model
     laws = [one.text for one in model.corrections if one.kind == "friction"]
     assert len(laws) == 3
-    assert all("|speed|" in text for text in laws)
+    assert all(word in text for text in laws)
     gains = [one.value for one in model.corrections if one.kind == "gain"]
     assert gains == pytest.approx([1.0] * len(gains), abs=5e-3)
     true = dict(zip(of.reduction.layout.names, p, strict=True))

@@ -74,7 +74,7 @@ def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int |
     changed = Dynamics(longer(dynamics.robot, length, STEP, limb))
     later = changed.torque(changed.kinematics.forward(q), qd, qdd, p)
     expected = 0.05 / STEP * (later - dynamics.torque(z, qd, qdd, p)).T
-    found = {one.name: one.torques for one in geometric_errors(dynamics, z, qd, qdd, p)}
+    found = {one.name: one.effect for one in geometric_errors(dynamics, z, qd, qdd, p)}
     mine = found[length if limb is None else f"{length} of limb {limb}"]
     assert np.abs(mine).max() > 0
     np.testing.assert_allclose(mine, expected, atol=1e-3 * np.abs(expected).max())
@@ -83,7 +83,7 @@ def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int |
 @pytest.mark.parametrize("name", ["irb360-6-1600", "par4-linear"])
 def test_slopes_are_those_of_zeros_and_of_gravity(name: str) -> None:
     dynamics, (z, q, qd, qdd), p = moved(name)
-    found = {one.name: one.torques for one in geometric_errors(dynamics, z, qd, qdd, p)}
+    found = {one.name: one.effect for one in geometric_errors(dynamics, z, qd, qdd, p)}
     for i, drive in enumerate(dynamics.robot.drives):
         step = STEP * np.eye(dynamics.dof)[i]
         up, down = (dynamics.inverse_dynamics(q + s * step, qd, qdd, p).T for s in (1, -1))

@@ -6,6 +6,7 @@ import pytest
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.identification.identify import identify
+from deltaid.model.record import Settings
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.sensors.weighings import weighing, weighings
@@ -165,3 +166,17 @@ def test_spread_of_an_entry_is_that_of_its_prior() -> None:
     assert wide["S.m"].std == pytest.approx(0.5 * 0.21, rel=1e-6)
     assert narrow["S.m"].std == pytest.approx(0.01 * 0.21, rel=1e-6)
     assert narrow["U.mcx"].std < 0.5 * wide["U.mcx"].std  # with which it makes a sum
+
+
+def test_a_prior_that_is_stated_to_be_wide_is_not_contradicted() -> None:
+    of, rng = sensed("clavel-delta3", "torque", 0.1), np.random.default_rng(0)
+    heavy = of.reduction.p_reg.copy()
+    heavy[of.reduction.layout.body("P")] *= 1.6
+    log = recorded("clavel-delta3", of, heavy, rng)
+    settings = Settings(prior_spread=0.1)
+    told = identify(of.robot, log, settings=settings).model.corrections
+    assert any((one.kind, one.subject) == ("prior", "P") for one in told)
+    bodies = dict(of.robot.bodies)
+    bodies["P"] = bodies["P"].changed(spread=1.0)
+    unsure = identify(of.robot.changed(bodies=bodies), log, settings=settings).model.corrections
+    assert not [one.subject for one in unsure if one.kind == "prior"]

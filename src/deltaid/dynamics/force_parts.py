@@ -100,7 +100,7 @@ class Strut:
 def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: Part) -> Strut:
     """Moments about the elbow, with the force f at the platform's end and the moment μ n of the
     elbow: l x × f + μ n = moment, n = y_L × z_S."""
-    R_LS, l = limb.strut.rotation.R, geometry.strut
+    R_LS, l = limb.strut.rotation.R, limb.length
     y_S, m = R_LS[1, :].T, part.moment
     n = ca.vertcat(y_S[1], -y_S[0], 0)
     mu = m[0] / n[0]

@@ -149,7 +149,7 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> Fi
         recordings,
         problem.base,
         problem.information,
-        problem.p,
+        problem.values,
         problem.additions,
     )
     estimate = problem.estimate.with_shifts(found.shifts)

@@ -33,6 +33,7 @@ from deltaid.identification.friction_options import (
     remaining,
 )
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
+from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag import BLOCKS, Rows
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
@@ -87,7 +88,7 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
         return setup
     progress("looking for friction that the description lacks")
-    beside = without_lags(setup.additions)
+    beside = shown_by_torques(without_lags(setup.additions))
     try:
         rows = friction_rows(setup.dynamics, setup.recordings, beside)
     except RecordingError:

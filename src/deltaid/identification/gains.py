@@ -116,6 +116,13 @@ class Gains(Addition):
         return -torque
 
     @property
+    def shows_in_torques(self) -> bool:
+        """Whether torques tell it beside all friction: by a load they carry, not by a sensor."""
+        return bool(self.alike) or any(
+            one.is_absolute and len(one.pattern[0]) > 0 for one in self.others
+        )
+
+    @property
     def _witness(self) -> str:
         """What knows N m by itself."""
         return " and by ".join(one.witness for one in self.others if one.is_absolute)
@@ -191,6 +198,11 @@ def gains(setup: Setup, progress: Progress) -> Setup:
             break
         c = c * np.exp(step)
     return setup.changed(recordings=_with(setup, c), additions=(*others, found()))
+
+
+def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
+    """Additions without gains that sensors alone tell: beside these, friction has no scale."""
+    return tuple(one for one in additions if not isinstance(one, Gains) or one.shows_in_torques)
 
 
 def _alike(setup: Setup) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ at the fitted parameters, at some samples spread over the beginning of the recor
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -23,10 +23,12 @@ from deltaid.identification.additions import Addition, Extended, extended
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.gathering import thinned
 from deltaid.identification.information import Information, active_columns
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.regularizer import parameter_scale
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Window
 from deltaid.robot.tolerances import Tolerances
+from deltaid.sensors.geometry import sensor_errors
 
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.
@@ -64,13 +66,18 @@ class GeometricRows:
     D: Float[np.ndarray, "rows quantities"]
     names: tuple[str, ...]
 
+    def over(self, names: Sequence[str]) -> Float[np.ndarray, "rows named"]:
+        """D for more quantities; those that do nothing here are zero."""
+        known, nothing = dict(zip(self.names, self.D.T, strict=True)), np.zeros(len(self.tau))
+        return np.stack([known.get(name, nothing) for name in names], axis=1)
+
 
 def geometry(
     dynamics: Dynamics,
     recordings: Sequence[Recording],
     base: BaseParameters,
     information: Information,
-    p: Parameters,
+    values: Float[np.ndarray, " parameters"],
     additions: Sequence[Addition] = (),
 ) -> Geometry:
     """What the tolerances of a robot's description do to base parameters from recordings.
@@ -80,28 +87,81 @@ def geometry(
         recordings: that the information comes from.
         base: base parameters, those of additions included.
         information: of all recordings.
-        p: parameters of the robot.
+        values: parameters of the robot, and of the additions behind them.
         additions: what torques were explained with beside the robot.
     """
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
-    weights, regressor = np.sqrt(information.drive_weights), extended(dynamics, additions)
-    active = information.columns
-    rows = [
-        geometric_rows(regressor, dynamics, one, p, weights, active=active) for one in recordings
-    ]
+    weights, regressor = np.sqrt(information.weights), extended(dynamics, additions)
+    drives, p = weights[information.drives], values[: len(dynamics.layout.names)]
+    active, seen = information.columns, MeasuredRows(regressor)
+    rows: list[GeometricRows] = []
+    for one in recordings:
+        rows.append(geometric_rows(regressor, dynamics, one, p, drives, active=active))
+        rows += sensor_geometry(seen, dynamics, one, values, weights[len(drives) :], active)
+    names = tuple(dict.fromkeys(name for one in rows for name in one.names))
     columns = [group.representative for group in base.groups]
-    at = np.searchsorted(information.columns, columns)
-    Y, D = (np.vstack(part) for part in zip(*((one.Y, one.D) for one in rows), strict=True))
-    Y, whole = Y[:, at], information.weighted()[:, at]
+    at = np.searchsorted(active, columns)
+    Y, D = np.vstack([one.Y for one in rows])[:, at], np.vstack([one.over(names) for one in rows])
+    whole = replace(information, facts=None).weighted()[:, at]
     norms = np.linalg.norm(whole, axis=0)
-    share = np.sqrt(_BESIDE) * np.linalg.norm(Y / norms) / np.sqrt(base.rank)
+    norms[norms == 0] = 1.0  # shown by measured values alone
+    share = np.linalg.norm(Y / norms) / np.sqrt(base.rank)
+    # Measured values are of the machine as it is: they hold a shift as they hold the fit.
+    facts = np.zeros((0, len(at))) if information.facts is None else information.facts[:, at]
+    beside = share / norms * np.vstack([np.sqrt(_BESIDE) * whole, facts])
     shifts, *_ = np.linalg.lstsq(
-        np.vstack([Y, share * whole]) / norms,
-        np.vstack([D, np.zeros((len(whole), D.shape[1]))]),
+        np.vstack([Y / norms, beside]),
+        np.vstack([D, np.zeros((len(beside), len(names)))]),
         rcond=None,
     )
-    return Geometry(rows[0].names, shifts / norms[:, None])
+    return Geometry(names, shifts / norms[:, None])
+
+
+def sensor_geometry(
+    seen: MeasuredRows,
+    dynamics: Dynamics,
+    recording: Recording,
+    values: Float[np.ndarray, " parameters"],
+    weights: Float[np.ndarray, " channels"],
+    active: Int[np.ndarray, " columns"],
+) -> Iterator[GeometricRows]:
+    """The same samples as sensors show them, one after the other, as `geometric_rows` has torques.
+
+    Args:
+        values: all fitted parameters, those of additions behind the robot's.
+        weights: of the channels of all sensors.
+    """
+    if not seen.sensors:
+        return
+    windows = list(_beginning(recording, dynamics))
+    shown = [one for one in (seen.shown(w, recording) for w in windows) if one is not None]
+    own = [w.own.part(slice(None, None, w.thinned)) for w in windows]
+    z, qd, qdd = (np.vstack([getattr(w, name) for w in own]) for name in ("z", "qd", "qdd"))
+    entries, y, counted = (
+        np.hstack([getattr(one, name) for one in shown]) for name in ("values", "y", "counted")
+    )
+    every = slice(None, None, -(-len(z) // _SAMPLES))
+    rows, columns = seen.regressor_pattern
+    of_sensors, first = rows >= seen.drives, 0
+    rows, columns = rows[of_sensors] - seen.drives, columns[of_sensors]
+    for part in seen.sensors:
+        channels, beside = np.arange(first, first + part.channels), len(dynamics.layout.names)
+        mine = np.isin(rows, channels)
+        u = part.unknowns(values)
+        found = sensor_errors(part.graph, z[every], qd[every], qdd[every],
+                              np.append(values[:beside], u))  # fmt: skip
+        w, m = weights[channels, None], np.sqrt(counted[channels][:, every])
+        Y = np.zeros((part.channels, m.shape[1], len(active)))
+        Y[rows[mine] - first, :, np.searchsorted(active, columns[mine])] = entries[mine][:, every]
+        D = [w * m * one.effect for one in found]
+        yield GeometricRows(
+            (w[:, :, None] * Y).reshape(-1, len(active)),
+            (w * y[channels][:, every]).ravel(),
+            np.reshape(D, (len(D), m.size)).T,
+            tuple(one.name for one in found),
+        )
+        first += part.channels
 
 
 def geometric_rows(
@@ -128,7 +188,7 @@ def geometric_rows(
     errors = geometric_errors(dynamics, z.T[every], qd.T[every], qdd.T[every], p, tolerances)
     Y = np.zeros((dof, values[:, every].shape[1], len(active)))
     Y[rows, :, np.searchsorted(active, columns)] = values[:, every]
-    D = [weights[:, None] * m[:, every] * one.torques for one in errors]
+    D = [weights[:, None] * m[:, every] * one.effect for one in errors]
     return GeometricRows(
         (weights[:, None, None] * Y).reshape(-1, len(active)),
         (weights[:, None] * tau[:, every]).ravel(),

@@ -20,6 +20,8 @@ from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.recording.carried import carrier
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
+from deltaid.sensors.about import RowsAbout
+from deltaid.sensors.graph_rows import GraphRows
 from deltaid.sensors.weighings import Weighing
 
 Values = Float[np.ndarray, "entries samples"]
@@ -48,11 +50,13 @@ class SensorPart:
 
     Attributes:
         columns: the sensor.
+        first: place of its unknowns among all parameters.
         pattern: channel and column of each entry, columns as of the fit; those of loads last.
         loads: each load with the entries of its carrier.
     """
 
     columns: SensorColumns
+    first: int
     pattern: Pattern
     loads: tuple[tuple[LoadColumns, Int[np.ndarray, " _"]], ...]
 
@@ -60,6 +64,18 @@ class SensorPart:
     def channels(self) -> int:
         """How many channels it has."""
         return len(self.columns.rows.channels)
+
+    @property
+    def graph(self) -> GraphRows:
+        """Its rows without what is known of gain and pose."""
+        rows = self.columns.rows
+        rows = rows.rows if isinstance(rows, RowsAbout) else rows
+        assert isinstance(rows, GraphRows)
+        return rows
+
+    def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " own"]:
+        """Its own among all parameters."""
+        return values[self.first : self.first + len(self.columns.rows.parameters)]
 
     def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
         """Entries, what it shows, and weights, along samples; zero where there is no number."""
@@ -212,4 +228,4 @@ def _part(
         rows.append(channels[entries])
         at.append(columns[entries] - part.start + start)
         carried.append((load, entries))
-    return SensorPart(one, (np.concatenate(rows), np.concatenate(at)), tuple(carried))
+    return SensorPart(one, first, (np.concatenate(rows), np.concatenate(at)), tuple(carried))

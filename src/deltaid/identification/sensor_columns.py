@@ -16,7 +16,7 @@ from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter
-from deltaid.sensors.about import about
+from deltaid.sensors.about import about, is_of_pose
 from deltaid.sensors.of_robot import sensor_rows
 from deltaid.sensors.rows import SensorRows
 
@@ -94,4 +94,4 @@ class SensorColumns(Addition):
 
 def _depends(one: Parameter) -> bool:
     """Whether the column of a sensor's unknown goes by what the sensor should show."""
-    return one.symbol == "gain" or one.symbol.startswith(("position", "rotation"))
+    return one.symbol == "gain" or is_of_pose(one)

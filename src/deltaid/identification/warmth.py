@@ -20,6 +20,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.identification.additions import Addition, Values
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
+from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag import Rows
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
@@ -182,7 +183,9 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
     lasting = tuple(one for one in setup.additions if not isinstance(one, Warmth))
     setup = setup.changed(additions=lasting)
     try:
-        rows = friction_rows(setup.dynamics, setup.recordings, without_lags(lasting))
+        rows = friction_rows(
+            setup.dynamics, setup.recordings, shown_by_torques(without_lags(lasting))
+        )
     except RecordingError:
         return setup
     return setup.changed(additions=(*setup.additions, *_found(rows)))

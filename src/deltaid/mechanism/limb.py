@@ -123,7 +123,10 @@ def limb_motion(
     return LimbMotion(
         q=solved.q,
         bodies=LimbBodies(
-            driven, MovingBody(names[1], limb.struts, limb.R_WL, strut, elbow), point.at
+            driven,
+            MovingBody(names[1], limb.struts, limb.R_WL, strut, elbow),
+            point.at,
+            lengths[1],
         ),
         s=R_LW.T @ s.at,
         gain=ca.dot(s.at, solved.slope),

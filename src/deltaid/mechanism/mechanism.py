@@ -45,11 +45,13 @@ class LimbBodies:
     Attributes:
         driven, strut: their motion.
         held: the middle of the strut joints at the platform, in the world [m].
+        length: of the strut [m]; symbols in it where it may grow.
     """
 
     driven: MovingBody
     strut: MovingBody
     held: ca.SX
+    length: float | ca.SX
 
 
 @dataclass(frozen=True)

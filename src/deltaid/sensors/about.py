@@ -4,18 +4,34 @@ A gain's column is what the sensor shows. Taken as measured, column and y share 
 ‖(1 − g) y − C p‖² falls with every g towards one: at a noise of a few per cent of the signal the
 gain comes out many standard deviations off. So it is taken as what some values say,
 
-    ŷ = (C p₀ + b₀) / (1 − g₀),
+    h = C p₀ + b₀,    h' = h + (0, f × δ₀),    v = h' + ½ (h' + v) × θ₀,    ŷ = v / (1 − g₀),
 
-and the fit repeated about what it gives, until it settles.
+and the fit repeated about what it gives, until it settles. Columns of the place are of h, those of
+the axes of what is half turned, ½ (h' + v): so v is h' turned by 2 arctan(|θ₀|/2), and not a longer
+vector, as h' + h' × θ₀ is.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from deltaid.robot.parameter import Parameter
 from deltaid.sensors.rows import Motion, SensorChannel, SensorRows
+
+# Each makes what is left of a turn by 0.2 rad ten times smaller.
+_ROUNDS = 5
+
+Seen = Float[np.ndarray, "channels samples"]
+
+
+class _Expected(NamedTuple):
+    """h, what is half turned, and ŷ."""
+
+    straight: Seen
+    half: Seen
+    shown: Seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +63,43 @@ class RowsAbout(SensorRows):
     def entries(
         self, z: Motion, qd: Motion, qdd: Motion, shown: Float[np.ndarray, "channels samples"]
     ) -> Float[np.ndarray, "entries samples"]:
-        return self.rows.entries(z, qd, qdd, self.expected(z, qd, qdd))
+        seen = self._expected(z, qd, qdd)
+        entries = self.rows.entries(z, qd, qdd, seen.shown)
+        for of, what in ((self._of("position"), seen.straight), (self._of("rotation"), seen.half)):
+            if of.any():
+                entries[of] = self.rows.entries(z, qd, qdd, what)[of]
+        return entries
 
-    def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Float[np.ndarray, "channels samples"]:
-        """ŷ, without errors of the pose."""
+    def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Seen:
+        """ŷ."""
+        return self._expected(z, qd, qdd).shown
+
+    def _expected(self, z: Motion, qd: Motion, qdd: Motion) -> "_Expected":
         channels, columns = self.pattern
-        expected = np.zeros((len(self.channels), len(z)))
-        own = self.rows.entries(z, qd, qdd, expected)
-        np.add.at(expected, channels, own * self.values[columns][:, None])
-        return expected / (1.0 - self._gain)
+        values = self.values[columns][:, None]
+
+        def more(seen: Seen, of: Bool[np.ndarray, " entries"]) -> Seen:
+            """What some columns add, of what is seen."""
+            total = np.zeros_like(seen)
+            if of.any():
+                own = self.rows.entries(z, qd, qdd, seen)[of]
+                np.add.at(total, channels[of], own * values[of])
+            return total
+
+        position, rotation = self._of("position"), self._of("rotation")
+        straight = more(np.zeros((len(self.channels), len(z))), ~(position | rotation))
+        moved = straight + more(straight, position)
+        turned = half = moved
+        for _ in range(_ROUNDS if rotation.any() else 0):
+            turned = moved + more(half, rotation)
+            half = 0.5 * (moved + turned)
+        return _Expected(straight, half, turned / (1.0 - self._gain))
+
+    def _of(self, symbol: str) -> Bool[np.ndarray, " entries"]:
+        """Which entries are of such unknowns."""
+        first = len(self.values) - len(self.parameters)
+        of = [k for k, one in enumerate(self.parameters, first) if one.symbol.startswith(symbol)]
+        return np.isin(self.pattern[1], of)
 
     @property
     def _gain(self) -> float:
@@ -63,6 +107,11 @@ class RowsAbout(SensorRows):
         first = len(self.values) - len(self.parameters)
         found = [k for k, one in enumerate(self.parameters, start=first) if one.symbol == "gain"]
         return float(self.values[found[0]]) if found else 0.0
+
+
+def is_of_pose(one: Parameter) -> bool:
+    """Whether a sensor's unknown is an error of its place or its axes."""
+    return one.symbol.startswith(("position", "rotation"))
 
 
 def about(rows: SensorRows, values: Float[np.ndarray, " columns"]) -> RowsAbout:

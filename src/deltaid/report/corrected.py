@@ -1,0 +1,46 @@
+"""What an identification put right, as one sentence."""
+
+from collections.abc import Sequence
+
+from deltaid.model.corrections import Correction, Kind
+
+_WORDS = (
+    "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
+    "twelve",
+)  # fmt: skip
+_NAMES: dict[Kind, str] = {
+    "velocity": "recorded velocities left out",
+    "lag": "lag between torques and positions",
+    "load": "held load",
+    "contact": "contacts",
+    "backlash": "play in gears",
+    "friction": "friction law",
+    "temperature": "friction that warms up",
+    "gain": "torque constant",
+    "sensor": "sensor",
+    "compliance": "gears that wind up",
+    "prior": "prior made wider",
+    "cutoff": "cut-off of the filter",
+}
+
+
+def corrected(corrections: Sequence[Correction]) -> str:
+    """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
+    if not corrections:
+        return "Nothing was put right."
+    subjects: dict[Kind, dict[str, None]] = {}
+    for one in corrections:
+        subjects.setdefault(one.kind, {})[one.subject] = None
+    things = ", ".join(_thing(kind, tuple(filter(None, of))) for kind, of in subjects.items())
+    if len(subjects) == 1:
+        return f"One correction was made: {things}."
+    return f"{in_words(len(subjects)).capitalize()} corrections were made: {things}."
+
+
+def in_words(count: int) -> str:
+    """A count in words up to twelve."""
+    return _WORDS[count] if 0 <= count < len(_WORDS) else str(count)
+
+
+def _thing(kind: Kind, subjects: tuple[str, ...]) -> str:
+    return _NAMES[kind] + (f" ({', '.join(subjects)})" if subjects else "")
