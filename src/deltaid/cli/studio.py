@@ -33,9 +33,12 @@ def studio(
     from deltaid.studio.server import port_for, require_nicegui, serve
 
     require_nicegui()
-    serve(
-        folder,
-        port_for(port),
-        show=browser,
-        say=lambda address: console.print(f"{folder.resolve()} at {address} until Ctrl-C"),
-    )
+
+    def say(address: str) -> None:
+        console.print(f"{folder.resolve()} at {address} until Ctrl-C")
+        console.file.flush()
+
+    try:
+        serve(folder, port_for(port), show=browser, say=say)
+    except KeyboardInterrupt:
+        console.print("closed")

@@ -42,6 +42,7 @@ _UNIT_WORDS = {
     "mm": "mm", "ms": "ms", "us": "us", "ns": "ns", "s": "s", "nm": "N m", "mnm": "mN*m",
     "ma": "mA", "a": "A", "rev": "rev", "turns": "rev",
 }  # fmt: skip
+_RATES = {"velocity": "/s", "acceleration": "/s^2"}
 _SPLIT = re.compile(r"[^A-Za-zµ%]+|(?<=[a-zµ])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _NUMBER = re.compile(r"\d+")
@@ -126,7 +127,7 @@ def proposed(columns: Sequence[Column], linear: Sequence[bool]) -> Proposal:
         if not fitting:
             continue
         best = max(fitting, key=lambda group: _rank(group[0].address))
-        entries, unit_reason = _entries(quantity, best, linear)
+        entries, unit_reason = _entries(quantity, best, linear, data)
         data[quantity] = entries
         others = f", rather than {fitting[0][0].address}" if fitting[0] is not best else ""
         names = ", ".join(one.address for one in best)
@@ -185,7 +186,7 @@ def _time(column: Column) -> tuple[dict[str, Any], str]:
 
 
 def _entries(
-    quantity: Quantity, group: Sequence[Column], linear: Sequence[bool]
+    quantity: Quantity, group: Sequence[Column], linear: Sequence[bool], known: dict[str, Any]
 ) -> tuple[list[dict[str, Any]], str]:
     """An entry a drive, and why it has its unit."""
     entries: list[dict[str, Any]] = []
@@ -194,6 +195,10 @@ def _entries(
         unit, why = _stated(column)
         if not unit:
             unit, why = _by_size(quantity, group, slides=slides)
+            place = known.get("position", [])
+            if quantity in _RATES and place and place[0]["unit"] in ("deg", "mm"):
+                unit = place[0]["unit"] + _RATES[quantity]
+                why = f"{unit} is assumed, as positions are"
         entries.append({"column": column.address, "unit": unit})
         reason = reason or why
     return entries, reason

@@ -11,20 +11,23 @@ from deltaid.studio.runs import Run, output
 
 # Parameters of a comparison: those that changed most, in standard deviations of both.
 _SHOWN = 12
+_KINDS = {"good": "good", "poor": "bad"}
 
 
 def told_of(folder: Folder, run: Run) -> list[tuple[str, str]]:
     """Sentences about a fit, each with its kind of note: '', 'good', 'doubt' or 'bad'."""
-    found = output(folder, run)
-    said: list[tuple[str, str]] = [(_errors(found), "good")]
-    said += [(text, "doubt") for text in found.get("warnings", [])]
-    return said
+    told = output(folder, run).get("summary")
+    if not isinstance(told, dict):
+        return []
+    kind = _KINDS.get(str(told["grade"]), "doubt")
+    return [(str(told["sentence"]), kind), ("\n".join(told["lines"]), "")]
 
 
 def comparison(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     """Rows of a table of runs: errors, noise, rank, settings, parameters that differ most."""
     found = [output(folder, run) for run in pair]
     rows: list[tuple[str, ...]] = [
+        ("verdict", *(str(one.get("summary", {}).get("sentence", "–")) for one in found)),
         ("robot", *(str(one.get("robot", "")) for one in found)),
         ("recordings", *(", ".join(_logs(run)) for run in pair)),
         ("error on them", *(_share(one.get("nrmse")) for one in found)),
@@ -72,13 +75,3 @@ def _verify(found: dict[str, Any]) -> dict[str, Any]:
 
 def _share(values: Sequence[float] | None) -> str:
     return percent(max(values)) if values else "–"
-
-
-def _errors(found: dict[str, Any]) -> str:
-    seen, unseen = found.get("nrmse"), _verify(found).get("nrmse")
-    text = (
-        f"Torques of the recordings are met within {_share(seen)} of their spread" if seen else ""
-    )
-    if unseen:
-        text += f"; those of an unseen motion within {_share(unseen)}"
-    return text + "."

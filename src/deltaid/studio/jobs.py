@@ -25,7 +25,7 @@ _MARK = "progress: "
 _WITH_JSON = ("check", "fit", "validate", "excite", "simulate", "forces")
 _ENTRY = "from deltaid.cli import main; main()"
 # Seconds that a command has to leave by itself when it is told to end.
-_GRACE = 5.0
+_GRACE = 2.0
 _WINDOWS = sys.platform == "win32"
 
 

@@ -1,7 +1,9 @@
 """The studio's server: NiceGUI on this machine only, behind a guard."""
 
+import asyncio
 import secrets
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
@@ -52,7 +54,20 @@ def port_for(wanted: int | None) -> int:
     )
 
 
-def serve(path: Path, port: int, *, show: bool, say: object) -> None:
+async def _tell(port: int, address: str, say: Callable[[str], None]) -> None:
+    """Say the address once something answers there."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(HOST, port)
+        except OSError:
+            await asyncio.sleep(0.02)
+            continue
+        writer.close()
+        say(address)
+        return
+
+
+def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> None:
     """Serve a folder until Ctrl-C.
 
     Args:
@@ -64,7 +79,7 @@ def serve(path: Path, port: int, *, show: bool, say: object) -> None:
     Raises:
         DeltaidError: the folder cannot be used.
     """
-    from nicegui import app, ui
+    from nicegui import app, background_tasks, ui
 
     from deltaid.studio.pages.frame import build
 
@@ -74,8 +89,7 @@ def serve(path: Path, port: int, *, show: bool, say: object) -> None:
     build(session)
     app.add_middleware(Guard, port=port, token=token)
     app.on_shutdown(session.close)
-    if callable(say):
-        app.on_startup(lambda: say(address))
+    app.on_startup(lambda: background_tasks.create(_tell(port, address, say), name="tell"))
     ui.run(
         host=HOST,
         port=port,

@@ -94,6 +94,8 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
             ui.label(f"Likely: {verdict['cause']}")
         if verdict["cure"]:
             ui.label(f"→ {verdict['cure']}")
+        if verdict["key"] == "torque-lag":
+            ui.label("The fit finds this lag too, and puts it right (setting: Lag).").classes("dim")
         for file, name in (("robot", "the robot file"), ("mapping", "the mapping")):
             changes = wanted(verdict, file)
             if not changes:

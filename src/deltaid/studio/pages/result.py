@@ -5,11 +5,14 @@ from typing import Any
 from nicegui import ui
 
 from deltaid.studio.compare import comparison, told_of
+from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
+from deltaid.studio.pages.figures import beside
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import Run, runs
-from deltaid.studio.session import Session, fit_runs
+from deltaid.studio.session import Session, fit_runs, mapping_of
 from deltaid.studio.steps import validate_step
+from deltaid.studio.torques import torques
 
 
 async def body(session: Session) -> None:
@@ -24,7 +27,7 @@ async def body(session: Session) -> None:
     if chosen is None:
         chosen = models[0]
     _shown(session, chosen)
-    _compare(session, models)
+    await _compare(session, models)
     _validate(session, chosen)
     _history(session, everything, chosen)
 
@@ -43,30 +46,43 @@ def _commands(run: Run) -> None:
         parts.code(run.record.python, "Copy Python", "python")
 
 
-def _compare(session: Session, models: list[Run]) -> None:
+async def _compare(session: Session, models: list[Run]) -> None:
     if len(models) < 2:
         return
+    recordings = {one.file: one for one in session.plan.recordings if session.folder.has(one.file)}
     with parts.panel("Side by side"):
         names = {run.folder: run.name for run in models}
-        place = ui.column().classes("w-full")
-        with place:
-            pass
 
-        def draw() -> None:
-            place.clear()
+        async def draw() -> None:
             pair = [run for key in (left.value, right.value) for run in models if run.folder == key]
+            place.clear()
             with place:
                 parts.table(("", *(run.name for run in pair)), comparison(session.folder, pair))
-                with ui.element("div").classes("columns"):
-                    for run in pair:
-                        with ui.column().classes("w-full"):
-                            parts.report(session, run.file("report.html"), f"Report of {run.name}")
+                await _over_time(session, pair, recordings.get(str(along.value)))
 
-        with ui.row():
+        with ui.row().classes("items-center"):
             left = ui.select(names, value=models[1].folder, label="Left").props("outlined dense")
             right = ui.select(names, value=models[0].folder, label="Right").props("outlined dense")
+            along = ui.select(list(recordings), value=next(iter(recordings), None), label="Along")
+            along.props("outlined dense")
             ui.button("Compare", on_click=draw).props("outline no-caps")
-        place.move(target_index=-1)
+        place = ui.column().classes("w-full")
+
+
+async def _over_time(session: Session, pair: list[Run], used: Used | None) -> None:
+    """Torques of both models along a recording, on one time axis."""
+    if used is None:
+        return
+    waiting = ui.spinner()
+    path, mapping = str(session.folder.path(used.file)), mapping_of(session, used)
+    models = [str(session.folder.path(run.file("model.yaml"))) for run in pair]
+    found = await session.look(torques, path, mapping, models)
+    waiting.delete()
+    if isinstance(found, Problem):
+        parts.problem(found)
+        return
+    plot = ui.plotly(beside(found, [run.name for run in pair])).classes("w-full")
+    plot.props(f'role=img aria-label="Torques of both models along {used.file}"')
 
 
 def _validate(session: Session, run: Run) -> None:

@@ -1,0 +1,211 @@
+"""The studio in headless Chromium: from an empty folder to an exported model, offline."""
+
+import contextlib
+import http.client
+import shlex
+import xml.etree.ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright import sync_api
+
+from command import run
+from deltaid.model.model import load
+from deltaid.studio.folder import Folder
+from deltaid.studio.runs import runs
+from logs import recorded
+from studios import CHROMIUM, Studio, foreign
+from test_report_browser import ARGUMENTS, BROWSERS_OWN
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+
+LATE, TURNED = 4, 2
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the studio's folder will be, and beside it a recording with two faults."""
+    folder = tmp_path_factory.mktemp("studio")
+    foreign(folder / "axes.csv", recorded(6000), late=LATE, turned=TURNED)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def studio(place: Path) -> Iterator[Studio]:
+    with Studio(place / "work") as found:
+        yield found
+    assert "Traceback" not in found.errors()
+
+
+class Visitor:
+    """A browser with some tabs of the studio, all that these said, and whom they asked."""
+
+    def __init__(self, browser, studio: Studio) -> None:
+        self.studio = studio
+        self.context = browser.new_context(viewport={"width": 1280, "height": 900})
+        self.context.set_default_timeout(40_000)
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.context.on("request", lambda request: self.asked.append(request.url))
+        self.page = self.tab(studio.address)
+
+    def tab(self, address: str):
+        page = self.context.new_page()
+        page.on("console", lambda message: self._hear(message.type, message.text))
+        page.on("pageerror", lambda error: self.said.append(str(error)))
+        page.goto(address)
+        page.get_by_role("heading", level=1).wait_for()
+        return page
+
+    def _hear(self, kind: str, text: str) -> None:
+        if kind in ("error", "warning") and not any(own in text for own in BROWSERS_OWN):
+            self.said.append(f"{kind}: {text}")
+
+    def go(self, stage: str) -> None:
+        """To a stage, and there once more, as a reload does."""
+        self.page.get_by_role("navigation").get_by_role("link", name=stage).click()
+        self.page.wait_for_url(f"**/{stage.lower()}")
+        self.page.get_by_role("heading", level=1, name=stage).wait_for()
+        self.page.reload()
+        self.page.get_by_role("heading", level=1, name=stage).wait_for()
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def see(self, text: str, page=None) -> None:
+        (page or self.page).get_by_text(text).first.wait_for()
+
+    def copied(self) -> tuple[list[str], str]:
+        """The command and the Python that this stage shows."""
+        self.page.get_by_text("Command line and Python of this step").last.click()
+        command = self.page.locator("pre.command:visible").last.inner_text()
+        python = self.page.locator("pre.python:visible").last.inner_text()
+        return shlex.split(command), python
+
+
+@pytest.fixture(scope="module")
+def visitor(studio: Studio) -> Iterator[Visitor]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        yield Visitor(browser, studio)
+        browser.close()
+
+
+def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path) -> None:
+    page, work = visitor.page, place / "work"
+    # Robot: out of the catalogue, edited; what is wrong is said and not saved.
+    page.get_by_role("combobox", name="Robot").fill("clavel")
+    page.get_by_role("option", name="clavel-delta3").click()
+    visitor.press("Edit a copy of it")
+    visitor.see("Describe it: clavel-delta3.yaml")
+    page.reload()
+    visitor.see("Describe it: clavel-delta3.yaml")
+    page.locator(".cm-content").click()
+    page.keyboard.press("Control+Home")
+    page.keyboard.type("strutt: 1\n")
+    visitor.see("strutt")
+    page.get_by_role("alert").get_by_text("line 1").wait_for()
+    visitor.press("Undo all")
+    # Recording: dropped; a second tab sees what happens in the first one.
+    visitor.go("Recording")
+    with page.expect_file_chooser() as chooser:
+        visitor.press("Choose a recording")
+    chooser.value.set_files(place / "axes.csv")
+    visitor.see("so degrees are assumed")
+    other = visitor.tab(f"{visitor.studio.base}/recording")
+    assert not (work / "mapping.yaml").exists()
+    visitor.press("Use these, write mapping.yaml")
+    other.get_by_label("torque of drive2: sign").wait_for()
+    page.reload()
+    page.locator(".js-plotly-plot").wait_for()
+    assert (work / "axes.csv").read_bytes() == (place / "axes.csv").read_bytes()
+    # Fit: not before a check.
+    visitor.go("Fit")
+    assert page.get_by_role("button", name="Fit", exact=True).is_disabled()
+    # Check: what is wrong is mended by a click, after its diff.
+    visitor.go("Check")
+    visitor.press("Check")
+    visitor.see("Something is wrong")
+    before = (work / "mapping.yaml").read_text()
+    page.get_by_role("button", name="Show the change to the mapping").click()
+    visitor.see("+- {column: Axis2.ActTorque, unit: N m, sign: -1}")
+    assert (work / "mapping.yaml").read_text() == before
+    visitor.press("Apply")
+    visitor.see("have changed since the last check")
+    other.locator(".q-select", has=other.get_by_label("torque of drive2: sign")).get_by_text(
+        "−"
+    ).wait_for()
+    visitor.go("Check")
+    check = visitor.copied()
+    visitor.press("Check")
+    visitor.see("torque-lag")
+    # Fit, and its result in words and figures.
+    visitor.go("Fit")
+    fit = visitor.copied()
+    visitor.press("Fit")
+    page.reload()
+    visitor.press("See the result")
+    visitor.see("Untested: fits torques of its own recording within")
+    visitor.go("Result")
+    page.frame_locator("iframe").locator("html.drawn").wait_for(state="attached")
+    visitor.go("Use")
+    export = page.get_by_role("button", name="Export", exact=True)
+    export.click()
+    page.get_by_role("link", name="clavel_delta3.xml").wait_for()
+    done = {run.record.kind: run for run in reversed(runs(Folder.at(work)))}
+    xml.etree.ElementTree.parse(work / done["export"].file("clavel_delta3.xml"))
+    # The lag was found and put right, and nothing of it all left this machine.
+    model = load(work / done["fit"].file("model.yaml")).identified
+    assert model is not None
+    (lag,) = [one for one in model.corrections if one.kind == "lag"]
+    assert lag.value is not None
+    assert abs(1e3 * lag.value - LATE) < 0.3 or abs(lag.value - LATE) < 0.3
+    assert visitor.said == []
+    own = (visitor.studio.base, "data:", "blob:")
+    assert [url for url in visitor.asked if not url.startswith(own)] == []
+    _copied_works(work, done, check, fit)
+
+
+def _copied_works(work: Path, done: dict, check, fit) -> None:
+    """What was shown is what ran, and the Python does the same."""
+    assert check[0] == shlex.split(done["check"].record.command)
+    assert fit[0] == shlex.split(done["fit"].record.command)
+    model = work / done["fit"].file("model.yaml")
+    first = model.read_text()
+    with contextlib.chdir(work):
+        exec(compile(check[1], "check", "exec"), {})
+        exec(compile(fit[1], "fit", "exec"), {})
+        assert run(*check[0][1:]).code == 3
+    assert load(model).p == pytest.approx(load(_written(work / "first.yaml", first)).p, rel=1e-6)
+
+
+def _written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def _ask(studio: Studio, path: str, **headers: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", studio.port, timeout=10)
+    connection.request("GET", path, headers={k.replace("_", "-"): v for k, v in headers.items()})
+    return connection.getresponse()
+
+
+def test_nobody_else_is_answered(studio: Studio) -> None:
+    cookie = f"deltaid-studio-{studio.port}={studio.token}"
+    own = f"http://127.0.0.1:{studio.port}"
+    files = "/files/studio.yaml"
+    socket = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+    upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec_WebSocket_Version": "13",
+               "Sec_WebSocket_Key": "x3JJHMbDL1EzLkh9GBhXDw=="}  # fmt: skip
+    assert _ask(studio, files, Cookie=cookie).status == 200
+    assert _ask(studio, files).status == 403
+    assert _ask(studio, files, Cookie=cookie, Host="evil.example").status == 403
+    assert _ask(studio, files, Cookie=cookie, Origin="http://evil.example").status == 403
+    assert _ask(studio, socket, Cookie=cookie, Origin="http://evil.example").status == 403
+    websocket = socket.replace("polling", "websocket")
+    assert _ask(studio, websocket, Cookie=cookie, Origin=own, **upgrade).status == 101
+    assert _ask(studio, websocket, Cookie=cookie, Origin="http://evil", **upgrade).status == 403
+    assert _ask(studio, websocket, Origin=own, **upgrade).status == 403
+    for name in ("../axes.csv", "%2e%2e/axes.csv", "..%2faxes.csv", "/etc/passwd", ".hidden"):
+        assert _ask(studio, f"/files/{name}", Cookie=cookie).status == 404
