@@ -96,6 +96,11 @@ def told(
         return Problem.of(error)
 
 
+def ready() -> bool:
+    """Nothing but that all modules have been loaded."""
+    return True
+
+
 def held(path: str, linear: Sequence[bool]) -> Held:
     """All columns of a recording and the mapping that is proposed.
 
@@ -118,7 +123,7 @@ def held(path: str, linear: Sequence[bool]) -> Held:
 
 
 def preview(
-    path: str, robot: str, mapping: dict[str, Any], points: int = 2400, span: Any = None
+    path: str, robot: str, mapping: dict[str, Any], points: int = 1600, span: Any = None
 ) -> Preview:
     """A recording as a mapping reads it: positions in degrees or m, torques in N m or N.
 

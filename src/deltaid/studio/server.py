@@ -88,6 +88,7 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     address = f"http://{HOST}:{port}/?token={token}"
     build(session)
     app.add_middleware(Guard, port=port, token=token)
+    app.on_startup(session.warm)
     app.on_shutdown(session.close)
     app.on_startup(lambda: background_tasks.create(_tell(port, address, say), name="tell"))
     ui.run(

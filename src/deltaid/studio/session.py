@@ -14,7 +14,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
 from deltaid.studio.folder import Folder
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import Problem, told
+from deltaid.studio.look import Problem, ready, told
 from deltaid.studio.plan import Checked, Plan, Store, Used
 from deltaid.studio.runs import Run, new_run, output
 from deltaid.studio.steps import Step, show_step
@@ -103,13 +103,10 @@ class Session:
         )
         if key in self._seen:
             return self._seen[key]
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, mp_context=context)
         loop = asyncio.get_running_loop()
         try:
             work = partial(told, function, *given)
-            found: Any = await loop.run_in_executor(self._pool, work)
+            found: Any = await loop.run_in_executor(self.warm(), work)
         except BrokenProcessPool:  # killed from outside, such as for want of memory
             self._pool = None
             return Problem("the process that reads files was ended", cure="try it again")
@@ -117,6 +114,14 @@ class Session:
         while len(self._seen) > _REMEMBERED:
             del self._seen[next(iter(self._seen))]
         return found
+
+    def warm(self) -> ProcessPoolExecutor:
+        """The process that looks at files, begun now if there is none."""
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, mp_context=context)
+            self._pool.submit(told, ready)
+        return self._pool
 
     async def close(self) -> None:
         """End what runs."""

@@ -21,7 +21,7 @@ def curves(seen: Preview) -> go.Figure:
     for one in seen.curves:
         row = quantities.index(one.quantity) + 1
         plot.add_trace(
-            go.Scattergl(
+            go.Scatter(
                 x=one.time,
                 y=one.values,
                 name=f"drive {one.drive + 1}",
@@ -45,7 +45,7 @@ def beside(found: Beside, names: Sequence[str]) -> go.Figure:
         lines += [(name, color, 1.2, time, values) for name, color, time, values in predicted]
         for name, color, width, time, values in lines:
             line = {"color": color, "width": width}
-            trace = go.Scattergl(
+            trace = go.Scatter(
                 x=time, y=values[:, i], name=name, legendgroup=name, showlegend=i == 0, line=line
             )
             plot.add_trace(trace, row=i + 1, col=1)

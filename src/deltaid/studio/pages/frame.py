@@ -65,11 +65,11 @@ def build(session: Session) -> None:
 
 def _add(session: Session, stage: str) -> None:
     @ui.page(f"/{stage}", title=f"{_TITLES[stage][0]} · deltaid studio")
-    async def _page(client: Client) -> None:
-        await _stage(session, stage, client)
+    def _page(client: Client) -> None:
+        _stage(session, stage, client)
 
 
-async def _stage(session: Session, stage: str, client: Client) -> None:
+def _stage(session: Session, stage: str, client: Client) -> None:
     style = resources.files("deltaid.studio.pages") / "studio.css"
     script = resources.files("deltaid.studio.pages") / "studio.js"
     ui.add_css(style.read_text(encoding="utf-8"))
@@ -77,18 +77,15 @@ async def _stage(session: Session, stage: str, client: Client) -> None:
     ui.colors(primary="#1f5fa8", positive="#2c7a4b", negative="#b3261e", warning="#8a6100")
     _header(session)
     nav = ui.refreshable(lambda: _stepper(session, stage))
-    content = ui.refreshable(lambda: _BODIES[stage](session))
-    nav()
     title, question = _TITLES[stage]
+    nav()
     with ui.element("main").classes("stage").props("id=main"):
         with ui.element("h1").classes("title"):
             ui.label(title)
         ui.label(question).classes("question")
-        begun = session.store.revision
-        await content()
+        content = ui.column().classes("body")
         _ways(stage)
-
-    seen, drawing = begun, False
+    seen, drawing = -1, False
 
     async def draw() -> None:
         """Draw what has changed, once after the other; two at once would show it twice."""
@@ -98,7 +95,9 @@ async def _stage(session: Session, stage: str, client: Client) -> None:
             while seen != session.store.revision and not client.is_deleted:
                 seen = session.store.revision
                 nav.refresh()
-                await content.refresh()
+                content.clear()
+                with content:
+                    await _BODIES[stage](session)
         finally:
             drawing = False
 
@@ -107,11 +106,10 @@ async def _stage(session: Session, stage: str, client: Client) -> None:
             background_tasks.create(draw(), name="draw", context=client)
 
     session.store.listeners.append(again)
-    if seen != session.store.revision:
-        again()
     client.on_delete(lambda: session.store.listeners.remove(again))
     client.on_exception(_told)
     ui.timer(_LOOK, session.store.look)
+    again()
 
 
 def _told(error: Exception) -> None:
