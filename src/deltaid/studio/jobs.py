@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal
@@ -66,7 +65,7 @@ class Job:
             return ""
         return error_in(self.said)
 
-    async def go(self, changed: Callable[[], None] = lambda: None) -> None:
+    async def go(self) -> None:
         """Run it to its end."""
         keep_inputs(self.folder, self.place, self.step)
         inputs = await asyncio.to_thread(inputs_of, self.folder, self.step)
@@ -88,7 +87,6 @@ class Job:
         reading = asyncio.create_task(self._process.stdout.read())
         async for line in self._process.stderr:
             self._hear(line.decode("utf-8", "replace"))
-            changed()
         self.out = (await reading).decode("utf-8", "replace")
         code = await self._process.wait()
         if self.state != "cancelled":
@@ -99,7 +97,6 @@ class Job:
             began=self.began, code=code, out=self.out, messages=self.said, of=self.of,
             robot=self.robot,
         )  # fmt: skip
-        changed()
 
     async def cancel(self) -> None:
         """End it and all that it has started; files that it was writing do not appear."""

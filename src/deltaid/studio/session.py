@@ -33,6 +33,7 @@ class Session:
     Attributes:
         job: the step that runs now, or ran last.
         view: the same for the robot's page.
+        dark: how pages look; as the system does where None.
     """
 
     def __init__(self, folder: Folder) -> None:
@@ -40,7 +41,7 @@ class Session:
         self.store = Store(folder)
         self.job: Job | None = None
         self.view: Job | None = None
-        self.ticks: list[Callable[[], None]] = []
+        self.dark: bool | None = None
         self._seen: dict[tuple[Any, ...], Any] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._pool: ProcessPoolExecutor | None = None
@@ -138,12 +139,8 @@ class Session:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _tick(self) -> None:
-        for tick in list(self.ticks):
-            tick()
-
     async def _run(self, job: Job) -> None:
-        await job.go(self._tick)
+        await job.go()
         if job.step.kind == "check" and job.run is not None and job.state == "done":
             grade = str(output(self.folder, job.run).get("grade", ""))
             checked = Checked(of=job.of, grade=grade, run=job.run.folder)
@@ -152,10 +149,9 @@ class Session:
             model = job.run.file("model.yaml")
             self.store.change(lambda plan: plan.changed(model=model))
         self.store.tell()
-        self._tick()
 
     async def _draw(self, job: Job) -> None:
-        await job.go(self._tick)
+        await job.go()
         self.store.tell()
 
     def _key(self, name: str) -> str:

@@ -32,6 +32,9 @@ _BODIES: dict[str, Callable[[Session], Awaitable[None]]] = {
     "result": result.body,
     "use": use.body,
 }
+_THEMES: dict[bool | None, str] = {None: "system", False: "light", True: "dark"}
+_NEXT: dict[bool | None, bool | None] = {None: True, True: False, False: None}
+_SCRIPT: dict[bool | None, str] = {None: "null", False: "false", True: "true"}
 # A page of the folder may hold anything: it gets no say in the studio.
 _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
 
@@ -124,19 +127,19 @@ def _header(session: Session) -> None:
         ui.link("Skip to content", "#main").classes("skip")
         ui.label("deltaid studio").classes("brand")
         ui.label(str(session.folder.root)).classes("folder").tooltip("All files lie here")
-        dark = ui.dark_mode(None)
-        names = {None: "system", False: "light", True: "dark"}
-        button = ui.button(f"Look: {names[dark.value]}").props("flat dense no-caps color=white")
+        dark = ui.dark_mode(session.dark)
+        button = ui.button(f"Theme: {_THEMES[session.dark]}").props(
+            "flat dense no-caps color=white"
+        )
 
         def turn() -> None:
-            following = {None: True, True: False, False: None}[dark.value]
-            dark.set_value(following)
-            button.set_text(f"Look: {names[following]}")
-            ui.run_javascript(
-                f"studioScheme({'null' if following is None else str(following).lower()})"
-            )
+            session.dark = _NEXT[session.dark]
+            dark.set_value(session.dark)
+            button.set_text(f"Theme: {_THEMES[session.dark]}")
+            ui.run_javascript(f"studioTheme({_SCRIPT[session.dark]})")
 
         button.on_click(turn)
+    ui.add_body_html(f"<script>studioTheme({_SCRIPT[session.dark]})</script>")
 
 
 def _stepper(session: Session, here: str) -> None:

@@ -24,7 +24,6 @@ from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
 
-_HEADS = ("drive", "column", "unit", "sign", "zero", "gear", "N m per A")
 _NEEDED = ("position", "torque")
 
 
@@ -111,13 +110,7 @@ def _time(state: _Form, columns: list[str]) -> None:
 def _quantity(
     state: _Form, quantity: Quantity, robot: RobotDescription, columns: list[str]
 ) -> None:
-    torque = quantity == "torque"
-    heads = _HEADS if torque else _HEADS[:-1]
     with ui.element("div").classes("grid drives"):
-        for head in heads:
-            ui.label(head).classes("head")
-        if not torque:
-            ui.label("")
         for drive, (name, entry) in enumerate(
             zip(robot.drives, entries(state.data, quantity, state.dof), strict=True)
         ):
@@ -128,7 +121,7 @@ def _row(
     state: _Form, quantity: Quantity, drive: int, name: str, entry: Data, columns: list[str]
 ) -> None:
     def label(of: str) -> str:
-        return f'outlined dense aria-label="{quantity} of {name}: {of}"'
+        return f'outlined dense stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
 
     def setter(key: str) -> Callable[[Any], None]:
         return lambda event: parts.attempt(lambda: state.set(quantity, drive, key, event.value))

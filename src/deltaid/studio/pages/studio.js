@@ -20,6 +20,6 @@
   }).observe(document.documentElement, { childList: true, subtree: true });
 })();
 // Pages in frames follow the look that is chosen here.
-function studioScheme(dark) {
+function studioTheme(dark) {
   document.documentElement.style.colorScheme = dark === null ? "light dark" : dark ? "dark" : "light";
 }
