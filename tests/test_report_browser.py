@@ -92,11 +92,19 @@ class Visit:
             self.page.wait_for_timeout(100)
         return False
 
+    def unfold(self) -> None:
+        """Unfold all chapters and wait until their figures are drawn."""
+        self.page.get_by_role("button", name="Unfold all").click()
+        drawn = "document.querySelectorAll('.drawing').length == document.querySelectorAll("
+        self.page.wait_for_function(f"{drawn}'.js-plotly-plot .main-svg:first-child').length")
+        self.page.wait_for_selector("html.drawn", timeout=60_000, state="attached")
+
     def fits(self) -> bool:
         """Whether nothing makes the page wider than the window."""
         return self.page.evaluate(
             "document.scrollingElement.scrollWidth <= window.innerWidth && [...document"
-            ".querySelectorAll('.drawing')].every((p) => p._fullLayout.width <= p.clientWidth + 1)"
+            ".querySelectorAll('.js-plotly-plot')]"
+            ".every((p) => p._fullLayout.width <= p.clientWidth + 1)"
         )
 
     def brightness(self, selector: str, style: str = "color") -> float:
@@ -115,6 +123,7 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
 ) -> None:
     with Visit(browser, reports[name]) as visit:
         page = visit.page
+        visit.unfold()
         expected = page.locator(".drawing").count()
         least = {"identify": 14, "validate": 7, "excite": 3, "sensors": 3, "forces": 1}
         least |= {"simulate": 4}
@@ -141,15 +150,19 @@ def test_everything_is_drawn_and_nothing_is_asked_for(
 def test_the_robot_moves_while_playing_and_stops(browser, reports: dict[str, Path]) -> None:
     with Visit(browser, reports["excite"]) as visit:
         page = visit.page
-        plot = page.locator(".drawing").filter(has=page.locator(".updatemenu-button"))
-        assert plot.count() == 1
+        player = page.get_by_role("group", name="Animation")
+        assert player.count() == 1
+        plot = page.locator(".drawing").filter(has=page.locator("canvas"))
         arms = "p => [...p._fullData.find((t) => t.name === 'upper arms').z].filter(isFinite)"
         before, seen = plot.evaluate(arms), plot.screenshot()
-        plot.locator(".updatemenu-button", has_text="Play").click()
-        assert visit.eventually(
-            lambda: np.abs(np.subtract(plot.evaluate(arms), before)).max() > 0.01
-        )
-        plot.locator(".updatemenu-button", has_text="Pause").click()
+
+        def moved() -> bool:
+            return np.abs(np.subtract(plot.evaluate(arms), before)).max() > 0.01
+
+        player.get_by_role("button", name="Play").focus()
+        page.keyboard.press("Space")
+        assert visit.eventually(moved)
+        page.keyboard.press("Space")
         page.wait_for_timeout(500)
         stopped = plot.evaluate(arms)
         page.wait_for_timeout(500)
@@ -158,10 +171,38 @@ def test_the_robot_moves_while_playing_and_stops(browser, reports: dict[str, Pat
         assert visit.said == []
 
 
+def test_keys_step_through_an_animation(browser, reports: dict[str, Path]) -> None:
+    with Visit(browser, reports["excite"]) as visit:
+        page = visit.page
+        player = page.get_by_role("group", name="Animation")
+        slider, time = player.get_by_role("slider"), player.locator("output")
+        assert time.text_content() == slider.get_attribute("aria-valuetext")
+        for _ in range(200):
+            page.keyboard.press("Tab")
+            if slider.evaluate("e => e === document.activeElement"):
+                break
+        outline = slider.evaluate("e => getComputedStyle(e).outlineStyle")
+        assert outline not in ("none", "")
+        page.keyboard.press("End")
+        last = slider.input_value()
+        assert int(last) > 50
+        assert slider.get_attribute("max") == last
+        page.keyboard.press("ArrowLeft")
+        assert int(slider.input_value()) == int(last) - 1
+        player.get_by_role("button", name="Step").press("Enter")
+        player.get_by_role("button", name="Step").press("Enter")
+        assert slider.input_value() == "0"
+        player.get_by_role("button", name="Back").press("Enter")
+        assert slider.input_value() == last
+        assert visit.said == []
+
+
 def test_time_axes_zoom_together(browser, reports: dict[str, Path]) -> None:
     with Visit(browser, reports["validate"]) as visit:
         plot = visit.page.locator(".drawing").first
         panel = plot.locator(".nsewdrag").first
+        panel.scroll_into_view_if_needed()
+        visit.page.wait_for_timeout(1000)  # until it stands still
         box = panel.bounding_box()
         assert box is not None
         middle = box["y"] + box["height"] / 2
@@ -182,6 +223,8 @@ def test_time_axes_zoom_together(browser, reports: dict[str, Path]) -> None:
 def test_a_phone_scrolls_only_downwards(browser, reports: dict[str, Path]) -> None:
     with Visit(browser, reports["identify"], width=390) as visit:
         assert visit.fits()
+        visit.unfold()
+        assert visit.eventually(visit.fits)
         tables = visit.page.locator(".scroll")
         assert any(
             tables.nth(i).evaluate("box => box.scrollWidth > box.clientWidth")
@@ -193,6 +236,7 @@ def test_a_phone_scrolls_only_downwards(browser, reports: dict[str, Path]) -> No
 @pytest.mark.parametrize("name", PAGES)
 def test_tables_fit_on_paper(browser, reports: dict[str, Path], name: str) -> None:
     with Visit(browser, reports[name], width=680) as visit:  # A4 with its margins
+        visit.unfold()
         visit.page.emulate_media(media="print")
         widths = "[...document.querySelectorAll('table')].map((t) => t.offsetWidth)"
         assert visit.eventually(lambda: max(visit.page.evaluate(widths)) <= 680)
@@ -200,6 +244,7 @@ def test_tables_fit_on_paper(browser, reports: dict[str, Path], name: str) -> No
 
 def test_dark_light_and_paper(browser, reports: dict[str, Path]) -> None:
     with Visit(browser, reports["excite"], scheme="dark") as visit:
+        visit.unfold()
         tick = ".drawing .xtick text"
         assert visit.brightness("body", "backgroundColor") < 60
         assert visit.brightness("body") > 190

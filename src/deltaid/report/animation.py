@@ -1,7 +1,6 @@
 """A robot moving along its recorded or planned motion, in three dimensions."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -71,7 +70,9 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     ]
     figure = go.Figure(traces, frames=frames)
     span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
-    _controls(figure, frames, motion.time[chosen], round(1000 * span / max(len(chosen) - 1, 1)))
+    # From which the page makes a player: times of the frames [s], and from one to the next [ms].
+    pause = 1000 * span / max(len(chosen) - 1, 1)
+    figure.update_layout(meta={"times": motion.time[chosen].tolist(), "pause": pause})
     edges = outline(kinematics.robot.workspace)
     drawn = (shapes.reshape(-1, 3), path, edges[~np.isnan(edges[:, 0])])
     fix_scene(figure, np.concatenate(drawn))
@@ -134,51 +135,8 @@ def robot_lines(
     }
 
 
-def _controls(
-    figure: go.Figure, frames: list[go.Frame], time: Float[np.ndarray, " frames"], pause: int
-) -> None:
-    """Buttons to play and pause, and a slider over time; `pause` in ms from frame to frame."""
-
-    def settings(duration: int, **more: object) -> dict[str, Any]:
-        frame = {"duration": duration, "redraw": True}
-        return {"frame": frame, "transition": {"duration": 0}, "mode": "immediate", **more}
-
-    buttons = [
-        {"label": "▶ Play", "method": "animate", "args": [None, settings(pause, fromcurrent=True)]},
-        {"label": "❚❚ Pause", "method": "animate", "args": [[None], settings(0)]},
-    ]
-    steps = [
-        {"label": f"{t:.2f}", "method": "animate", "args": [[frame.name], settings(0)]}
-        for t, frame in zip(time, frames, strict=True)
-    ]
-    figure.update_layout(
-        updatemenus=[
-            {
-                "type": "buttons",
-                "direction": "right",
-                "buttons": buttons,
-                "showactive": False,
-                "x": 0,
-                "xanchor": "left",
-                "y": 0,
-                "yanchor": "top",
-                "pad": {"t": 75},
-            }
-        ],
-        sliders=[
-            {
-                "steps": steps,
-                "x": 0,
-                "len": 1.0,
-                "pad": {"t": 8, "b": 10, "l": 5, "r": 5},
-                "currentvalue": {"prefix": "time ", "suffix": " s"},
-            }
-        ],
-    )
-
-
 def fix_scene(
-    figure: go.Figure, points: Float[np.ndarray, "points 3"], height: int = 640, below: int = 120
+    figure: go.Figure, points: Float[np.ndarray, "points 3"], height: int = 640, below: int = 20
 ) -> None:
     """Fixed ranges of equal scale around everything that is drawn; pixels kept free below."""
     low, high = points.min(axis=0), points.max(axis=0)

@@ -36,6 +36,25 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
     return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
 
 
+def short_table(verdicts: Sequence[Verdict]) -> Table:
+    """What is not good, with what was seen, and in one row all that is: for the head of a page."""
+    table = verdict_table([one for one in verdicts if one.grade is not Grade.GOOD])
+    rows = [
+        (grade, key, seen if about in seen else f"{about}: {seen}")
+        for grade, key, about, seen, *_ in table.rows
+    ]
+    good = [one.key for one in verdicts if one.grade is Grade.GOOD]
+    if good:
+        keys = ", ".join(dict.fromkeys(good))
+        rows.append((Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys))
+    return Table(
+        ("verdict", "check", "seen"),
+        tuple(rows),
+        "What the checks say of description, recordings and fit.",
+        marked=table.marked,
+    )
+
+
 def tally(verdicts: Sequence[Verdict]) -> str:
     """How many verdicts of each grade there are: '1 wrong, 12 good'."""
     grades = [verdict.grade for verdict in verdicts]

@@ -1,7 +1,11 @@
 """The page of `deltaid identify`: the model, how well it predicts, and what it rests on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from deltaid.check.verdict import Verdict
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
 from deltaid.identification.torque_error import TorqueError
@@ -12,16 +16,19 @@ from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording
 from deltaid.report.animation import animation, recorded_motion
 from deltaid.report.bodies import body_section
+from deltaid.report.check_tables import page_table, short_table, tally
 from deltaid.report.comparison import Comparison, compare
+from deltaid.report.drawing import drawing
 from deltaid.report.friction import friction_section
 from deltaid.report.information import information_section
 from deltaid.report.model_tables import error_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
-from deltaid.report.provenance import file_names, provenance_section
+from deltaid.report.provenance import certificate, file_names, provenance_section
 from deltaid.report.put_right_section import put_right_sections
-from deltaid.report.torques import torque_blocks
+from deltaid.report.summary import summary, without_doubts
+from deltaid.report.torques import over_time, residual_blocks, torque_blocks
 from deltaid.robot.description import RobotDescription
 
 
@@ -38,28 +45,34 @@ def identification_page(result: Identification, verification: Verification | Non
 
     Reads its recordings once more, in constant memory.
     """
-    model = result.model
-    dynamics = compiled(model.robot)
+    model, verdicts = result.model, getattr(result, "verdicts", ())
+    dynamics, drives = compiled(model.robot), model.robot.drive_units
     recordings = result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
-    sections = [
-        torque_section(model.robot, comparison, _title(recording.log, len(recordings)))
-        for comparison, recording in zip(comparisons, recordings, strict=True)
-    ]
-    warnings = list(model.warnings)
+    warnings, log, error, unseen = list(model.warnings), None, None, None
     if verification is not None:
-        log = verification.recording.log
+        log, error = verification.recording.log, verification.error
         unseen = compare(dynamics, model.p, verification.recording)
-        sections.append(torque_section(model.robot, unseen, "Verification"))
-        texts = remarks(model, log, verification.error)
-        warnings += [f"{log.path.name}: {text}" for text in texts]
-    errors = error_table(load(model), verification.error if verification else None)
-    sections[0] = Section(sections[0].title, (errors, *sections[0].blocks))
-    verified = f", verified on {verification.recording.path.name}" if verification else ""
+        warnings += [f"{log.path.name}: {text}" for text in remarks(model, log, error)]
+    seen = unseen or comparisons[0]
+    sections = [
+        torque_section(model.robot, one, _title(recording.log, len(recordings)), front=one is seen)
+        for one, recording in zip(comparisons, recordings, strict=True)
+    ]
+    if unseen is not None:
+        sections.append(torque_section(model.robot, unseen, "Verification", front=True))
+    verified = f", verified on {log.path.name}" if log else ""
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Dynamic model identified from {file_names(model)}{verified}",
+        verdict=without_doubts(summary(result, error, log)),
+        drawing=drawing(model.robot, dynamics.kinematics),
         facts=(*_error_facts(model, verification), *_fit_facts(model)),
+        front=(
+            *((short_table(verdicts),) if verdicts else ()),
+            error_table(load(model), error),
+            over_time(seen, drives),
+        ),
         sections=(
             *put_right_sections(model),
             *sections,
@@ -68,15 +81,29 @@ def identification_page(result: Identification, verification: Verification | Non
             friction_section(model, comparisons),
             body_section(model, dynamics.kinematics),
             information_section(result),
+            *check_sections(verdicts),
             provenance_section(load(model), "Data and settings"),
         ),
         warnings=tuple(warnings),
     )
 
 
-def torque_section(robot: RobotDescription, comparison: Comparison, title: str) -> Section:
-    """All figures of torques along one recording."""
-    return Section(title, torque_blocks(comparison, robot.drive_units))
+def check_sections(verdicts: Sequence[Verdict]) -> tuple[Section, ...]:
+    """All verdicts of the checks; nothing where none were asked."""
+    if not verdicts:
+        return ()
+    return (Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}"),)
+
+
+def torque_section(
+    robot: RobotDescription, comparison: Comparison, title: str, *, front: bool
+) -> Section:
+    """All figures of torques along one recording; without that which the page's front shows."""
+    if front:
+        blocks = residual_blocks(comparison, robot.drive_units)
+        return Section(title, blocks, "what is left, over speed, in size and in frequency")
+    blocks = torque_blocks(comparison, robot.drive_units)
+    return Section(title, blocks, "measured and predicted over time, and what is left")
 
 
 def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
@@ -88,7 +115,7 @@ def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
         "seconds of its first minute. Drag to turn the view. The distance of the two struts in a "
         "pair is not part of the description and drawn as it looks usual.",
     )
-    return Section("Motion", (figure,))
+    return Section("Motion", (figure,), "the robot moving as it was recorded")
 
 
 def _title(log: Log, count: int) -> str:
@@ -96,35 +123,33 @@ def _title(log: Log, count: int) -> str:
 
 
 def _error_facts(model: IdentifiedModel, verification: Verification | None) -> tuple[Fact, ...]:
-    facts = []
-    for i, drive in enumerate(model.robot.drives):
-        note = f"{number(model.fit.rms[i], 2)} {model.robot.units(drive).force} rms"
-        if verification is not None:
-            note = f"{note}; verification {percent(float(verification.error.nrmse[i]))}"
-        facts.append(
-            Fact(
-                f"{drive}, {model.robot.units(drive).effort} error",
-                percent(model.fit.nrmse[i]),
-                note,
-            )
-        )
-    return tuple(facts)
+    """The worst drive's errors, on the motion that is unseen and on that of the identification."""
+    own = _worst(model.robot, "error on its own recording", model.fit.nrmse)
+    if verification is None:
+        return (own,)
+    unseen = verification.error.nrmse.tolist()
+    return _worst(model.robot, "error on the unseen motion", unseen), own
+
+
+def _worst(robot: RobotDescription, label: str, shares: Sequence[float]) -> Fact:
+    worst = int(np.argmax(shares))
+    drive = robot.drives[worst]
+    return Fact(label, percent(shares[worst]), f"rms of {drive}, the worst drive")
 
 
 def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
     fit = model.fit
-    gap = fit.duality_gap
     optimum = (
         Fact("optimum", "not certified", "this regulariser is not convex")
-        if gap is None
-        else Fact("duality gap", f"{gap:.1e}", f"of an objective of {number(fit.objective, 3)}")
+        if fit.duality_gap is None
+        else Fact("optimum", *certificate(fit))
     )
     return (
         optimum,
         Fact(
             "base parameters",
             str(fit.base_parameters),
-            f"condition {number(fit.base_condition, 3)}",
+            f"combinations that torques show; condition {number(fit.base_condition, 3)}",
         ),
         Fact(
             "physical consistency",

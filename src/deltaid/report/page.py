@@ -1,11 +1,14 @@
 """A page of text, tables and figures, rendered as one HTML file that makes no request.
 
 Builders of this folder describe a page with the classes here; what it looks like is decided in
-`page.html.jinja`, `page.css` and `page.js`, and for figures in `style.py`.
+`page.html.jinja`, `page.css` and `page.js`, and for figures in `style.py`. Its first screen says
+the verdict, shows the robot and says how the page was made; what is behind it unfolds below.
 """
 
-import re
-from dataclasses import dataclass
+import base64
+import gzip
+from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, cast
@@ -18,17 +21,14 @@ from plotly.offline import get_plotlyjs
 
 from deltaid.errors import visible
 from deltaid.files import written_whole
-from deltaid.report import style
+from deltaid.report import style, typeset
+from deltaid.report.drawing import Drawing
+from deltaid.report.made import Made, made
+from deltaid.report.summary import Summary
 from deltaid.report.table import Table
 
 # Cells longer than this may break into lines.
 _LONG = 40
-_UNIT = re.compile(r"\[.*?\]|\d %")
-_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d")
-_NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
-# What a cell of numbers holds besides them.
-_AROUND = re.compile(r"[\s…,×≥≤±%]*")
-_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,17 @@ Block = Text | Table | Lines | Figure
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page, listed in its contents."""
+    """A chapter of the page, listed in its contents.
+
+    Attributes:
+        about: what one finds in it, in a line that is read while it is folded.
+        unfolded: whether it is open when the page is opened, and so on paper.
+    """
 
     title: str
     blocks: tuple[Block, ...]
+    about: str = ""
+    unfolded: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,13 +83,31 @@ class Fact:
 
 @dataclass(frozen=True)
 class Page:
-    """Everything a page says."""
+    """Everything a page says.
+
+    Attributes:
+        facts: key figures.
+        sections: chapters that unfold; where there is no front, the first one is open.
+        verdict: in plain words, before anything else.
+        drawing: of the robot, with its bodies named.
+        front: tables and figures that everyone should see, on screen and on paper.
+        made: how the page was made.
+    """
 
     title: str
     subtitle: str
     facts: tuple[Fact, ...]
     sections: tuple[Section, ...]
     warnings: tuple[str, ...] = ()
+    verdict: Summary | None = None
+    drawing: Drawing | None = None
+    front: tuple[Block, ...] = ()
+    made: Made = field(default_factory=made)
+
+    def is_open(self, section: Section) -> bool:
+        """Whether a chapter is open to begin with."""
+        bare = not self.front and not any(one.unfolded for one in self.sections)
+        return section.unfolded or (bare and section is self.sections[0])
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -111,11 +136,13 @@ def render(page: Page) -> str:
     cast("dict[str, Any]", environment.filters).update(
         {
             "json": _figure_json,
-            "paragraphs": _paragraphs,
-            "numeric": _numeric,
-            "cell": _cell,
-            "heading": _heading,
-            "typeset": _typeset,
+            "paragraphs": typeset.paragraphs,
+            "numeric": typeset.numeric,
+            "cell": typeset.cell,
+            "heading": typeset.heading,
+            "typeset": typeset.typeset,
+            "explained": typeset.explained,
+            "legend": typeset.legend,
             "long": lambda cell: len(cell) > _LONG,
         }
     )
@@ -124,7 +151,7 @@ def render(page: Page) -> str:
         page=page,
         css=_part("page.css"),
         script=_part("page.js"),
-        plotly=Markup(get_plotlyjs()),
+        plotly=_plotly(),
         light=templates[0],
         dark=templates[1],
     )
@@ -159,36 +186,8 @@ def _embedded(value: dict[str, Any]) -> Markup:
     return Markup(text.replace("<", "\\u003c"))
 
 
-def _numeric(table: Table, column: int) -> bool:
-    """Whether a column holds numbers: each filled cell starts with one."""
-    cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
-    return bool(cells) and all(_STARTS.match(cell) for cell in cells)
-
-
-def _paragraphs(text: str) -> list[str]:
-    """Paragraphs of a text; a per cent sign stays on the line of its number."""
-    parts = text.replace(" %", "\N{NO-BREAK SPACE}%").split("\n\n")
-    return [part for part in parts if part.strip()]
-
-
-def _heading(text: str) -> str:
-    """Head of a column, which may take several lines; a unit or a per cent sign stays whole."""
-    return _UNIT.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
-
-
-def _cell(text: str) -> str:
-    """A cell that holds nothing but numbers typeset, any other as it is."""
-    return _typeset(text) if _AROUND.fullmatch(_NUMBER.sub("", text)) else text
-
-
-def _typeset(text: str) -> str:
-    """Numbers with a minus sign and powers of ten: '-1.2e-05' becomes '−1.2·10⁻⁵'."""
-
-    def written(match: re.Match[str]) -> str:
-        sign, digits, exponent_sign, exponent = match.groups()
-        power = ""
-        if exponent:
-            power = "·10" + (exponent_sign.strip("+") + exponent).translate(_SUPERSCRIPTS)
-        return ("−" if sign else "") + digits + power
-
-    return _NUMBER.sub(written, text)
+@cache
+def _plotly() -> Markup:
+    """Plotly's script, packed: unpacked by the browser, it makes a page half as large."""
+    packed = gzip.compress(get_plotlyjs().encode(), mtime=0)
+    return Markup(base64.b64encode(packed).decode())

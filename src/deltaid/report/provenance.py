@@ -1,23 +1,39 @@
 """Where a model comes from: recordings, settings, what the fit reached, version."""
 
 from deltaid.model.model import Model
-from deltaid.model.record import IdentifiedModel
+from deltaid.model.record import Fit, IdentifiedModel
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Section, Table, Text
 from deltaid.robot.description import RobotDescription
+
+# Closer than this to its certified bound [share of J] a fit is the best one.
+_ROUNDING = 1e-4
 
 
 def provenance_section(model: Model, title: str) -> Section:
     """Sources, fit and settings of a model; of a robot at its prior, where its numbers are from."""
     known = model.identified
     if known is None:
-        return Section(title, (Text(f"Parameters: {model.origin}."), *_origins(model.robot)))
-    return Section(title, (_sources(known), _fit(known), _settings(known), *_origins(model.robot)))
+        return Section(
+            title,
+            (Text(f"Parameters: {model.origin}."), *_origins(model.robot)),
+            "where it is from",
+        )
+    tables = (_sources(known), _fit(known), _settings(known), *_origins(model.robot))
+    return Section(title, tables, "recordings, what the fit reached, settings")
 
 
 def file_names(model: IdentifiedModel) -> str:
     """The logs that a model comes from, as a list in words."""
     return ", ".join(source.log for source in model.sources)
+
+
+def certificate(fit: Fit) -> tuple[str, str]:
+    """Whether nothing fits better: in a word or two, and how far a certified bound is away."""
+    gap = (fit.duality_gap or 0.0) / fit.objective if fit.objective else 0.0
+    if gap < _ROUNDING:
+        return "certified", f"no consistent model fits better by {percent(_ROUNDING)}"
+    return f"within {percent(gap)}", "of the best fit that is possible"
 
 
 def _sources(model: IdentifiedModel) -> Table:
@@ -39,10 +55,10 @@ def _sources(model: IdentifiedModel) -> Table:
 def _fit(model: IdentifiedModel) -> Table:
     fit = model.fit
     rows = [
-        ("objective J", f"{fit.objective:.4e}"),
-        ("certified lower bound", f"{fit.lower_bound:.4e}" if fit.lower_bound else "none"),
-        ("duality gap", f"{fit.duality_gap:.1e}" if fit.duality_gap is not None else "none"),
-        ("weight of the prior γ", f"{fit.gamma:.2e}"),
+        ("objective J", number(fit.objective)),
+        ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
+        ("above that bound, share of J", certificate(fit)[1] if fit.lower_bound else "not known"),
+        ("weight of the prior γ", number(fit.gamma)),
         ("solver's status", fit.status),
         ("iterations", str(fit.iterations)),
         ("free parameters", str(fit.optimization_variables)),

@@ -12,6 +12,9 @@ RESIDUAL = "#17a07a"
 PRIOR = "#8b929b"
 IDENTIFIED = PREDICTED
 LIMIT = "#c2508f"
+# Measured and predicted differ by more than colour: a broad line, and a thin dashed one upon it.
+MEASURED_LINE = {"color": "#7fb5e0", "width": 4.0}
+PREDICTED_LINE = {"color": "#b3470a", "width": 1.5, "dash": "6px,2px"}
 # One after the other, where colours only tell drives or bodies apart.
 SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b929b")
 
@@ -55,21 +58,6 @@ def template(dark: bool) -> go.layout.Template:
             },
             "margin": {"l": 56, "r": 12, "t": 40, "b": 44},
             "hoverlabel": {"font": {"family": _FONT, "size": 12}},
-            # Steps of a slider have no labels of their own; the current one is written above it.
-            "sliderdefaults": {
-                "font": {"size": 1, "color": _CLEAR},
-                "currentvalue": {"font": {"size": 13, "color": text}},
-                "bgcolor": grid,
-                "bordercolor": line,
-                "activebgcolor": line,
-                "ticklen": 0,
-                "minorticklen": 0,
-            },
-            "updatemenudefaults": {
-                "font": {"size": 13, "color": text},
-                "bgcolor": _CLEAR,
-                "bordercolor": line,
-            },
             "modebar": {"bgcolor": _CLEAR, "color": line, "activecolor": text},
         }
     )

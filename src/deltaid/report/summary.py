@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -23,6 +23,7 @@ from deltaid.report.numbers import percent
 GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
 # Doubts that are told in words; more are counted.
 _TOLD = 3
+_DOUBT = "Doubtful: "
 _CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )", re.IGNORECASE)
 
 
@@ -95,6 +96,11 @@ def summary(
         f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
         (_numbers(known), corrected(known.corrections), *_doubts(doubts)),
     )
+
+
+def without_doubts(said: Summary) -> Summary:
+    """The same without lines on what is doubtful, where all warnings stand beside it."""
+    return replace(said, lines=tuple(one for one in said.lines if not one.startswith(_DOUBT)))
 
 
 def _grade(fit: Fit, unseen: TorqueError | None, wrong: bool, *, doubtful: bool) -> Grade:
@@ -170,9 +176,9 @@ def _numbers(model: IdentifiedModel) -> str:
 
 def _doubts(doubts: Sequence[str]) -> list[str]:
     """What is doubtful, without causes and cures, which stand elsewhere."""
-    lines = [f"Doubtful: {_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:_TOLD]]
+    lines = [f"{_DOUBT}{_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:_TOLD]]
     more = len(doubts) - _TOLD
-    return lines + [f"{_count(more, 'more warning')} below.".capitalize()] * (more > 0)
+    return lines + [f"{_DOUBT}{_count(more, 'more thing')}, told in the warnings."] * (more > 0)
 
 
 def _count(count: int, thing: str = "") -> str:

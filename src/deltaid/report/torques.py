@@ -19,8 +19,12 @@ Drives = dict[str, JointUnits]
 
 def torque_blocks(comparison: Comparison, drives: Drives) -> tuple[Figure, ...]:
     """All figures of one recording."""
+    return (over_time(comparison, drives), *residual_blocks(comparison, drives))
+
+
+def residual_blocks(comparison: Comparison, drives: Drives) -> tuple[Figure, ...]:
+    """What the model leaves of one recording, over speed, in size and in frequency."""
     return (
-        over_time(comparison, drives),
         over_speed(comparison, drives),
         histogram(comparison, drives),
         spectrum(comparison, drives),
@@ -40,10 +44,10 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
     time = _compact(c.time)
     for i, (drive, units) in enumerate(drives.items()):
         residual = c.measured[:, i] - c.predicted[:, i]
-        for name, values, color, width, row in (
-            ("measured", c.measured[:, i], style.MEASURED, 2.6, 2 * i + 1),
-            ("predicted", c.predicted[:, i], style.PREDICTED, 1.2, 2 * i + 1),
-            ("residual", residual, style.RESIDUAL, 1.0, 2 * i + 2),
+        for name, values, line, row in (
+            ("measured", c.measured[:, i], style.MEASURED_LINE, 2 * i + 1),
+            ("predicted", c.predicted[:, i], style.PREDICTED_LINE, 2 * i + 1),
+            ("residual", residual, {"color": style.RESIDUAL, "width": 1.0}, 2 * i + 2),
         ):
             figure.add_scatter(
                 x=time,
@@ -52,7 +56,7 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
                 legendgroup=name,
                 showlegend=i == 0,
                 mode="lines",
-                line={"color": color, "width": width},
+                line=line,
                 hovertemplate=f"{drive} {name} %{{y:.4g}} {units.force} at %{{x:.4g}} s"
                 "<extra></extra>",
                 row=row,
@@ -86,8 +90,9 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
     filtered = f" after the low-pass of {c.cutoff:.3g} Hz" if c.cutoff else ""
     return Figure(
         figure,
-        f"{_efforts(drives)} of each drive{filtered}, measured and predicted by the model, and the "
-        "residual (measured minus predicted). Drag to zoom; the time axes move together, a double "
+        f"{_efforts(drives)} of each drive{filtered}, measured (broad line) and predicted by the "
+        "model (dashed), and the residual (measured minus predicted). Drag to zoom; the time axes "
+        "move together, a double "
         f"click shows everything again. {shown}",
     )
 
@@ -96,9 +101,9 @@ def over_speed(c: Comparison, drives: Drives) -> Figure:
     """Residual over the drive's speed: what friction leaves shows here."""
     figure = _grid(drives)
     keep = slice(None, None, max(1, -(-len(c.speed) // _SCATTER)))
-    for i, (row, col) in enumerate(_cells(drives)):
+    for i, ((row, col), units) in enumerate(zip(_cells(drives), drives.values(), strict=True)):
         told = np.isfinite(c.residual[:, i])
-        speed, residual = c.speed[told, i], c.residual[told, i]
+        speed, residual = units.per_shown * c.speed[told, i], c.residual[told, i]
         figure.add_scatter(
             x=speed[keep].astype(np.float32),
             y=residual[keep].astype(np.float32),
@@ -124,7 +129,7 @@ def over_speed(c: Comparison, drives: Drives) -> Figure:
             row=row,
             col=col,
         )
-    _axes(figure, drives, "speed [{0.speed}]", "residual [{0.force}]")
+    _axes(figure, drives, "speed [{0.shown}/s]", "residual [{0.force}]")
     return Figure(
         figure,
         "Residual over the speed of its drive, with mean and standard deviation in intervals of "
@@ -174,9 +179,9 @@ def spectrum(c: Comparison, drives: Drives) -> Figure:
     """Amplitude spectra of the torque as recorded and of the residual."""
     figure = _grid(drives)
     for i, (row, col) in enumerate(_cells(drives)):
-        for name, density, color in (
-            ("measured", c.measured_density, style.MEASURED),
-            ("residual", c.residual_density, style.RESIDUAL),
+        for name, density, color, dash in (
+            ("measured", c.measured_density, style.MEASURED, "solid"),
+            ("residual", c.residual_density, style.RESIDUAL, "dot"),
         ):
             figure.add_scatter(
                 x=c.frequency.astype(np.float32),
@@ -185,7 +190,7 @@ def spectrum(c: Comparison, drives: Drives) -> Figure:
                 legendgroup=name,
                 showlegend=i == 0,
                 mode="lines",
-                line={"color": color, "width": 1.2},
+                line={"color": color, "width": 1.4, "dash": dash},
                 row=row,
                 col=col,
             )

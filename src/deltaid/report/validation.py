@@ -1,5 +1,7 @@
 """The page of `deltaid validate`: a model's torques on a recording it has not seen."""
 
+from dataclasses import replace
+
 from deltaid.identification.left_out import left_out
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
@@ -7,6 +9,7 @@ from deltaid.model.model import ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.recording import Recording
 from deltaid.report.comparison import compare
+from deltaid.report.drawing import drawing
 from deltaid.report.friction import friction_section
 from deltaid.report.identification import motion_section, torque_section
 from deltaid.report.left_out import left_out_table
@@ -16,6 +19,8 @@ from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import provenance_section
 from deltaid.report.put_right_section import put_right_sections
+from deltaid.report.summary import summary, without_doubts
+from deltaid.report.torques import over_time
 
 
 def validation_page(model: ModelLike, recording: Recording, error: TorqueError) -> Page:
@@ -23,11 +28,14 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
     model = load(model)
     dynamics, known, log = model.dynamics, model.identified, recording.log
     comparison = compare(dynamics, model.p, recording)
-    torques = torque_section(model.robot, comparison, "Torques")
+    torques = torque_section(model.robot, comparison, "Torques", front=True)
     missing = left_out_table([(log.path.name, left_out(log, model.robot.drives, error))])
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
+        verdict=without_doubts(summary(model, error, log)),
+        drawing=drawing(model.robot, dynamics.kinematics),
+        front=(error_table(model, error), over_time(comparison, model.robot.drive_units)),
         facts=tuple(
             Fact(
                 f"{drive}, {model.robot.units(drive).effort} error",
@@ -38,10 +46,7 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
             for i, drive in enumerate(model.robot.drives)
         ),
         sections=(
-            Section(
-                torques.title,
-                (error_table(model, error), *((missing,) if missing else ()), *torques.blocks),
-            ),
+            replace(torques, blocks=(*((missing,) if missing else ()), *torques.blocks)),
             motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
             *(_parameters(known) if known else ()),
@@ -60,4 +65,5 @@ def _parameters(model: IdentifiedModel) -> tuple[Section, ...]:
     parameters = parameter_section(model)
     if not model.base_parameters:
         return (parameters,)
-    return parameters, Section("Base parameters", (base_table(model.base_parameters),))
+    about = "combinations that the torques determine"
+    return parameters, Section("Base parameters", (base_table(model.base_parameters),), about)

@@ -1,0 +1,60 @@
+"""What the short names in tables stand for: bodies, and entries of the parameter vector."""
+
+import re
+from collections.abc import Iterable
+
+# Of bodies that several limbs have, each one.
+_BODIES = {
+    "U": "upper arm",
+    "C": "carriage",
+    "S": "strut",
+    "P": "platform",
+    "SB": "side bar",
+    "MB": "middle bar",
+    "MP": "main part",
+    "R": "rod",
+    "HP": "half platform",
+    "TU": "upper telescope bar",
+    "TL": "lower telescope bar",
+    "EE": "end effector",
+}
+_ENTRIES = {"m": "mass"}
+_ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"}
+_ENTRIES |= {f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"}
+_ENTRIES |= {f"I{pair}": f"product of inertia of {pair[0]} and {pair[1]}"
+             for pair in ("xy", "xz", "yz")}  # fmt: skip
+_NUMBERED = re.compile(r"([USC])(\d+)")
+_ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
+# 'U.mcx' and, in formulas, 'mcx_U'.
+NAME = re.compile(
+    rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+))(?!\w)"
+)
+
+
+def body_in_words(name: str) -> str:
+    """'upper arm' of U, 'upper arm 2' of U2; the name itself of a body of an own mechanism."""
+    if numbered := _NUMBERED.fullmatch(name):
+        return f"{_BODIES[numbered[1]]} {numbered[2]}"
+    return _BODIES.get(name, name)
+
+
+def in_words(name: "re.Match[str]") -> str:
+    """'upper arm: mass' of a `NAME`."""
+    body, entry = name["body"] or name["of"], name["entry"] or name["first"]
+    return f"{body_in_words(body)}: {_ENTRIES[entry]}"
+
+
+def is_short(name: str) -> bool:
+    """Whether a word is a body's short name, which needs explaining."""
+    return body_in_words(name) != name
+
+
+def bodies_in(cells: Iterable[str]) -> tuple[str, ...]:
+    """Short names of bodies in the cells of a table, each once: alone, in a list, in names."""
+    found: dict[str, None] = {}
+    for cell in cells:
+        parts = cell.split(", ")
+        if all(is_short(part) for part in parts):
+            found |= dict.fromkeys(parts)
+        found |= dict.fromkeys(name["body"] or name["of"] for name in NAME.finditer(cell))
+    return tuple(name for name in found if is_short(name))
