@@ -5,11 +5,10 @@ import re
 import shutil
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-
-from pydantic import ValidationError
 
 from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
@@ -158,12 +157,19 @@ def runs(folder: Folder) -> list[Run]:
     for path in base.iterdir() if base.is_dir() else ():
         if not _NAME.fullmatch(path.name) or not (path / RECORD).is_file():
             continue
-        try:
-            record = parse((path / RECORD).read_text(encoding="utf-8"), Record, where=path.name)
-        except (DeltaidError, ValidationError, OSError):  # of another version: it is left alone
-            continue
-        found.append(Run(f"{RUNS}/{path.name}", record))
+        record = _record(path / RECORD, (path / RECORD).stat().st_mtime_ns)
+        if record is not None:
+            found.append(Run(f"{RUNS}/{path.name}", record))
     return sorted(found, key=lambda run: run.folder, reverse=True)
+
+
+@lru_cache(512)
+def _record(path: Path, changed: int) -> Record | None:
+    """A run's record, read once as long as it is not changed; None if it is of another version."""
+    try:
+        return parse(path.read_text(encoding="utf-8"), Record, where=str(path))
+    except (DeltaidError, OSError):
+        return None
 
 
 def output(folder: Folder, run: Run) -> dict[str, Any]:

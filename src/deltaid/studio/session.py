@@ -42,6 +42,7 @@ class Session:
         self.job: Job | None = None
         self.view: Job | None = None
         self.dark: bool | None = None
+        self._robots: dict[tuple[str, str], RobotDescription | Problem] = {}
         self._seen: dict[tuple[Any, ...], Any] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._pool: ProcessPoolExecutor | None = None
@@ -58,9 +59,13 @@ class Session:
 
     def robot(self) -> RobotDescription | Problem | None:
         """The robot that is picked; what is wrong with it; None as long as none is."""
-        if self.plan.robot is None:
+        name = self.plan.robot
+        if name is None:
             return None
-        return told(described, self.place(self.plan.robot))
+        key = (name, self._key(name))
+        if key not in self._robots:
+            self._robots = {key: told(described, self.place(name))}
+        return self._robots[key]
 
     def place(self, robot: str) -> str:
         """A robot's or model's name for functions: catalogue names stay, files get their path."""

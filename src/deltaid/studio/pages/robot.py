@@ -1,10 +1,13 @@
 """Stage 1: the robot. Picked from catalogue or folder, edited as YAML, shown with its limits."""
 
+import re
+from functools import cache
+
 from nicegui import events, ui
 
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, described, described_in
+from deltaid.robot.load import catalogue, catalogue_text, described_in
 from deltaid.studio.cures import own_copy
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.look import Problem
@@ -42,7 +45,7 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
     with panel("Pick a robot"):
         own = session.folder.robots()
         options = {name: f"{name} (file of this folder)" for name in own}
-        options |= {name: f"{name}: {described(name).title or name}" for name in catalogue()}
+        options |= {name: f"{name}: {_title(name)}" for name in catalogue()}
         chosen = session.plan.robot
         if chosen is not None and chosen not in options:
             options[chosen] = f"{chosen} (missing)"
@@ -62,6 +65,13 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
                 for what, value in _facts(robot):
                     ui.label(what).classes("dim")
                     ui.label(value)
+
+
+@cache
+def _title(name: str) -> str:
+    """Of a catalogue robot, without reading all of its description."""
+    found = re.search(r"^title: *(.+)$", catalogue_text(name), re.MULTILINE)
+    return found[1].strip("\"' ") if found else name
 
 
 def _facts(robot: RobotDescription) -> list[tuple[str, str]]:

@@ -19,6 +19,10 @@
     (found[place] || found[0])?.focus({ preventScroll: true });
   }).observe(document.documentElement, { childList: true, subtree: true });
 })();
+// Tab leaves the editor, as it leaves every field; spaces indent.
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Tab" && event.target.closest?.(".cm-editor")) event.stopImmediatePropagation();
+}, true);
 // Pages in frames follow the look that is chosen here.
 function studioTheme(dark) {
   document.documentElement.style.colorScheme = dark === null ? "light dark" : dark ? "dark" : "light";
