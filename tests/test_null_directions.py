@@ -11,6 +11,7 @@ from composed import Make, twin
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.mechanism.halves import with_turned_half
 from deltaid.planning.exchange import exchanges, point_mass
 from deltaid.planning.joints import instances
 from deltaid.planning.motion import generic_motion
@@ -21,7 +22,6 @@ from deltaid.planning.uses import Use
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, StrutForce
-from deltaid.sensors.halves import with_turned_half
 from deltaid.sensors.of_robot import sensor_rows as rows_of
 
 ELBOW = "mass at the elbow's ball joints may pass between upper arm and strut"

@@ -8,11 +8,14 @@ import pytest
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.identify import identify
+from deltaid.model.parameter_record import Parameter
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.sensors.geometry import sensor_errors
 from deltaid.sensors.of_robot import all_sensor_rows
+from sensed import recorded, sensed, weighed
 from sensor_rows import dense
 from test_tolerances import longer
 
@@ -65,3 +68,27 @@ def test_slopes_are_those_of_changed_robots(name: str, sensor: dict[str, Any]) -
     turned = gravity + 0.2 * np.cross(axis, gravity)
     leaning = robot.changed(gravity=tuple(turned.tolist()))
     agree(f"tilt about {np.round(axis, 3).tolist()}", shown(leaning, q, qd, qdd)[0] - was)
+
+
+def deviations(case: str, **tolerances: float) -> dict[str, Parameter]:
+    """Parameters of a robot at its prior, identified with a case's sensors or scales."""
+    of, rng = sensed("clavel-delta3", case, 0.5), np.random.default_rng(2)
+    p, exact = of.reduction.p_reg, {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
+    robot = weighed(of, p, rng).changed(tolerances=exact | tolerances)
+    model = identify(robot, recorded("clavel-delta3", of, p, rng)).model
+    return {one.name: one for one in model.parameters}
+
+
+def test_geometry_is_in_what_only_a_plate_shows() -> None:
+    exact, rough = deviations("wrench, tared"), deviations("wrench, tared", lengths=5e-4)
+    assert rough["P.mcy"].std > 2 * exact["P.mcy"].std
+    share = rough["P.mcy"].share
+    assert share is not None
+    assert share.geometry > 0.7
+
+
+def test_what_a_scale_says_does_not_go_with_lengths() -> None:
+    exact, rough = (deviations("strut and platform weighed", lengths=size) for size in (0.0, 2e-3))
+    assert rough["U.mcx"].std > 1.1 * exact["U.mcx"].std
+    for name in ("S.m", "P.m"):
+        assert rough[name].std == pytest.approx(exact[name].std, rel=0.1)

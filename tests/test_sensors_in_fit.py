@@ -1,6 +1,7 @@
 """Sensors beside the drives in a fit: intervals hold, gains follow from a plate, facts scatter."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -8,10 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import deltaid
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.additions import extended
 from deltaid.identification.identify import identify
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.scatter import Scatter
+from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.recording import open_recordings
 from sensed import CASES, drawn, identified, motion, recorded, sensed, weighed
 
 SPREAD = 0.2
@@ -214,3 +220,19 @@ def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
     known = [x for x in model.parameters if x.determined_by in ("data", "measured")]
     held = [x.low <= true[x.name] <= x.high for x in known if x.name in true and x.name[1] == "."]
     assert np.mean(held) > 0.8
+
+
+def test_torques_that_do_not_count_leave_a_sensor_its_rows() -> None:
+    """What makes one drive's torque useless does not reach a plate; what stops all of them does."""
+    of = sensed("clavel-delta3", "wrench", SPREAD)
+    dynamics = compiled(of.robot)
+    log = recorded("clavel-delta3", of, of.reduction.p_reg, np.random.default_rng(3))
+    (recording,) = open_recordings([log], dynamics.kinematics)
+    window = next(iter(recording.windows(dynamics.kinematics)))
+    plate = SensorColumns.of(dynamics, "plate", SPREAD)
+    (part,) = MeasuredRows(extended(dynamics, [plate])).sensors
+    for weights, counted in (([0.0, 1.0, 1.0], 1.0), ([0.0, 0.0, 0.0], 0.0)):
+        some = replace(window.wide, weights=np.tile(weights, (len(window.wide.time), 1)))
+        entries, y, found = part.of(some, recording)
+        assert np.all(found == counted)
+        assert np.any(entries) == np.any(y) == (counted > 0)

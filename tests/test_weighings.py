@@ -1,6 +1,9 @@
 """Measured values of bodies as rows, against clouds of points; and in a fit."""
 
+import re
+
 import numpy as np
+import polars as pl
 import pytest
 
 from deltaid.dynamics.parameters import parameter_layout
@@ -11,6 +14,8 @@ from deltaid.robot.load import load_robot
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.sensors.weighings import weighing, weighings
 from sensed import CASES, drawn, identified, recorded, sensed
+
+EXACT = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
 
 
 def cloud(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -106,7 +111,7 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
         {"of": "U", "first_moment": float(p[1]), "axis": "x", "std": 0.0005},
     ]
     right = identify(of.robot.changed(measured=values), log).model.warnings
-    assert not [text for text in right if "measured" in text]
+    assert not [text for text in right if text.startswith("measured")]
     wrong = [one | {"mass": one["mass"] + off} if one["of"] == body else one for one in values]
     told = identify(of.robot.changed(measured=wrong), log).model.warnings
     assert any(
@@ -180,3 +185,35 @@ def test_a_prior_that_is_stated_to_be_wide_is_not_contradicted() -> None:
     bodies["P"] = bodies["P"].changed(spread=1.0)
     unsure = identify(of.robot.changed(bodies=bodies), log, settings=settings).model.corrections
     assert not [one.subject for one in unsure if one.kind == "prior"]
+
+
+def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
+    """Torques 3 % too large: the warning foretells what goes wrong, and a tolerance takes it in."""
+    CASES["both known"] = {"measured": [("S", 0.001), ("P", 0.001)]}
+    name = "clavel-delta3"
+    of, rng = sensed(name, "both known", 0.5), np.random.default_rng(5)
+    p = of.reduction.p_reg
+    log = recorded(name, of, p, rng)
+    large = log.with_columns(pl.selectors.starts_with("tau") * 1.03)
+    right, wrong = (identify(of.robot, one).model for one in (log, large))
+    (told,) = (text for text in right.warnings if "torque constants" in text)
+    foretold = dict(re.findall(r"(\S+) by ([\d.]+) %", told))
+    assert len(foretold) == 3
+    values = [{one.name: one.value for one in model.parameters} for model in (right, wrong)]
+    for entry, share in foretold.items():
+        seen = abs(values[1][entry] / values[0][entry] - 1) / 0.03
+        assert seen == pytest.approx(float(share) / 100 / 0.01, rel=0.2), entry
+    unsure = of.robot.changed(tolerances={**EXACT, "torque_constants": 0.03})
+    model = identify(unsure, large).model
+    assert not [text for text in model.warnings if "torque constants" in text]
+    for one, true in zip(model.parameters, p, strict=True):
+        if one.determined_by in ("data", "measured"):
+            assert abs(one.value - true) < 3 * one.std, one.name
+    # The constants that a plate tells are not in its intervals twice.
+    of = sensed(name, "wrench", 0.5)
+    log = recorded(name, of, of.reduction.p_reg, rng)
+    widths = [
+        [one.std for one in identify(robot, log).model.parameters]
+        for robot in (of.robot, of.robot.changed(tolerances={**EXACT, "torque_constants": 0.03}))
+    ]
+    np.testing.assert_allclose(widths[0], widths[1], rtol=1e-6)

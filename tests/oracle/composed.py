@@ -43,6 +43,8 @@ Kind = Literal["rigid", "h4", "par4", "i4"]
 
 # Half the distance of the two struts of a limb (m). No torque depends on it.
 _APART = 0.3
+# Platforms of two equal parts.
+_HALVES = ("SB", "MP", "HP")
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +194,13 @@ class ComposedOracle(TreeOracle):
             strut.add_joint(name=f"beta{name}", type=HINGE, axis=EZ)
             strut.add_site(name=f"cut{name}", pos=limb.strut * EX)
             part.add_site(name=f"seat{name}", pos=limb.seat + limb.axes @ aside)
+
+    def _mounted(self, name: str, body: str) -> Body:
+        """The second half of a platform of two equal parts is turned by 180 degrees about z."""
+        one, R = super()._mounted(name, body), rot_z(np.pi)
+        if name != "part1" or body not in _HALVES:
+            return one
+        return Body(one.m, R @ one.mc, R @ one.inertia @ R.T)
 
     def _add_platform(self, world: Any) -> tuple[Any, Any]:
         """The platform's bodies in the pose z = 0; returns what the limbs hold."""

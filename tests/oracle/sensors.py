@@ -6,8 +6,6 @@ base wrench    forces and moments that the world exerts on the roots of the cut 
 strut          forces of `oracle.forces`; in the middle, less what a part of the strut, welded to
                the rest, takes from there on.
 joint torque   inverse dynamics without friction and rotors of drives.
-
-The second half of a platform of two equal parts is turned by 180 degrees about z.
 """
 
 from __future__ import annotations
@@ -23,16 +21,9 @@ from numpy.typing import ArrayLike
 from oracle.composed import ComposedOracle
 from oracle.forces import ForceOracle
 from oracle.limb import LimbShape
-from oracle.tree import EY, EZ, HINGE, Array, Body, rot_z
+from oracle.tree import EY, EZ, HINGE, Array, Body, attached
 
-_HALVES = ("SB", "MP", "HP")
 _WEIGHTLESS = 1e-13
-
-
-def turned(body: Body) -> Body:
-    """The same body turned by 180 degrees about z, in axes that are not turned."""
-    R = rot_z(np.pi)
-    return Body(body.m, R @ body.mc, R @ body.inertia @ R.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +55,13 @@ class SensorOracle(ComposedOracle):
         return (*super()._couplings, *rows)
 
     def _add(self, parent: Any, name: str, body: str, count: float = 1, **pose: Any) -> Any:
-        one = self.bodies[body]
-        if name == "part1" and body in _HALVES:
-            one = turned(one)
+        one = self._mounted(name, body)
         beyond = self.outer.get(body)
         if beyond is not None:
             one = Body(one.m - beyond.m, one.mc - beyond.mc, one.inertia - beyond.inertia)
-        child = _attached(parent, name, one, count, **pose)
+        child = attached(parent, name, one, count, **pose)
         if beyond is not None:
-            _attached(child, f"outer_{name}", beyond, count)
+            attached(child, f"outer_{name}", beyond, count)
         return child
 
     def _add_limb(self, world: Any, i: int, limb: LimbShape, part: Any) -> None:
@@ -180,12 +169,3 @@ class StrutOracle(SensorOracle, ForceOracle):
                 taken = along @ self._from_parent(f"outer_{strut}")[0]
                 found[f"{name}.middle.x"] = found[f"{name}.platform.x"] - float(taken)
         return found
-
-
-def _attached(parent: Any, name: str, body: Body, count: float, **pose: Any) -> Any:
-    com, quat, moments = body.principal()
-    child = parent.add_body(name=name, **pose)
-    child.explicitinertial = True
-    child.mass = count * body.m
-    child.ipos, child.iquat, child.inertia = com, quat, count * moments
-    return child

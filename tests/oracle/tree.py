@@ -139,12 +139,12 @@ class TreeOracle(ABC):
 
     def _add(self, parent: Any, name: str, body: str, count: float = 1, **pose: Any) -> Any:
         """Child body with the inertia of `count` copies of `bodies[body]`."""
-        com, quat, moments = self.bodies[body].principal()
-        child = parent.add_body(name=name, **pose)
-        child.explicitinertial = True
-        child.mass = count * self.bodies[body].m
-        child.ipos, child.iquat, child.inertia = com, quat, count * moments
-        return child
+        return attached(parent, name, self._mounted(name, body), count, **pose)
+
+    def _mounted(self, name: str, body: str) -> Body:
+        """A body in the axes that it is added in."""
+        del name
+        return self.bodies[body]
 
     @cached_property
     def _data(self) -> Any:
@@ -230,3 +230,13 @@ class TreeOracle(ABC):
         """Potential energy (J), zero with every centre of mass at the world's origin."""
         self._set(np.asarray(pose, float), np.zeros(self.dof))
         return -float(self._model.body_mass @ (self._data.xipos @ self.gravity))
+
+
+def attached(parent: Any, name: str, body: Body, count: float, **pose: Any) -> Any:
+    """Child body with the inertia of so many copies of a body."""
+    com, quat, moments = body.principal()
+    child = parent.add_body(name=name, **pose)
+    child.explicitinertial = True
+    child.mass = count * body.m
+    child.ipos, child.iquat, child.inertia = com, quat, count * moments
+    return child

@@ -5,7 +5,7 @@ each sensor shows (`sensing.misfit`). Where these contradict each other, maps th
 columns right are tried (`sensing.guesses`).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -44,18 +44,6 @@ def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
     if isinstance(recording, RecordingError):
         return ()
     return sensor_verdicts(evidence.dynamics, [recording])
-
-
-def contradictions(
-    dynamics: Dynamics, recordings: Sequence[Recording]
-) -> tuple[tuple[Recording, Verdict], ...]:
-    """What is wrong with sensors beyond doubt, with the recording: unit, sign, order, frame."""
-    return tuple(
-        (one, verdict)
-        for one in recordings
-        for verdict in sensor_verdicts(dynamics, [one])
-        if verdict.grade is Grade.WRONG
-    )
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait

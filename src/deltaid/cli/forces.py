@@ -67,6 +67,7 @@ def forces(
     )
     from deltaid.files import together
     from deltaid.forces.constraint_forces import ConstraintForces
+    from deltaid.forces.ranges import left_aside
     from deltaid.forces.study import study, with_struts
     from deltaid.identification.as_identified import model_filtered
     from deltaid.model.model import load
@@ -101,6 +102,7 @@ def forces(
             _write_report(known, computed, motion.name, result, viewers, report)
     print_warnings([f"{motion}: {text}" for text in recording.log.warnings])
     print_warnings([computed.note] if computed.note else [])
+    print_warnings(left_aside(known) if logs else ())
     if recording.log.columns.loads:
         print_warnings([f"{motion}: forces are those without the loads that its mapping declares"])
     if as_json:

@@ -28,6 +28,7 @@ import numpy as np
 
 from deltaid.dynamics.force_parts import Bar, Part, Strut, bar_forces, bearing_load, strut_forces
 from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.mechanism.halves import with_turned_half
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.description import RobotDescription
@@ -76,6 +77,7 @@ def splits(robot: RobotDescription) -> bool:
 
 def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquations:
     """Derive the forces of a robot of limbs and a platform."""
+    mechanism = with_turned_half(mechanism)
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
     channels, struts = _Build(robot, mechanism, forces).channels()
     values = speeds.by_drives()(ca.vertcat(*[c.value for c in channels]))

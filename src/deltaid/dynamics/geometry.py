@@ -8,27 +8,20 @@ coordinates q(z; g) of lengths g, and J = ∂q/∂z,
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.joint_columns import joint_columns
-from deltaid.dynamics.speed_forces import SpeedForces
-from deltaid.mechanism.composition import build_mechanism
-from deltaid.mechanism.growth import Growth, grown_by
+from deltaid.dynamics.grown import STEP, GrownTorques, Places, grown_torques
 from deltaid.mechanism.kinematics import Samples
-from deltaid.mechanism.mechanism import Mechanism, MovingBody
-from deltaid.mechanism.vectors import fixed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
-# Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by: large against
-# rounding, and so small that no other joint turns round within it.
-STEP = 1e-6
+# Names of what is common to torque constants, and of one drive's.
+CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
 
 # Torques of all drives, or channels of a sensor, at some samples.
 Shown = Float[np.ndarray, "channels samples"]
@@ -88,7 +81,11 @@ def geometric_errors(
     smooth[layout.friction] = 0.0
     smooth[layout.viscous] = p[layout.viscous]
     slopes = TorqueSlopes(grown, z, np.hstack([qd, qdd]), smooth, np.array(robot.gravity))
-    return errors_by(robot, slopes, tolerances)
+    torque = dynamics.torque(z, qd, qdd, p).T
+    return (
+        *errors_by(robot, slopes, tolerances),
+        *_of_constants(robot, tolerances or robot.tolerances, torque),
+    )
 
 
 def errors_by(
@@ -148,41 +145,6 @@ class TorqueSlopes:
         return np.array(self.grown.torque(z.T, self.rates.T, self.p, growth, g))
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where a robot is that has measured some q, if a length or a zero is `STEP` more.
-
-    Attributes:
-        position: q and J as functions of z and growth.
-        z: where it would be as described.
-        symbols: how many lengths may grow.
-    """
-
-    position: ca.Function
-    z: Samples
-    symbols: int
-
-    def with_length(self, number: int) -> tuple[Samples, Float[np.ndarray, " growth"]]:
-        """z and the growth."""
-        grown, (q, J) = STEP * np.eye(self.symbols)[number], self._described
-        later = np.array(self.position(self.z.T, grown)[0]).T
-        return self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0], grown
-
-    def with_zero(self, drive: int) -> Samples:
-        """z."""
-        _, J = self._described
-        along = np.linalg.solve(J, np.eye(J.shape[1])[:, [drive]])[:, :, 0]
-        return self.z + STEP * along
-
-    @cached_property
-    def _described(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
-        """q and J."""
-        q, J = self.position(self.z.T, np.zeros(self.symbols))
-        dof = self.z.shape[1]
-        blocks = np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
-        return np.array(q).T, blocks
-
-
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:
     """A number that all limbs share may be wrong, and each limb may differ from it."""
     found: dict[int, Shown] = {}  # base and platform share theirs
@@ -207,74 +169,21 @@ def _of_zeros(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterat
             yield Error(f"zero of {drive}", size * slopes.of_zero(i))
 
 
+def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Iterator[Error]:
+    """What drives record more, all alike and each."""
+    if not by.torque_constants:
+        return
+    yield Error(CONSTANTS, by.torque_constants * torque)
+    for i, drive in enumerate(robot.drives):
+        own = np.zeros_like(torque)
+        own[i] = by.torque_constants * torque[i]
+        yield Error(f"{CONSTANT_OF} {drive}", own)
+
+
 def _of_gravity(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:
     size = by.mounting
     for axis in across(np.array(robot.gravity)) if size else ():
         yield Error(f"tilt about {np.round(axis, 3).tolist()}", size * slopes.of_gravity(axis))
-
-
-@dataclass(frozen=True, eq=False)
-class GrownTorques:
-    """A robot's torques and drive coordinates as functions of its lengths and of gravity.
-
-    Attributes:
-        numbers: of the symbols of each kind of length.
-        symbols: how many there are.
-        torque: of (z, [q̇, q̈], p, growth, gravity).
-        position: q and J of (z, growth).
-    """
-
-    numbers: dict[str, tuple[int, ...]]
-    symbols: int
-    torque: ca.Function
-    position: ca.Function
-
-
-class _Turned(SpeedForces):
-    """Forces under any gravity."""
-
-    def __init__(self, robot: RobotDescription, mechanism: Mechanism, gravity: ca.SX) -> None:
-        super().__init__(robot, mechanism)
-        self._gravity = gravity
-
-    def gravity(self, body: MovingBody) -> ca.SX:
-        """In the inertial frame of a body."""
-        return fixed(body.R_WL.T) @ self._gravity
-
-
-def grown_torques(robot: RobotDescription) -> "GrownTorques":
-    """Torques and drive coordinates of a robot that may grow, kept for the next call."""
-    return _grown(robot.model_dump_json())
-
-
-class GrownDynamics(Dynamics):
-    """A robot whose lengths exceed those described by symbols."""
-
-    def __init__(self, robot: RobotDescription) -> None:
-        super().__init__(robot)
-        growth = Growth.named(len(robot.limb_geometry))
-        self.growth: ca.SX = growth.symbols
-        self.kinematics.mechanism = build_mechanism(robot, growth)
-
-
-@lru_cache(maxsize=4)
-def _grown(description: str) -> GrownTorques:
-    robot, gravity = RobotDescription.model_validate_json(description), ca.SX.sym("g", 3)
-    growth = Growth.named(len(robot.limb_geometry))
-    mechanism, symbols = build_mechanism(robot, growth), growth.symbols
-    forces, speeds = _Turned(robot, mechanism, gravity), mechanism.speeds
-    motion, still = speeds.by_drives(), ca.SX.zeros(mechanism.dof)
-    joints = (
-        forces.joint_columns(joint_columns(robot), still) @ forces.p[forces.layout.coefficients]
-    )
-    torque = speeds.drives_to_all.T @ motion(forces.of_bodies() + joints)
-    rates = ca.vertcat(speeds.q.u, speeds.q.ud)
-    return GrownTorques(
-        grown_by(robot),
-        symbols.numel(),
-        ca.Function("torque", [mechanism.z, rates, forces.p, symbols, gravity], [torque]),
-        ca.Function("position", [mechanism.z, symbols], [mechanism.q, ca.densify(speeds.jacobian)]),
-    )
 
 
 def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "axes 3"]:

@@ -119,6 +119,18 @@ def structural_determinacy(model: ModelLike) -> Determinacy:
     return Determinacy(model, random_motion_base(model.dynamics))
 
 
+def left_aside(model: ModelLike) -> tuple[str, ...]:
+    """What the fit knew and ranges of forces do not ask, so that they are wider than need be."""
+    known = load(model).identified
+    names = [one.name for one in known.sensors] if known else []
+    if not names:
+        return ()
+    return (
+        f"how far forces are known is told by torques and measured values alone; what "
+        f"{', '.join(names)} showed is in the model, and would make these ranges narrower",
+    )
+
+
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def evidence(
     model: ModelLike,

@@ -74,6 +74,11 @@ class Addition(ABC):
         return False
 
     @property
+    def tells(self) -> tuple[str, ...]:
+        """Beginnings of names of what may be off and is told by its parameters."""
+        return ()
+
+    @property
     def witness(self) -> str:
         """What it is called where it tells how large torques are."""
         return "what is known"

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.free_body import Free
@@ -88,6 +89,10 @@ class Gains(Addition):
             for k, prior in enumerate(priors)
         )
         return Free(variables, A, np.zeros(len(A)), ())
+
+    @property
+    def tells(self) -> tuple[str, ...]:
+        return (CONSTANT_OF,) if self.alike else (CONSTANT_OF, CONSTANTS)
 
     def on(self, dynamics: Dynamics) -> "Gains":
         """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""

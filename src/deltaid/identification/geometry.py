@@ -69,7 +69,8 @@ class GeometricRows:
     def over(self, names: Sequence[str]) -> Float[np.ndarray, "rows named"]:
         """D for more quantities; those that do nothing here are zero."""
         known, nothing = dict(zip(self.names, self.D.T, strict=True)), np.zeros(len(self.tau))
-        return np.stack([known.get(name, nothing) for name in names], axis=1)
+        found = [known.get(name, nothing) for name in names]
+        return np.reshape(found, (len(names), len(self.tau))).T
 
 
 def geometry(
@@ -99,7 +100,9 @@ def geometry(
     for one in recordings:
         rows.append(geometric_rows(regressor, dynamics, one, p, drives, active=active))
         rows += sensor_geometry(seen, dynamics, one, values, weights[len(drives) :], active)
-    names = tuple(dict.fromkeys(name for one in rows for name in one.names))
+    told = tuple(start for one in additions for start in one.tells)
+    every = dict.fromkeys(name for one in rows for name in one.names)
+    names = tuple(name for name in every if not (told and name.startswith(told)))
     columns = [group.representative for group in base.groups]
     at = np.searchsorted(active, columns)
     Y, D = np.vstack([one.Y for one in rows])[:, at], np.vstack([one.over(names) for one in rows])

@@ -37,6 +37,7 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.identification.torque_scale import torque_scale
 from deltaid.identification.watch import unwatched, watched
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
@@ -140,6 +141,7 @@ def identify(
             *(f"{one.path}: {text}" for one in recordings for text in one.log.warnings),
             *doubts(problem),
             *contradicted(problem),
+            *torque_scale(problem),
         ),
     )
     return Identification(model, problem, recordings, _unchanged(setup))

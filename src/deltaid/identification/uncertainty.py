@@ -30,6 +30,7 @@ class Uncertainty:
             prior, and by geometry.
         moves: column i is by how many standard deviations of its own prior each parameter moves
             along what priors leave open of parameter i.
+        follows: how far each parameter goes with least-squares base parameters.
     """
 
     std: Float[np.ndarray, " parameters"]
@@ -37,6 +38,7 @@ class Uncertainty:
     prior_std: Float[np.ndarray, " parameters"]
     shares: Float[np.ndarray, "parameters 5"]
     moves: Float[np.ndarray, "others parameters"]
+    follows: Float[np.ndarray, "base parameters"]
 
     def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
         """Other parameters whose priors make up most of what priors leave open of parameter i.
@@ -99,7 +101,8 @@ def uncertainty(
     by_noise, freedom = noise.deviations(to_scores)
     geometry = problem.geometry
     shifts = geometry.shifts if geometry else np.zeros((problem.base.rank, 0))
-    by_geometry = np.sum((to_scores.T @ noise.root @ shifts) ** 2, axis=1)
+    follows = noise.root.T @ to_scores
+    by_geometry = np.sum((follows.T @ shifts) ** 2, axis=1)
     sources = Sources.of(problem.information, problem.base, noise).parts(to_scores)
     of_noise = [by_noise**2 * part for part in sources]
     parts = np.stack([*of_noise, prior_share, by_geometry], axis=1)
@@ -108,4 +111,4 @@ def uncertainty(
     prior_std = unit * np.linalg.norm(solve_triangular(root, wanted.T, trans="T"), axis=0)
     moves = A @ H_inverse_A / prior_scale(reduction)[:, None]
     shares = parts / np.where(variance > 0, variance, 1.0)[:, None]
-    return Uncertainty(std, half, prior_std, shares, moves)
+    return Uncertainty(std, half, prior_std, shares, moves, follows)

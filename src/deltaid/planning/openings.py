@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.mechanism.halves import with_turned_half
 from deltaid.planning.exchange import exchanges
 from deltaid.planning.joints import instances
 from deltaid.planning.motion import PlannedMotion
 from deltaid.planning.null_space import NullSpace, null_space, whole_null_space
 from deltaid.planning.rows import Extended
 from deltaid.planning.uses import Use
-from deltaid.sensors.halves import with_turned_half
 
 # Poses that tell which points bodies share.
 _POSES = 40

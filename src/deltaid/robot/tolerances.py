@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field
 
 from deltaid.robot.part import Part
 
-# Larger ones are in another unit: millimetres for metres, degrees for radians.
-_LONG, _WIDE = 0.05, 0.2
+# Larger ones are in another unit: millimetres for metres, degrees for radians, per cent for shares.
+_LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
 # What a well-made robot has: parts to a tenth of a millimetre, encoders set with a gauge, a base
 # levelled with a machinist's level [m; rad or m; rad].
 _LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
@@ -31,13 +31,22 @@ def _angle(value: float) -> float:
 LengthTolerance = Annotated[float, AfterValidator(_length)]
 AngleTolerance = Annotated[float, AfterValidator(_angle)]
 
+
+def _share(value: float) -> float:
+    if not 0 <= value <= _UNSURE:
+        raise ValueError(f"{value:g} is no tolerance of a torque constant; 0.03 stands for 3 %")
+    return value
+
+
+ShareTolerance = Annotated[float, AfterValidator(_share)]
+
 # Kinds of lengths that may have a tolerance of their own.
 LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "platform", "telescope")
 
 
 class Tolerances(Part):
-    """How far lengths, zeros of drives and the direction of gravity may be off, one standard
-    deviation each; intervals of identified parameters take them in."""
+    """How far lengths, zeros of drives, the direction of gravity and torque constants may be off,
+    one standard deviation each; intervals of identified parameters take them in."""
 
     lengths: LengthTolerance | dict[str, LengthTolerance] = Field(
         default=_LENGTH,
@@ -52,6 +61,13 @@ class Tolerances(Part):
     mounting: AngleTolerance = Field(
         default=_TILT,
         description="of the base's tilt against gravity, rad, about each of two axes",
+    )
+
+    torque_constants: ShareTolerance = Field(
+        default=0.0,
+        description="of the drives' torque constants, as a share (0.03 for 3 %): off for all "
+        "alike, and each drive from that by as much again; 0 takes what a drive records for N m. "
+        "Of no effect where a known load or a sensor tells them",
     )
 
     def of_length(self, name: str) -> float:
@@ -69,4 +85,4 @@ class Tolerances(Part):
             one.values() if isinstance(one, dict) else [one] for one in (self.lengths, self.homing)
         )
         given = [size for sizes in by_name for size in sizes]
-        return not (any(given) or self.mounting)
+        return not (any(given) or self.mounting or self.torque_constants)

@@ -11,15 +11,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.geometry import (
-    STEP,
-    Error,
-    GrownDynamics,
-    Places,
-    Shown,
-    errors_by,
-    grown_torques,
-)
+from deltaid.dynamics.geometry import Error, Shown, errors_by
+from deltaid.dynamics.grown import STEP, GrownDynamics, Places, grown_torques
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.graph_rows import GraphRows

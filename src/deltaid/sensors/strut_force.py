@@ -22,7 +22,6 @@ from deltaid.robot.parameter import Parameter
 from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.robot.sensors import StrutForce
 from deltaid.sensors.graph_rows import OneChannelRows
-from deltaid.sensors.halves import with_turned_half
 from deltaid.sensors.rows import SensorChannel
 from deltaid.sensors.size import wide_force
 
@@ -127,7 +126,7 @@ class StrutForceRows(OneChannelRows):
 @lru_cache(maxsize=8)
 def _equations(dynamics: Dynamics) -> ForceEquations:
     """Of all gauges of a robot."""
-    return build_forces(dynamics.robot, with_turned_half(dynamics.kinematics.mechanism))
+    return build_forces(dynamics.robot, dynamics.kinematics.mechanism)
 
 
 def _only_sums(dynamics: Dynamics, where: str, wanted: str) -> DescriptionError:

@@ -1,4 +1,4 @@
-"""Platforms of two equal parts for sensors that see how these parts are turned.
+"""Platforms of two equal parts for whatever sees how these parts are turned.
 
 Both half platforms are the same part, of which one is mounted turned by 180° about z. Parts only
 translate, so torques show their masses alone, and both may be described in world axes. What carries
