@@ -81,10 +81,13 @@ def as_dictionary(
 
 
 def print_result(
-    result: "Identification", verification: "TorqueError | None", output: Path | None
+    result: "Identification",
+    verification: "TorqueError | None",
+    output: Path | None,
+    log: "Log | None" = None,
 ) -> None:
-    """The result as tables."""
-    from deltaid.cli.output import console, shown
+    """The result as tables, and the verdict at their end; `log` was verified on."""
+    from deltaid.cli.output import console, print_verdict, shown
     from deltaid.model.model import load
     from deltaid.report.model_tables import (
         choice_sentence,
@@ -93,6 +96,7 @@ def print_result(
         parameter_table,
     )
     from deltaid.report.put_right import put_right_tables
+    from deltaid.report.summary import summary as verdict
 
     model = result.model
     console.print(shown(parameter_table(model)))
@@ -108,6 +112,7 @@ def print_result(
         console.print()
     for line in summary(result):
         console.print(line)
+    print_verdict(verdict(result, verification, log).text)
     if output is not None:
         console.print(f"saved {output}")
 

@@ -155,7 +155,7 @@ def identify(
     if as_json:
         print_json(as_dictionary(result, verification, log))
     else:
-        print_result(result, verification, output)
+        print_result(result, verification, output, log)
         if report is not None:
             console.print(f"wrote {report}")
 

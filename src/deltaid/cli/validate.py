@@ -38,6 +38,7 @@ def validate(
         console,
         print_json,
         print_origin,
+        print_verdict,
         print_warnings,
         progress,
         require_report,
@@ -51,6 +52,7 @@ def validate(
     from deltaid.recording.mapping import load_mapping
     from deltaid.report.left_out import left_out_table
     from deltaid.report.model_tables import error_table
+    from deltaid.report.summary import summary
 
     if report is not None:
         require_report(report, [Path(model), log, *([columns] if columns else [])])
@@ -74,6 +76,7 @@ def validate(
         console.print(shown(error_table(known, error)))
         if (table := left_out_table([(log.name, missing)])) is not None:
             console.print(shown(table))
+        print_verdict(summary(known, error, surveyed).text)
         if report is not None:
             console.print(f"wrote {report}")
 

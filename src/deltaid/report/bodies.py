@@ -22,7 +22,7 @@ _GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
 def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
-    """Where mass and moments of all bodies are, before and after, and how consistent they are."""
+    """Where mass and moments of all bodies are, of prior and fit, and how consistent they are."""
     return Section(
         "Bodies",
         (
@@ -36,6 +36,7 @@ def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
             _masses(model),
             _eigenvalues(model),
         ),
+        "masses, centres of mass and shapes, prior and identified",
     )
 
 

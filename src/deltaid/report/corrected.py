@@ -27,11 +27,14 @@ _NAMES: dict[Kind, str] = {
 def corrected(corrections: Sequence[Correction]) -> str:
     """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
     if not corrections:
-        return "Nothing was put right."
+        return "Nothing had to be put right."
     subjects: dict[Kind, dict[str, None]] = {}
     for one in corrections:
         subjects.setdefault(one.kind, {})[one.subject] = None
-    things = ", ".join(_thing(kind, tuple(filter(None, of))) for kind, of in subjects.items())
+    things = ", ".join(
+        _thing(kind, tuple(one for one in of if one not in ("", kind)))
+        for kind, of in subjects.items()
+    )
     if len(subjects) == 1:
         return f"One correction was made: {things}."
     return f"{in_words(len(subjects)).capitalize()} corrections were made: {things}."

@@ -8,6 +8,7 @@ from plotly.subplots import make_subplots
 from deltaid.excitation.excite import Excitation, Exciter
 from deltaid.report import style
 from deltaid.report.animation import Motion, animation
+from deltaid.report.drawing import drawing
 from deltaid.report.excitation_tables import prediction_table, start_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
@@ -25,7 +26,7 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
         Fact(
             f"criterion {settings.criterion}",
             number(result.criterion_after),
-            f"{number(result.criterion_before)} before",
+            f"{number(result.criterion_before)} as drawn at random",
         ),
         Fact("base parameters", str(len(result.predictions)), "made visible"),
     ]
@@ -34,12 +35,21 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
     return Page(
         title=robot.title or robot.name,
         subtitle="Motion for identification, from rest to rest within all limits",
+        drawing=drawing(robot, exciter.dynamics.kinematics),
         facts=tuple(facts),
         sections=(
-            Section("Motion", (_animation(exciter, result), _over_time(exciter, result))),
-            Section("Limits", (_limits(result),)),
-            Section("What it will tell", _predictions(exciter, result)),
-            Section("Search", (start_table(result), _settings(exciter))),
+            Section(
+                "Motion",
+                (_animation(exciter, result), _over_time(exciter, result)),
+                "the robot moving, and its drives over time",
+            ),
+            Section("Limits", (_limits(result),), "how much of each the motion uses"),
+            Section(
+                "What it will tell",
+                _predictions(exciter, result),
+                "how well each number will be known",
+            ),
+            Section("Search", (start_table(result), _settings(exciter)), "starts and settings"),
         ),
     )
 

@@ -49,8 +49,16 @@ def start_table(result: Excitation) -> Table:
         )
         for a in accounts
     )
-    columns = ("start", "before", "after", "evaluations", "seconds", "fullest limit", "feasible")
-    caption = "Objective of the search at each start's beginning and end."
+    columns = (
+        "start",
+        "as drawn",
+        "optimised",
+        "evaluations",
+        "seconds",
+        "fullest limit",
+        "feasible",
+    )
+    caption = "Objective of the search for each start as it was drawn at random, and optimised."
     if judged:
         caption += (
             " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "

@@ -9,6 +9,7 @@ from deltaid.forces.constraint_forces import ConstraintForces, Motion
 from deltaid.forces.study import Study
 from deltaid.model.model import ModelLike, load
 from deltaid.report import style
+from deltaid.report.drawing import drawing
 from deltaid.report.force_rows import places, tables, what_is_open
 from deltaid.report.numbers import number
 from deltaid.report.page import Fact, Figure, Page, Section, Text
@@ -52,10 +53,21 @@ def forces_page(
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Constraint forces along {name}, parameters: {model.origin}",
+        drawing=drawing(model.robot, model.dynamics.kinematics),
         facts=_facts(study, forces.socket_force),
         sections=(
-            Section("Along the struts", (_over_time(forces, envelope),)),
-            Section("Worst cases", (*found, Text(f"{what_is_open(study)}."))),
+            Section(
+                "Along the struts",
+                (_over_time(forces, envelope),),
+                "tension and compression over time",
+                unfolded=True,
+            ),
+            Section(
+                "Worst cases",
+                (*found, Text(f"{what_is_open(study)}.")),
+                "the largest and least of each, where, and how sure",
+                unfolded=True,
+            ),
             *put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),

@@ -27,7 +27,7 @@ def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> S
         return Section("Friction", (Text("The description has no friction in any joint."),))
     record = model.identified.friction_choice if model.identified else None
     choice = _choice(record, model.robot) if record else ()
-    return Section("Friction", (_laws(model, comparisons), *choice))
+    return Section("Friction", (_laws(model, comparisons), *choice), "over speed, joint by joint")
 
 
 def law(
@@ -82,12 +82,13 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
             known = [one for one in model.identified.friction_curves if one.joint == joint]
             traces += [_band(one) for one in known]
             traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
+        units = model.robot.units(joint)
         for trace in traces:
+            trace.update(x=units.per_shown * np.asarray(trace.x, np.float32))
             trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
             named.add(trace.name)
             figure.add_trace(trace, row=row, col=col)
-        units = model.robot.units(joint)
-        figure.update_xaxes(title_text=f"speed [{units.speed}]", row=row, col=col)
+        figure.update_xaxes(title_text=f"speed [{units.shown}/s]", row=row, col=col)
         figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", row=row, col=col)
     figure.update_annotations(font_size=13)
     figure.update_layout(

@@ -23,11 +23,15 @@ _ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in 
 _ENTRIES |= {f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"}
 _ENTRIES |= {f"I{pair}": f"product of inertia of {pair[0]} and {pair[1]}"
              for pair in ("xy", "xz", "yz")}  # fmt: skip
+_ENTRIES |= {f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"}
+_ENTRIES |= {f"S{pair}": f"second moment of mass along {pair[0]} and {pair[1]}"
+             for pair in ("xy", "xz", "yz")}  # fmt: skip
 _NUMBERED = re.compile(r"([USC])(\d+)")
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
-# 'U.mcx' and, in formulas, 'mcx_U'.
+# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U'.
 NAME = re.compile(
-    rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+))(?!\w)"
+    rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
+    r"|bodies\.(?P<key>\w+))(?!\w)"
 )
 
 
@@ -40,8 +44,13 @@ def body_in_words(name: str) -> str:
 
 def in_words(name: "re.Match[str]") -> str:
     """'upper arm: mass' of a `NAME`."""
-    body, entry = name["body"] or name["of"], name["entry"] or name["first"]
-    return f"{body_in_words(body)}: {_ENTRIES[entry]}"
+    entry = name["entry"] or name["first"]
+    return body_in_words(body_of(name)) + (f": {_ENTRIES[entry]}" if entry else "")
+
+
+def body_of(name: "re.Match[str]") -> str:
+    """U of a `NAME`."""
+    return name["body"] or name["of"] or name["key"]
 
 
 def is_short(name: str) -> bool:
@@ -56,5 +65,5 @@ def bodies_in(cells: Iterable[str]) -> tuple[str, ...]:
         parts = cell.split(", ")
         if all(is_short(part) for part in parts):
             found |= dict.fromkeys(parts)
-        found |= dict.fromkeys(name["body"] or name["of"] for name in NAME.finditer(cell))
+        found |= dict.fromkeys(body_of(name) for name in NAME.finditer(cell))
     return tuple(name for name in found if is_short(name))

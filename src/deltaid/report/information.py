@@ -32,6 +32,7 @@ def information_section(result: Identification) -> Section:
             _singular_values(R),
             _correlations(result, R),
         ),
+        "combinations that the torques determine, and how well",
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from deltaid.model.friction_record import AdditionKind, FrictionChoice
-from deltaid.report.numbers import WIDTH, number, percent, span, with_uncertainty
+from deltaid.report.numbers import WIDTH, measured, number, percent, span, with_uncertainty
 from deltaid.report.table import Table
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
@@ -145,9 +145,9 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
                 cell
                 for error in errors
                 for cell in (
-                    number(error.rms[i], 3),
+                    measured(error.rms[i]),
                     percent(error.nrmse[i]),
-                    number(error.rms_unfiltered[i], 3),
+                    measured(error.rms_unfiltered[i]),
                 )
             ),
         )

@@ -6,9 +6,22 @@ import math
 WIDTH = 1.96
 
 
+# Numbers within these are written without a power of ten.
+_SMALL, _LARGE = 1e-4, 1e6
+
+
 def number(value: float, digits: int = 4) -> str:
     """A number to so many significant digits."""
-    return f"{value:.{digits}g}"
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text
+
+
+def measured(value: float, digits: int = 3) -> str:
+    """The same with zeros at its end, which say that they are known."""
+    if value == 0 or not math.isfinite(value):
+        return number(value, digits)
+    text = f"{value:#.{digits}g}".rstrip(".")
+    return number(value, digits) if "e" in text else text
 
 
 def with_uncertainty(value: float, std: float) -> tuple[str, str]:
@@ -16,16 +29,19 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
     if not std > 0 or not math.isfinite(std):
         return number(value), ""
     place = 1 - math.floor(math.log10(std))
-    if abs(value) >= 1e5 or place > 7 or place < 0:
-        digits = max(2, 1 + math.floor(math.log10(max(abs(value), std) / std)) + 1)
+    largest = max(abs(value), std)
+    if largest >= _LARGE or largest < _SMALL or place > 7:
+        digits = max(2, 1 + math.floor(math.log10(largest / std)) + 1)
         return f"{value:.{min(digits, 9) - 1}e}", f"{std:.1e}"
+    if place < 0:  # tens and hundreds of it
+        return f"{round(value, place):.0f}", f"{round(std, place):.0f}"
     return f"{value:.{place}f}", f"{std:.{place}f}"
 
 
 def percent(value: float) -> str:
     """A share in per cent with two significant digits, or all before the decimal point."""
-    digits = ".0f" if 99.5 <= 100 * abs(value) < 1e5 else ".2g"
-    return f"{100 * value:{digits}} %"
+    share = 100 * value
+    return f"{share:.0f} %" if 99.5 <= abs(share) < 1e5 else f"{measured(share, 2)} %"
 
 
 def span(low: float, high: float) -> str:
@@ -34,8 +50,9 @@ def span(low: float, high: float) -> str:
     if not half > 0 or not math.isfinite(half):
         return number(0.5 * (low + high))
     place = 1 - math.floor(math.log10(half))
-    if max(abs(low), abs(high)) >= 1e5 or place > 7 or place < 0:
-        return f"{low:.3g} … {high:.3g}"
-    if place > 4 and half > 0.1 * max(abs(low), abs(high)):  # two digits say as much, without zeros
+    largest = max(abs(low), abs(high))
+    if not _SMALL <= largest < _LARGE or place > 7 or place < 0:
+        return f"{number(low, 3)} … {number(high, 3)}"
+    if place > 4 and half > 0.1 * largest:  # two digits say as much, without zeros
         return f"{low:.2g} … {high:.2g}"
     return f"{low:.{place}f} … {high:.{place}f}"

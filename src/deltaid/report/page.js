@@ -16,6 +16,7 @@
   // Plotly's script is packed into the page; nothing is loaded.
   const unpacked = (async () => {
     const packed = document.getElementById("plotly");
+    if (!packed.textContent) return;
     const bytes = Uint8Array.from(atob(packed.textContent), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");

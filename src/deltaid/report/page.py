@@ -104,6 +104,12 @@ class Page:
     front: tuple[Block, ...] = ()
     made: Made = field(default_factory=made)
 
+    @property
+    def has_figures(self) -> bool:
+        """Whether there is anything that Plotly draws."""
+        blocks = [*self.front, *(block for one in self.sections for block in one.blocks)]
+        return any(isinstance(block, Figure) for block in blocks)
+
     def is_open(self, section: Section) -> bool:
         """Whether a chapter is open to begin with."""
         bare = not self.front and not any(one.unfolded for one in self.sections)
@@ -151,7 +157,7 @@ def render(page: Page) -> str:
         page=page,
         css=_part("page.css"),
         script=_part("page.js"),
-        plotly=_plotly(),
+        plotly=_plotly() if page.has_figures else Markup(""),
         light=templates[0],
         dark=templates[1],
     )

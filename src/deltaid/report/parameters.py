@@ -35,6 +35,7 @@ def parameter_section(model: IdentifiedModel) -> Section:
             parameter_table(model),
             *((shares,) if shares is not None else ()),
         ),
+        "all numbers with their intervals, and what each comes from",
     )
 
 

@@ -32,7 +32,7 @@ def certificate(fit: Fit) -> tuple[str, str]:
     """Whether nothing fits better: in a word or two, and how far a certified bound is away."""
     gap = (fit.duality_gap or 0.0) / fit.objective if fit.objective else 0.0
     if gap < _ROUNDING:
-        return "certified", f"no consistent model fits better by {percent(_ROUNDING)}"
+        return "certified", "no consistent model fits better by 0.01 %"
     return f"within {percent(gap)}", "of the best fit that is possible"
 
 

@@ -11,4 +11,8 @@ _EVENTS = 200
 def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
     """The chapter of a page on it; none where nothing was put right."""
     tables = put_right_tables(model, _EVENTS) if model else ()
-    return (Section("Corrections", tables),) if tables else ()
+    return (
+        (Section("Corrections", tables, "what was found, put right and left out"),)
+        if tables
+        else ()
+    )

@@ -8,6 +8,7 @@ import plotly.graph_objects as go
 from deltaid.planning.openings import DESCRIBED, PLAN, TORQUES
 from deltaid.planning.plan import Outlook, SensorPlan
 from deltaid.report import style
+from deltaid.report.drawing import drawing
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Block, Fact, Figure, Page, Section, Text
 from deltaid.report.sensor_tables import (
@@ -48,13 +49,32 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
     return Page(
         title=robot.title or robot.name,
         subtitle=f"What sensors and scales would tell, planned for {plan.motion}",
+        drawing=drawing(robot, plan.model.dynamics.kinematics),
         facts=tuple(facts),
         sections=(
-            Section("What is known of each entry", _entries(plan)),
-            Section("What each would make of it", (_gains(plan), use_table(plan, entries))),
-            Section(f"What to buy next for {plan.goal}", _steps(plan)),
-            Section("What stays open", _open(plan)),
-            Section("Taken for granted", (_notes(plan), _settings(plan), _offers(plan))),
+            Section(
+                "What is known of each entry",
+                _entries(plan),
+                "now, and with what is bought",
+                unfolded=True,
+            ),
+            Section(
+                "What each would make of it",
+                (_gains(plan), use_table(plan, entries)),
+                "each measurement by itself",
+            ),
+            Section(
+                f"What to buy next for {plan.goal}",
+                _steps(plan),
+                "step by step, by gain and price",
+                unfolded=True,
+            ),
+            Section("What stays open", _open(plan), "what nothing of it tells"),
+            Section(
+                "Taken for granted",
+                (_notes(plan), _settings(plan), _offers(plan)),
+                "assumptions, settings, prices",
+            ),
         ),
     )
 

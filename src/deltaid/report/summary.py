@@ -84,13 +84,14 @@ def summary(
         return _of_prior(model, error)
     told = {one.sentence for one in verdicts if one.grade is CheckGrade.CANNOT_TELL}
     doubts = [text for text in known.warnings if text not in told]
-    wrong = any(one.grade is CheckGrade.WRONG for one in verdicts) or not known.consistent
+    wrong = [one.key for one in verdicts if one.grade is CheckGrade.WRONG]
+    wrong += ["a body is not physically consistent"] * (not known.consistent)
     own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
     unseen = None if own else error
     if error is not None:
         doubts += remarks(model, log, error) if log is not None else misfit(model, error)
-        wrong = wrong or (unseen is not None and bool(misfit(model, error)))
-    grade = _grade(known.fit, unseen, wrong, doubtful=bool(doubts))
+    missed = unseen is not None and bool(misfit(model, unseen))
+    grade = _grade(known.fit, unseen, bad=bool(wrong) or missed, doubtful=bool(doubts))
     return Summary(
         grade,
         f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
@@ -103,17 +104,17 @@ def without_doubts(said: Summary) -> Summary:
     return replace(said, lines=tuple(one for one in said.lines if not one.startswith(_DOUBT)))
 
 
-def _grade(fit: Fit, unseen: TorqueError | None, wrong: bool, *, doubtful: bool) -> Grade:
+def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -> Grade:
     """The rules of `Grade`."""
     worst = float(np.max(fit.nrmse if unseen is None else unseen.nrmse))
-    if wrong or not worst <= FAIR_WITHIN:
+    if bad or not worst <= FAIR_WITHIN:
         return Grade.POOR
     if unseen is None:
         return Grade.UNTESTED
     return Grade.GOOD if worst <= GOOD_WITHIN and not doubtful else Grade.FAIR
 
 
-def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: bool) -> str:
+def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: Sequence[str]) -> str:
     """How well torques are predicted, and whether anything speaks against it."""
     known = model.identified
     said = ""
@@ -125,7 +126,7 @@ def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: bool)
             "no unseen motion has shown how well it predicts"
         )
     if wrong:
-        return f"{said}, but something is wrong"
+        return f"{said}, but this is wrong: {', '.join(dict.fromkeys(wrong))}"
     return said + (f", but {_count(doubts, 'thing')} {'is' if doubts == 1 else 'are'} doubtful"
                    if doubts else "")  # fmt: skip
 

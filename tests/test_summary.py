@@ -1,0 +1,165 @@
+"""The verdict in plain words: its grade follows its rules, and it says what it does not know."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command import run
+from deltaid.check.identified import Judged, identify
+from deltaid.check.verdict import Grade as CheckGrade
+from deltaid.check.verdict import Verdict
+from deltaid.identification.torque_error import TorqueError
+from deltaid.identification.validation import validate
+from deltaid.model.corrections import Correction
+from deltaid.model.model import load
+from deltaid.model.record import IdentifiedModel
+from deltaid.report.summary import Grade, Summary, summary, without_doubts
+from deltaid.robot.load import load_robot, save_yaml
+from html_page import Document
+from logs import recorded, write
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A robot, a recording of it, another one, and the model that the first one gives."""
+    path = tmp_path_factory.mktemp("summary")
+    save_yaml(load_robot("clavel-delta3"), path / "robot.yaml")
+    write(path / "identify.csv", recorded(3000))
+    write(path / "verify.csv", recorded(2000))
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(folder: Path) -> Judged:
+    found = identify(folder / "robot.yaml", folder / "identify.csv")
+    found.model.save(folder / "model.yaml")
+    return found
+
+
+@pytest.fixture(scope="module")
+def model(result: Judged) -> IdentifiedModel:
+    return result.model
+
+
+@pytest.fixture(scope="module")
+def error(folder: Path, model: IdentifiedModel) -> TorqueError:
+    return validate(model, folder / "verify.csv")[0]
+
+
+def off(error: TorqueError, worst: float) -> TorqueError:
+    """The same with the second drive's error as such a share of its torque."""
+    shares = np.array([0.01, worst, 0.002])
+    return replace(error, nrmse=shares, rms=error.rms * shares / error.nrmse)
+
+
+@pytest.mark.parametrize(
+    ("worst", "grade", "words"),
+    [
+        (0.012, Grade.GOOD, "Good: predicts torques of an unseen motion within 1.2 %"),
+        (0.049, Grade.GOOD, "within 4.9 %"),
+        (0.051, Grade.FAIR, "Fair: predicts torques of an unseen motion within 5.1 %"),
+        (0.149, Grade.POOR, "within 15 %"),
+        (0.3, Grade.POOR, "Poor: predicts torques of an unseen motion only within 30 %"),
+        (np.nan, Grade.POOR, "Poor"),
+    ],
+)
+def test_the_worst_drive_decides(
+    model: IdentifiedModel, error: TorqueError, worst: float, grade: Grade, words: str
+) -> None:
+    said = summary(model, off(error, worst))
+    assert said.grade is grade
+    assert words in said.sentence
+    assert "drive2" in said.sentence
+
+
+def test_fair_reaches_to_its_limit_where_the_fit_was_no_better(
+    model: IdentifiedModel, error: TorqueError
+) -> None:
+    rough = model.changed(fit=model.fit.changed(rms=tuple(off(error, 0.1).rms)))
+    assert summary(rough, off(error, 0.149)).grade is Grade.FAIR
+    assert summary(rough, off(error, 0.151)).grade is Grade.POOR
+
+
+def test_without_an_unseen_motion_it_is_never_good(
+    folder: Path, model: IdentifiedModel, error: TorqueError
+) -> None:
+    alone = summary(model)
+    assert alone.grade is Grade.UNTESTED
+    assert "no unseen motion" in alone.sentence
+    own_error, own = validate(model, folder / "identify.csv")
+    on_its_own = summary(model, own_error, own)
+    assert on_its_own.grade is Grade.UNTESTED
+    assert "no unseen motion" in on_its_own.sentence
+    bad = model.changed(fit=model.fit.changed(nrmse=(0.01, 0.2, 0.01)))
+    assert summary(bad).grade is Grade.POOR
+
+
+def test_doubts_are_told_by_cause_and_lower_the_grade(
+    model: IdentifiedModel, error: TorqueError
+) -> None:
+    texts = tuple(f"thing {k} is odd; likeliest cause: that; do this" for k in range(5))
+    said = summary(model.changed(warnings=texts), off(error, 0.01))
+    assert said.grade is Grade.FAIR
+    assert "but five things are doubtful" in said.sentence
+    doubts = [line for line in said.lines if line.startswith("Doubtful: ")]
+    assert doubts[:3] == [f"Doubtful: thing {k} is odd." for k in range(3)]
+    assert "two more things" in doubts[3]
+    assert not [line for line in without_doubts(said).lines if "odd" in line]
+
+
+def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -> None:
+    def with_verdict(grade: CheckGrade) -> Summary:
+        verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
+        model = result.model.changed(warnings=(verdict.sentence,))
+        return summary(replace(result, model=model, verdicts=(verdict,)), off(error, 0.01))
+
+    assert with_verdict(CheckGrade.CANNOT_TELL).grade is Grade.GOOD
+    assert with_verdict(CheckGrade.DOUBTFUL).grade is Grade.FAIR
+    wrong = with_verdict(CheckGrade.WRONG)
+    assert wrong.grade is Grade.POOR
+    assert "torque-sign" in wrong.sentence
+
+
+def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: TorqueError) -> None:
+    kinds = ["data"] * 4 + ["sum", "measured", "limit", "prior", "fixed"]
+    shown = [p for p in model.parameters if p.determined_by != "structure"]
+    kinds += ["prior"] * (len(shown) - len(kinds))
+    new = iter(kinds)
+    parameters = tuple(
+        p if p.determined_by == "structure" else p.changed(determined_by=next(new))
+        for p in model.parameters
+    )
+    corrections = tuple(
+        Correction(kind=kind, subject=of, text="why")
+        for kind, of in (("lag", "drive1"), ("lag", "drive3"), ("gain", "drive2"))
+    )
+    text = summary(model.changed(parameters=parameters, corrections=corrections), error).text
+    assert f"6 of {len(shown)} numbers come from the recording" in text
+    assert "(1 with priors of others, 1 mostly from what was weighed or measured)" in text
+    assert "one is at its bound" in text
+    assert (
+        "Two corrections were made: lag between torques and positions (drive1, drive3), "
+        "torque constant (drive2)." in text
+    )
+
+
+def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
+    robot = folder / "robot.yaml"
+    assert summary(load(robot)).grade is Grade.UNTESTED
+    error, log = validate(robot, folder / "verify.csv")
+    said = summary(load(robot), error, log)
+    assert "the description alone" in said.sentence
+    assert "nothing has been identified" in said.text
+
+
+@pytest.mark.usefixtures("result")
+def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    outcome = run("validate", folder / "model.yaml", folder / "verify.csv", "--report", page)
+    (line,) = [line for line in outcome.out.splitlines() if line.startswith("Good:")]
+    texts = Document(page.read_text("utf-8")).texts
+    assert any(text and line.startswith(text) for text in texts if text.startswith("Good:"))
+    made = f"deltaid validate {folder / 'model.yaml'} {folder / 'verify.csv'} --report {page}"
+    assert made in texts
