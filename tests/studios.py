@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +12,6 @@ import numpy as np
 import polars as pl
 
 SOURCE = Path(__file__).parents[1] / "src"
-CHROMIUM = shutil.which("chromium")
 ENTRY = "from deltaid.cli import main; main()"
 
 

@@ -15,8 +15,8 @@ from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
 from logs import recorded
-from studios import CHROMIUM, Studio, foreign
-from test_report_browser import ARGUMENTS, BROWSERS_OWN
+from studios import Studio, foreign
+from visit import ARGUMENTS, BROWSERS_OWN, CHROMIUM
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
 
