@@ -2,77 +2,32 @@
 they could not be trusted. The reference is rejection from the normal distribution, which needs
 nothing but the numbers of the model file."""
 
-import csv
-import json
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
 from scipy import stats
 
 import deltaid
-from command import run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import least_margin, prior_parameters
-from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
+from deltaid.errors import DeltaidError, IdentificationError
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.marginal import base_covariance, with_variances
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.motion.surrogate import simulate_recording, write_recording
 from deltaid.posterior import draw
 from deltaid.posterior.density import Density, density
 from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.sampler import Chains
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.robot.body import ExplicitInertia
-from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import load_robot
-from posteriors import by_rejection, matrices, ten
+from posteriors import by_rejection, matrices
+from stout_robot import ROBOT, recorded, truth
 from test_loads import table
-
-ROBOT = "clavel-delta3"
-
-
-def stout() -> RobotDescription:
-    """The robot with bodies that are about as thick as long: of thin ones hardly any draw of a
-    normal distribution can exist, and rejection would take for ever."""
-    robot = load_robot(ROBOT)
-    shapes = {
-        "U": (1.0, (0.2, 0.0, 0.02), (0.15, 0.12, 0.1)),
-        "S": (0.2, (0.5, 0.0, 0.0), (0.3, 0.25, 0.2)),
-        "P": (1.0, (0.0, 0.0, 0.0), (0.06, 0.05, 0.04)),
-    }
-    bodies = {}
-    for name, (m, centre, radii) in shapes.items():
-        M = m * np.outer([*centre, 1.0], [*centre, 1.0]) + np.diag([*(m * np.square(radii)), 0.0])
-        bodies[name] = robot.bodies[name].changed(prior=ExplicitInertia.of(ten(M)))
-    return robot.changed(bodies=bodies)
-
-
-def truth(robot: RobotDescription) -> np.ndarray:
-    """Friction above the prior's, and hardly any in one drive."""
-    layout, p = compiled(robot).layout, prior_parameters(robot)
-    p[layout.friction] *= 1.5
-    p[layout.coulomb.start] = 5e-3
-    return p
-
-
-def recorded(path: Path) -> Identification:
-    robot = stout()
-    dynamics, rng = compiled(robot), np.random.default_rng(2)
-    p = truth(robot)
-    motion = random_motion(dynamics.kinematics, rng)
-    noise = SensorNoise(torque=0.05)
-    write_recording(
-        simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise), path / "log.csv"
-    )
-    return identify(robot, [path / "log.csv"])
 
 
 @pytest.fixture(scope="module")
@@ -318,38 +273,6 @@ def test_draws_that_cannot_be_trusted_are_refused(
         model.sample(10)
 
 
-def test_files_of_earlier_versions_and_robots_are_refused(model_file: Path, tmp_path) -> None:
-    yaml, path = YAML(typ="safe"), tmp_path / "old.yaml"
-    content = yaml.load(model_file)
-    del content["posterior"]
-    content["format"] = 3
-    yaml.dump(content, path)
-    old = load(path)
-    with pytest.raises(DescriptionError, match=r"kept no posterior.*\n.*identify it again"):
-        old.sample(10)
-    with pytest.raises(DescriptionError, match="is a robot with its prior"):
-        load(ROBOT).sample(10)
-
-
-@pytest.mark.parametrize(
-    ("change", "fragment"),
-    [
-        (lambda c: c["values"].pop(), "combinations for"),
-        (lambda c: c["factor"].pop(), "lower triangle"),
-        (lambda c: c["factor"][0].__setitem__(0, -1.0), "positive diagonal"),
-        (lambda c: c["unseen"].append("X.m"), "X.m, which is no parameter"),
-    ],
-)
-def test_a_damaged_record_is_named(model_file: Path, tmp_path, change, fragment: str) -> None:
-    yaml, path = YAML(typ="safe"), tmp_path / "model.yaml"
-    content = yaml.load(model_file)
-    change(content["posterior"])
-    yaml.dump(content, path)
-    with pytest.raises(DescriptionError) as caught:
-        load(path)
-    assert fragment in str(caught.value)
-
-
 def test_intervals_of_drawn_models(model: IdentifiedModel, model_file: Path) -> None:
     log = model_file.parent / "log.csv"
     dynamics, rng = compiled(model.robot), np.random.default_rng(2)
@@ -373,68 +296,6 @@ def test_intervals_of_drawn_models(model: IdentifiedModel, model_file: Path) -> 
 
     assert parameter_table(drawn).title.endswith("intervals: posterior")
     assert "intervals" not in parameter_table(linear).title
-
-
-def test_the_command_writes_arrays(model_file: Path, tmp_path: Path) -> None:
-    output = tmp_path / "new" / "models.npz"
-    done = run("sample", model_file, "-n", 50, "--seed", 3, "-o", output, "--json")
-    assert done.code == 0, done.err
-    said = json.loads(done.out)
-    arrays = np.load(output)
-    assert arrays["p"].shape == (50, len(arrays["names"]))
-    np.testing.assert_array_equal(arrays["p"], load(model_file).sample(50, seed=3).p)
-    assert said["models"] == 50
-    assert said["rhat"] == arrays["rhat"].max()
-    assert [one["unit"] for one in said["parameters"]] == arrays["units"].tolist()
-    wrong = run("sample", model_file, "-o", tmp_path / "models.txt")
-    assert wrong.code == 2
-    assert "must end in .npz" in wrong.err
-    assert run("sample", model_file, "-n", 0, "-o", output).code == 2
-
-
-def test_the_command_writes_models_for_mujoco(model_file: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "ensemble"
-    words = ("sample", model_file, "-n", 3, "--to", "mjcf", "--limb-tolerance", 0.05)
-    done = run(*words, "-o", folder)
-    assert done.code == 0, done.err
-    with (folder / "index.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert {path.name for path in folder.iterdir()} == {"index.csv", *(r["file"] for r in rows)}
-    masses = []
-    for row in rows:
-        loaded = mujoco.MjModel.from_xml_path(str(folder / row["file"]))
-        names = [loaded.body(i).name for i in range(loaded.nbody)]
-        mass = dict(zip(names, loaded.body_mass.tolist(), strict=True))
-        arms = sorted(m for name, m in mass.items() if name.startswith("U"))
-        assert arms == pytest.approx(sorted(float(row[f"U{i}.m"]) for i in (1, 2, 3)))
-        masses.append(loaded.body_mass.sum())
-        state = mujoco.MjData(loaded)
-        mujoco.mj_step(loaded, state)
-        assert np.all(np.isfinite(state.qacc))
-    assert len(set(masses)) == 3
-    again = run(*words, "-o", folder)
-    assert again.code == 2
-    assert "is there already" in again.err
-
-
-def test_a_folder_that_fails_leaves_nothing(
-    model: IdentifiedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from deltaid.export import ensemble
-
-    written, plain = list[str](), ensemble.mjcf
-
-    def fails(one: Model) -> str:
-        written.append(one.source)
-        if len(written) == 2:
-            raise DeltaidError("no more")
-        return plain(one)
-
-    monkeypatch.setattr(ensemble, "mjcf", fails)
-    with pytest.raises(DeltaidError, match="no more"):
-        model.sample(3).mjcf(tmp_path / "folder")
-    assert len(written) == 2
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("held", ["cycles", "always"])

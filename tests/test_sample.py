@@ -1,0 +1,122 @@
+"""Files of models and of their draws: records of a posterior, arrays, ensembles, and refusals."""
+
+import csv
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from command import run
+from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.model.model import Model, load
+from deltaid.model.record import IdentifiedModel
+from stout_robot import ROBOT, recorded
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> IdentifiedModel:
+    return recorded(tmp_path_factory.mktemp("posterior")).model
+
+
+@pytest.fixture(scope="module")
+def model_file(model, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.yaml"
+    model.save(path)
+    return path
+
+
+def test_files_of_earlier_versions_and_robots_are_refused(model_file: Path, tmp_path) -> None:
+    yaml, path = YAML(typ="safe"), tmp_path / "old.yaml"
+    content = yaml.load(model_file)
+    del content["posterior"]
+    content["format"] = 3
+    yaml.dump(content, path)
+    old = load(path)
+    with pytest.raises(DescriptionError, match=r"kept no posterior.*\n.*identify it again"):
+        old.sample(10)
+    with pytest.raises(DescriptionError, match="is a robot with its prior"):
+        load(ROBOT).sample(10)
+
+
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        (lambda c: c["values"].pop(), "combinations for"),
+        (lambda c: c["factor"].pop(), "lower triangle"),
+        (lambda c: c["factor"][0].__setitem__(0, -1.0), "positive diagonal"),
+        (lambda c: c["unseen"].append("X.m"), "X.m, which is no parameter"),
+    ],
+)
+def test_a_damaged_record_is_named(model_file: Path, tmp_path, change, fragment: str) -> None:
+    yaml, path = YAML(typ="safe"), tmp_path / "model.yaml"
+    content = yaml.load(model_file)
+    change(content["posterior"])
+    yaml.dump(content, path)
+    with pytest.raises(DescriptionError) as caught:
+        load(path)
+    assert fragment in str(caught.value)
+
+
+def test_the_command_writes_arrays(model_file: Path, tmp_path: Path) -> None:
+    output = tmp_path / "new" / "models.npz"
+    done = run("sample", model_file, "-n", 50, "--seed", 3, "-o", output, "--json")
+    assert done.code == 0, done.err
+    said = json.loads(done.out)
+    arrays = np.load(output)
+    assert arrays["p"].shape == (50, len(arrays["names"]))
+    np.testing.assert_array_equal(arrays["p"], load(model_file).sample(50, seed=3).p)
+    assert said["models"] == 50
+    assert said["rhat"] == arrays["rhat"].max()
+    assert [one["unit"] for one in said["parameters"]] == arrays["units"].tolist()
+    wrong = run("sample", model_file, "-o", tmp_path / "models.txt")
+    assert wrong.code == 2
+    assert "must end in .npz" in wrong.err
+    assert run("sample", model_file, "-n", 0, "-o", output).code == 2
+
+
+def test_the_command_writes_models_for_mujoco(model_file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "ensemble"
+    words = ("sample", model_file, "-n", 3, "--to", "mjcf", "--limb-tolerance", 0.05)
+    done = run(*words, "-o", folder)
+    assert done.code == 0, done.err
+    with (folder / "index.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {path.name for path in folder.iterdir()} == {"index.csv", *(r["file"] for r in rows)}
+    masses = []
+    for row in rows:
+        loaded = mujoco.MjModel.from_xml_path(str(folder / row["file"]))
+        names = [loaded.body(i).name for i in range(loaded.nbody)]
+        mass = dict(zip(names, loaded.body_mass.tolist(), strict=True))
+        arms = sorted(m for name, m in mass.items() if name.startswith("U"))
+        assert arms == pytest.approx(sorted(float(row[f"U{i}.m"]) for i in (1, 2, 3)))
+        masses.append(loaded.body_mass.sum())
+        state = mujoco.MjData(loaded)
+        mujoco.mj_step(loaded, state)
+        assert np.all(np.isfinite(state.qacc))
+    assert len(set(masses)) == 3
+    again = run(*words, "-o", folder)
+    assert again.code == 2
+    assert "is there already" in again.err
+
+
+def test_a_folder_that_fails_leaves_nothing(
+    model: IdentifiedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deltaid.export import ensemble
+
+    written, plain = list[str](), ensemble.mjcf
+
+    def fails(one: Model) -> str:
+        written.append(one.source)
+        if len(written) == 2:
+            raise DeltaidError("no more")
+        return plain(one)
+
+    monkeypatch.setattr(ensemble, "mjcf", fails)
+    with pytest.raises(DeltaidError, match="no more"):
+        model.sample(3).mjcf(tmp_path / "folder")
+    assert len(written) == 2
+    assert not list(tmp_path.iterdir())
