@@ -2,6 +2,9 @@
 
 import hashlib
 import re
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,10 +45,12 @@ class Folder:
         """A folder, made if there is none.
 
         Raises:
-            DeltaidError: it cannot be made, or is a file.
+            DeltaidError: it cannot be made or written to, or is a file.
         """
         try:
             path.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=path):
+                pass
         except OSError as error:
             raise DeltaidError(
                 f"cannot be used: {error.strerror or error}",
@@ -127,9 +132,16 @@ class Folder:
         return found
 
     def files(self) -> list[Path]:
-        """Files at the top of the folder, without hidden ones."""
+        """Files at the top of the folder, without hidden ones; none if it has been removed."""
+        if not self.is_there:
+            return []
         found = (path for path in self.root.iterdir() if path.is_file())
         return sorted(path for path in found if not path.name.startswith("."))
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it has not been removed or renamed."""
+        return self.root.is_dir()
 
     def robots(self) -> list[str]:
         """Files that describe a robot."""
@@ -151,12 +163,38 @@ class Folder:
         return [
             (path.name, path.read_text(encoding="utf-8", errors="replace"))
             for path in found
-            if path.stat().st_size <= _LARGEST
+            if (size := stamp(path)) is not None and size[0] <= _LARGEST
         ]
 
 
 def _model(text: str) -> bool:
     return holds_a_model(text)
+
+
+def stamp(path: Path) -> tuple[int, int] | None:
+    """Length and time of the last change [ns] of a file; None if it has just been removed."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
+
+
+@contextmanager
+def refusing(where: str) -> Generator[None, None, None]:
+    """What the system refuses, as an error of the program.
+
+    Raises:
+        DeltaidError: a file or folder could not be made, read or copied.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DeltaidError(
+            f"cannot be used: {error.strerror or error}",
+            where=where,
+            cure="see whether the folder is still there, may be written to, and has room",
+        ) from None
 
 
 def sha256(path: Path) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal
 
-from deltaid.errors import visible
+from deltaid.errors import DeltaidError, visible
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import Run, inputs_of, keep_inputs, write_record
 from deltaid.studio.steps import Step
@@ -65,8 +65,18 @@ class Job:
             return ""
         return error_in(self.said)
 
+    def fail(self, error: DeltaidError) -> None:
+        """End with an error of the studio's own."""
+        if self.state != "cancelled":
+            self.state = "failed"
+        self.said += f"error: {error}\n"
+
     async def go(self) -> None:
-        """Run it to its end."""
+        """Run it to its end.
+
+        Raises:
+            DeltaidError: its files cannot be kept beside it.
+        """
         keep_inputs(self.folder, self.place, self.step)
         inputs = await asyncio.to_thread(inputs_of, self.folder, self.step)
         more = ("--json",) if self.step.kind in _WITH_JSON else ()

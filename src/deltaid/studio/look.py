@@ -3,6 +3,7 @@
 What goes in and out is plain data. An error of the program is a value here, a `Problem`.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,22 +26,34 @@ from deltaid.studio.columns import Column, addresses, proposed
 from deltaid.studio.columns import Proposal as Guess
 from deltaid.studio.decimate import MinMax
 
+# Points of a curve at most; a screen has hardly more columns.
+POINTS = 1600
+
 _Asked = ParamSpec("_Asked")
 _Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True)
 class Problem:
-    """An error of the program, on its way between processes and onto a page."""
+    """An error of the program, on its way between processes and onto a page.
+
+    Attributes:
+        passes: whether it may be gone the next time.
+    """
 
     what: str
     where: str = ""
     cure: str = ""
+    passes: bool = False
 
     @staticmethod
     def of(error: DeltaidError) -> "Problem":
         """The same error as data."""
         return Problem(error.what, error.where, error.cure)
+
+    def inside(self, folder: Path) -> "Problem":
+        """The same with files of a folder called by their names there."""
+        return replace(self, where=self.where.replace(f"{folder}{os.sep}", ""))
 
 
 @dataclass(frozen=True)
@@ -123,7 +136,7 @@ def held(path: str, linear: Sequence[bool]) -> Held:
 
 
 def preview(
-    path: str, robot: str, mapping: dict[str, Any], points: int = 1600, span: Any = None
+    path: str, robot: str, mapping: dict[str, Any], points: int = POINTS, span: Any = None
 ) -> Preview:
     """A recording as a mapping reads it: positions in degrees or m, torques in N m or N.
 

@@ -55,6 +55,15 @@ def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
     return found + [{} for _ in range(dof - len(found))]
 
 
+def named(data: Data, dof: int) -> set[str]:
+    """All columns that a mapping names for time and drives."""
+    listed = [
+        data.get("time", {}),
+        *(e for quantity in UNITS for e in entries(data, quantity, dof)),
+    ]
+    return {str(entry["column"]) for entry in listed if "column" in entry}
+
+
 def with_value(
     data: Data, quantity: Quantity, drive: int, key: str, value: object, dof: int, *, alike: bool
 ) -> Data:

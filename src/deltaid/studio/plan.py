@@ -11,7 +11,7 @@ from deltaid.errors import DeltaidError
 from deltaid.model.record import Settings
 from deltaid.robot.load import catalogue, parse, yaml_text
 from deltaid.robot.part import Part
-from deltaid.studio.folder import Folder
+from deltaid.studio.folder import Folder, stamp
 
 FILE = "studio.yaml"
 
@@ -144,11 +144,9 @@ class Store:
     def _read(self) -> Plan:
         return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")
 
-    def _stamp(self) -> tuple[tuple[str, int, int], ...]:
-        return tuple(
-            (path.name, path.stat().st_mtime_ns, path.stat().st_size)
-            for path in self.folder.files()
-        )
+    def _stamp(self) -> tuple[object, ...]:
+        files = self.folder.files()
+        return self.folder.is_there, *((path.name, stamp(path)) for path in files)
 
 
 _HEADER = "# What `deltaid studio` remembers of this folder. It may be edited, or deleted.\n"
@@ -167,6 +165,5 @@ def digest(folder: Folder, plan: Plan) -> str:
     texts = (*robot, *(mapping for _, mapping in used if mapping))
     seen += [folder.text(name) if folder.has(name) else None for name in texts]
     for file, _ in used:
-        stat = folder.path(file).stat() if folder.has(file) else None
-        seen.append(stat and (stat.st_size, stat.st_mtime_ns))
+        seen.append(stamp(folder.path(file)) if folder.has(file) else None)
     return hashlib.sha256(json.dumps(seen).encode()).hexdigest()[:16]

@@ -14,7 +14,7 @@ from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
 from deltaid.robot.load import catalogue, parse, yaml_text
 from deltaid.robot.part import Part
-from deltaid.studio.folder import RUNS, Folder, sha256
+from deltaid.studio.folder import RUNS, Folder, refusing, sha256
 from deltaid.studio.steps import Kind, Step
 
 RECORD, OUTPUT, MESSAGES = "run.yaml", "output.json", "messages.txt"
@@ -73,46 +73,62 @@ class Run:
 
 
 def new_run(folder: Folder, kind: str) -> str:
-    """Make the folder of a run that begins, numbered on; its name inside the studio's folder."""
-    runs = folder.root / RUNS
-    runs.mkdir(exist_ok=True)
-    numbers = [int(match[1]) for path in runs.iterdir() if (match := _NAME.fullmatch(path.name))]
-    number = max(numbers, default=0) + 1
-    while True:
-        name = f"{number:04d}-{kind}"
-        try:
-            (runs / name).mkdir()
-        except FileExistsError:  # another server works in the same folder
-            number += 1
-            continue
-        return f"{RUNS}/{name}"
+    """Make the folder of a run that begins, numbered on; its name inside the studio's folder.
+
+    Raises:
+        DeltaidError: it cannot be made.
+    """
+    number = _last(folder) + 1
+    with refusing(RUNS):
+        (folder.root / RUNS).mkdir(exist_ok=True)
+        while True:
+            name = f"{RUNS}/{number:04d}-{kind}"
+            try:
+                (folder.root / name).mkdir()
+            except FileExistsError:  # another server works in the same folder
+                number += 1
+                continue
+            return name
 
 
 def next_run(folder: Folder, kind: str) -> str:
     """What the next run's folder will be called; nothing is made."""
+    return f"{RUNS}/{_last(folder) + 1:04d}-{kind}"
+
+
+def _last(folder: Folder) -> int:
     runs = folder.root / RUNS
     names = [path.name for path in runs.iterdir()] if runs.is_dir() else []
-    numbers = [int(match[1]) for name in names if (match := _NAME.fullmatch(name))]
-    return f"{RUNS}/{max(numbers, default=0) + 1:04d}-{kind}"
+    return max((int(match[1]) for name in names if (match := _NAME.fullmatch(name))), default=0)
 
 
 def inputs_of(folder: Folder, step: Step) -> tuple[Input, ...]:
-    """Checksums of a step's files as they are now."""
+    """Checksums of a step's files as they are now.
+
+    Raises:
+        DeltaidError: one cannot be read.
+    """
     names = [name for name in step.reads if name not in catalogue()]
-    return tuple(
-        Input(file=name, sha256=sha256(folder.path(name))) for name in names if folder.has(name)
-    )
+    with refusing(", ".join(names)):
+        return tuple(
+            Input(file=name, sha256=sha256(folder.path(name))) for name in names if folder.has(name)
+        )
 
 
 def keep_inputs(folder: Folder, run: str, step: Step) -> None:
-    """Copies of the small files that a step reads: descriptions and mappings change later."""
+    """Copies of the small files that a step reads: descriptions and mappings change later.
+
+    Raises:
+        DeltaidError: they cannot be made.
+    """
     for name in step.reads:
         if folder.has(name) and name.endswith((".yaml", ".yml")) and "/" not in name:
             path = folder.path(name)
-            if path.stat().st_size <= _KEPT:
-                kept = folder.root / run / "inputs" / name
-                kept.parent.mkdir(exist_ok=True)
-                shutil.copyfile(path, kept)
+            kept = folder.root / run / "inputs" / name
+            with refusing(name):
+                if path.stat().st_size <= _KEPT:
+                    kept.parent.mkdir(exist_ok=True)
+                    shutil.copyfile(path, kept)
 
 
 def write_record(

@@ -6,13 +6,14 @@ import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
-from deltaid.studio.folder import Folder
+from deltaid.studio.folder import RUNS, Folder, refusing, stamp
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem, ready, told
 from deltaid.studio.plan import Checked, Plan, Store, Used
@@ -27,6 +28,14 @@ VIEW = "runs/robot.html"
 _REMEMBERED = 40
 
 
+@dataclass(frozen=True)
+class Draft:
+    """A file as it is being edited: what it held when that began, and what it shall hold."""
+
+    before: str
+    after: Any
+
+
 class Session:
     """A studio at work in a folder.
 
@@ -34,6 +43,9 @@ class Session:
         job: the step that runs now, or ran last.
         view: the same for the robot's page.
         dark: how pages look; as the system does where None.
+        drafts: what is being edited and is not saved yet, by the name of its file.
+        choices: what was chosen for a step last, by the name of the field.
+        poses: where the robot that is shown has been moved to.
     """
 
     def __init__(self, folder: Folder) -> None:
@@ -42,6 +54,9 @@ class Session:
         self.job: Job | None = None
         self.view: Job | None = None
         self.dark: bool | None = None
+        self.drafts: dict[str, Draft] = {}
+        self.choices: dict[str, Any] = {}
+        self.poses: dict[tuple[str, str], tuple[float, ...]] = {}
         self._robots: dict[tuple[str, str], RobotDescription | Problem] = {}
         self._seen: dict[tuple[Any, ...], Any] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -62,7 +77,7 @@ class Session:
         name = self.plan.robot
         if name is None:
             return None
-        key = (name, self._key(name))
+        key = (name, self.stamped(name))
         if key not in self._robots:
             self._robots = {key: told(described, self.place(name))}
         return self._robots[key]
@@ -86,40 +101,58 @@ class Session:
         self.store.tell()
         return self.job
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether the robot's page is of the robot as it is now, or will be."""
+        return self.view is not None and self.view.of == self._robot_now()
+
     def show(self) -> None:
-        """Draw the robot's page anew, unless it is there or being drawn."""
+        """Draw the robot's page.
+
+        Raises:
+            DeltaidError: none is picked, or another one is being drawn.
+        """
         robot = self.plan.robot
-        if robot is None or (self.view and self.view.state == "running"):
-            return
-        key = self._key(robot)
-        path = self.folder.root / VIEW
-        seen = self.view is not None and self.view.of == key
-        if seen and (path.is_file() or (self.view and self.view.state == "failed")):
-            return
-        path.parent.mkdir(exist_ok=True)
-        self.view = Job(show_step(robot, VIEW), self.folder, new_view(self.folder), of=key)
+        if robot is None:
+            raise DeltaidError("there is no robot", cure="pick one")
+        if self.view is not None and self.view.state == "running":
+            raise DeltaidError("another robot is still being drawn", cure="wait for its end")
+        place = new_view(self.folder)
+        self.view = Job(show_step(robot, VIEW), self.folder, place, of=self._robot_now())
         self._start(self._draw(self.view))
+        self.store.tell()
+
+    def _robot_now(self) -> str:
+        return f"{self.plan.robot} {self.stamped(self.plan.robot or '')}"
 
     async def look(self, function: Callable[..., _Found], *given: Any) -> _Found | Problem:
         """A look at files in a process of its own, remembered until they change."""
         key = (
             function.__name__,
             *map(_plain, given),
-            *(self._key(name) for name in given if isinstance(name, str)),
+            *(self.stamped(name) for name in given if isinstance(name, str)),
         )
         if key in self._seen:
             return self._seen[key]
-        loop = asyncio.get_running_loop()
-        try:
-            work = partial(told, function, *given)
-            found: Any = await loop.run_in_executor(self.warm(), work)
-        except BrokenProcessPool:  # killed from outside, such as for want of memory
-            self._pool = None
-            return Problem("the process that reads files was ended", cure="try it again")
-        self._seen[key] = found
+        found = await self.glance(function, *given)
+        if not (isinstance(found, Problem) and found.passes):
+            self._seen[key] = found
         while len(self._seen) > _REMEMBERED:
             del self._seen[next(iter(self._seen))]
         return found
+
+    async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found | Problem:
+        """The same, not remembered."""
+        loop = asyncio.get_running_loop()
+        pool = self.warm()
+        try:
+            found: Any = await loop.run_in_executor(pool, partial(told, function, *given))
+        except BrokenProcessPool:  # killed from outside, such as for want of memory
+            if self._pool is pool:
+                self._pool = None
+            what = "the process that reads files was ended, perhaps for want of memory"
+            return Problem(what, cure="load the page again", passes=True)
+        return found.inside(self.folder.root) if isinstance(found, Problem) else found
 
     def warm(self) -> ProcessPoolExecutor:
         """The process that looks at files, begun now if there is none."""
@@ -144,8 +177,19 @@ class Session:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
+    async def _go(self, job: Job) -> None:
+        """Run a job to an end, whatever comes between."""
+        try:
+            await job.go()
+        except DeltaidError as error:
+            job.fail(error)
+        finally:
+            if job.state == "running":
+                job.fail(DeltaidError("it was ended by a defect of deltaid", cure="report it"))
+                self.store.tell()
+
     async def _run(self, job: Job) -> None:
-        await job.go()
+        await self._go(job)
         if job.step.kind == "check" and job.run is not None and job.state == "done":
             grade = str(output(self.folder, job.run).get("grade", ""))
             checked = Checked(of=job.of, grade=grade, run=job.run.folder)
@@ -156,22 +200,26 @@ class Session:
         self.store.tell()
 
     async def _draw(self, job: Job) -> None:
-        await job.go()
+        await self._go(job)
         self.store.tell()
 
-    def _key(self, name: str) -> str:
+    def stamped(self, name: str) -> str:
         """What a file is now; empty for what is no file of the folder."""
         path = self.folder.root / name
         if name in catalogue() or not path.is_file():
             return ""
-        stat = path.stat()
-        return f"{name} {stat.st_size} {stat.st_mtime_ns}"
+        return f"{name} {stamp(path)}"
 
 
 def new_view(folder: Folder) -> str:
-    """Where the record of the robot's page goes."""
-    (folder.root / "runs" / "robot").mkdir(parents=True, exist_ok=True)
-    return "runs/robot"
+    """Where the record of the robot's page goes.
+
+    Raises:
+        DeltaidError: it cannot be made.
+    """
+    with refusing(RUNS):
+        (folder.root / RUNS / "robot").mkdir(parents=True, exist_ok=True)
+    return f"{RUNS}/robot"
 
 
 def _plain(given: Any) -> str:
@@ -185,9 +233,7 @@ def standing(session: Session) -> dict[str, str]:
     found["robot"] = "open" if robot is None else "wrong" if isinstance(robot, Problem) else "done"
     if found["robot"] != "done":
         return found
-    mapped = bool(plan.fitted) and all(
-        session.folder.has(one.file) and one.mapping is not None for one in plan.fitted
-    )
+    mapped = bool(plan.fitted) and not unmapped(session)
     found["recording"] = "done" if mapped else "open"
     if mapped:
         checked = plan.checked if session.store.is_checked else None
@@ -198,6 +244,15 @@ def standing(session: Session) -> dict[str, str]:
         found["fit"] = "done" if found["fit"] == "open" else found["fit"]
         found["result"], found["use"] = "done", "open"
     return found
+
+
+def unmapped(session: Session) -> list[str]:
+    """Recordings in use that are not there, or of which no column has been named yet."""
+    return [
+        one.file
+        for one in session.plan.recordings
+        if one.use != "aside" and not (session.folder.has(one.file) and one.mapping is not None)
+    ]
 
 
 def mapping_name(session: Session, file: str) -> str:

@@ -8,7 +8,8 @@ from nicegui.client import Client
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.pages import check, fit, recording, result, robot, use
+from deltaid.studio.look import Problem
+from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
 from deltaid.studio.pages.parts import warn
 from deltaid.studio.session import STAGES, Session, standing
 
@@ -100,7 +101,7 @@ def _stage(session: Session, stage: str, client: Client) -> None:
                 nav.refresh()
                 content.clear()
                 with content:
-                    await _BODIES[stage](session)
+                    await _body(session, stage)
         finally:
             drawing = False
 
@@ -113,6 +114,17 @@ def _stage(session: Session, stage: str, client: Client) -> None:
     client.on_exception(_told)
     ui.timer(_LOOK, session.store.look)
     again()
+
+
+async def _body(session: Session, stage: str) -> None:
+    """A stage, or why it cannot be shown."""
+    if not session.folder.is_there:
+        parts.problem(Problem("is no longer there", str(session.folder.root), "put it back"))
+        return
+    try:
+        await _BODIES[stage](session)
+    except DeltaidError as error:
+        parts.problem(error)
 
 
 def _told(error: Exception) -> None:

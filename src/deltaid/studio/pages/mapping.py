@@ -8,6 +8,7 @@ from nicegui import ui
 from deltaid.errors import DeltaidError
 from deltaid.recording.mapping import QUANTITIES, Quantity
 from deltaid.robot.description import RobotDescription
+from deltaid.studio.folder import ConflictError
 from deltaid.studio.look import Held
 from deltaid.studio.mapping_edit import (
     DEFAULTS,
@@ -22,7 +23,7 @@ from deltaid.studio.mapping_edit import (
 )
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
-from deltaid.studio.session import Session
+from deltaid.studio.session import Draft, Session
 
 _NEEDED = ("position", "torque")
 
@@ -35,6 +36,11 @@ class _Form:
         self.session, self.name, self.dof = session, used.mapping, dof
         self.data = data
         self.before = session.folder.text(self.name)
+        draft = session.drafts.get(self.name)
+        if draft is not None and draft.before == self.before:
+            self.data = draft.after
+        else:
+            session.drafts.pop(self.name, None)
         self.alike = True
         self.said = ui.column().classes("w-full")
 
@@ -44,16 +50,22 @@ class _Form:
         self.said.clear()
         missing = incomplete(data, self.dof)
         with self.said:
+            self.session.drafts[self.name] = Draft(self.before, data)
             if missing:
                 parts.note(f"{missing}: {self.name} is not changed as long as it is so.", "doubt")
                 return
             try:
                 text = written(data, self.name)
                 self.session.folder.write(self.name, text, instead_of=self.before)
+            except ConflictError as error:
+                parts.warn(error)
+                self.session.store.tell()
+                return
             except DeltaidError as error:
                 parts.problem(error)
                 return
         self.before = text
+        del self.session.drafts[self.name]
         self.session.store.tell()
 
     def set(self, quantity: Quantity, drive: int, key: str, value: object) -> None:
@@ -67,7 +79,9 @@ def form(session: Session, used: Used, held: Held, robot: RobotDescription, data
         "dim"
     )
     state = _Form(session, used, data, len(robot.drives))
-    columns = [one.address for one in held.columns]
+    columns, data = [one.address for one in held.columns], state.data
+    if session.drafts.get(state.name) is not None:
+        state.take(data)
     _time(state, columns)
     ui.switch(
         "All drives have the same unit and gear",

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from html import escape
-from typing import Any
+from typing import Any, TypeVar
 
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
@@ -13,6 +13,8 @@ from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem
 from deltaid.studio.session import Session
 from deltaid.studio.steps import Step
+
+_Field = TypeVar("_Field", bound=ValueElement[Any])
 
 _GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong": "wrong"}
 
@@ -61,6 +63,16 @@ def attempt(action: Callable[[], Any]) -> Any:
 def grade(word: str) -> None:
     """A grade as a mark."""
     ui.label(word).classes(f"grade {_GRADES.get(word, 'tell')}")
+
+
+def remembered(session: Session, key: str, field: _Field) -> _Field:
+    """A field that keeps its value when the page is drawn anew; the field itself."""
+    value = session.choices.get(key)
+    known = getattr(field, "options", None)
+    if value is not None and (known is None or value in known):
+        field.set_value(value)
+    field.on_value_change(lambda event: session.choices.update({key: event.value}))
+    return field
 
 
 def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:

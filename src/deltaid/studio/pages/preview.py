@@ -5,7 +5,7 @@ from nicegui import ui
 from deltaid.studio import look
 from deltaid.studio.mapping_edit import Data
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.figures import curves
+from deltaid.studio.pages.figures import Options, Span, curves, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
 
@@ -28,3 +28,9 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
     ).classes("dim")
     plot = ui.plotly(curves(seen)).classes("w-full")
     plot.props(f'role=img aria-label="Preview of {used.file}"')
+
+    async def again(span: Span | None) -> Options | None:
+        detail = await session.look(look.preview, path, robot, mapping, look.POINTS, span)
+        return None if isinstance(detail, look.Problem) else curves(detail)
+
+    linked(plot, again)

@@ -8,12 +8,12 @@ from nicegui import events, ui
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.studio import look
-from deltaid.studio.mapping_edit import Data, read, written
+from deltaid.studio.mapping_edit import Data, named, read, written
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.mapping import form
 from deltaid.studio.pages.preview import preview
 from deltaid.studio.pages.upload import upload
-from deltaid.studio.plan import Used
+from deltaid.studio.plan import Plan, Used
 from deltaid.studio.session import Session, mapping_name
 
 _USES = {"fit": "fit the model to it", "verify": "test the model on it", "aside": "leave it aside"}
@@ -49,6 +49,10 @@ def _files(session: Session) -> None:
                     continue
                 if not session.folder.has(name):
                     ui.label("is missing").classes("grade wrong")
+                    ui.button("Forget it", on_click=partial(_forget, session, name)).props(
+                        f'outline dense no-caps aria-label="Forget {name}"'
+                    )
+                    continue
                 ui.select(
                     _USES,
                     value=used.use,
@@ -57,16 +61,17 @@ def _files(session: Session) -> None:
 
 
 def _add(session: Session, name: str) -> None:
-    """Take a recording; the second one tests, and shares the first one's mapping if it fits."""
+    """Take a recording; the second one tests."""
 
-    def do() -> None:
-        plan = session.plan
-        first = plan.fitted[0] if plan.fitted else None
+    def edit(plan: Plan) -> Plan:
         use = "verify" if plan.fitted and not plan.verified else "fit"
-        mapping = first.mapping if first is not None else None
-        session.store.change(lambda p: p.with_recording(Used(file=name, mapping=mapping, use=use)))
+        return plan.with_recording(Used(file=name, use=use))
 
-    parts.attempt(do)
+    parts.attempt(lambda: session.store.change(edit))
+
+
+def _forget(session: Session, name: str) -> None:
+    parts.attempt(lambda: session.store.change(lambda plan: plan.without_recording(name)))
 
 
 def _use(session: Session, used: Used, event: events.ValueChangeEventArguments[Any]) -> None:
@@ -77,7 +82,10 @@ def _use(session: Session, used: Used, event: events.ValueChangeEventArguments[A
 async def _recording(session: Session, used: Used, robot: RobotDescription) -> None:
     with parts.panel(f"{used.file}: which column is what"):
         if not session.folder.has(used.file):
-            parts.note(f"{used.file} is no longer in the folder.", "bad")
+            parts.note(
+                f"{used.file} is no longer in the folder: put it back there, or forget it above.",
+                "bad",
+            )
             return
         linear = tuple(robot.is_linear(drive) for drive in robot.drives)
         path = str(session.folder.path(used.file))
@@ -99,7 +107,9 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             data = read(session.folder.text(used.mapping), used.mapping)
         except DeltaidError as error:
             parts.problem(error)
+            _another(session, used)
             return
+        _another(session, used)
         form(session, used, held, robot, data)
         await preview(session, used, data)
 
@@ -111,17 +121,44 @@ def _proposal(session: Session, used: Used, held: look.Held, robot: RobotDescrip
     if guess.missing:
         lines.append(f"· not found: {', '.join(guess.missing)}; say below which column it is")
     parts.note("Proposed, and not used yet:\n" + "\n".join(lines))
+    fitting = _fitting(session, held, len(robot.drives))
     with ui.row():
+        for one, of in fitting.items():
+            ui.button(f"Use {one}{of}", on_click=partial(_point, session, used, one)).props(
+                "no-caps"
+            )
         ui.button(
             f"Use these, write {name}", on_click=lambda: _take(session, used, name, guess.data)
-        ).props("no-caps")
-    others = [one for one in session.folder.mappings() if one != name]
-    if others:
-        ui.select(
-            others,
-            label="or take a mapping file of the folder",
-            on_change=lambda event: _point(session, used, event.value),
-        ).props("outlined dense").classes("w-full")
+        ).props("no-caps outline" if fitting else "no-caps")
+
+
+def _fitting(session: Session, held: look.Held, dof: int) -> dict[str, str]:
+    """Mapping files whose columns are all in this recording too, and what shares each."""
+    there, found = {column.address for column in held.columns}, dict[str, str]()
+    for name in session.folder.mappings():
+        try:
+            names = named(read(session.folder.text(name), name), dof)
+        except DeltaidError:  # no mapping, or not of these drives
+            continue
+        if names and names <= there:
+            of = [one.file for one in session.plan.recordings if one.mapping == name]
+            found[name] = f", as {', '.join(of)} does" if of else ""
+    return found
+
+
+def _another(session: Session, used: Used) -> None:
+    """Who shares the mapping, and the way to another one."""
+    others = [
+        one.file
+        for one in session.plan.recordings
+        if one.mapping == used.mapping and one.file != used.file
+    ]
+    with ui.row().classes("items-center"):
+        if others:
+            ui.label(f"{used.mapping} is the mapping of {', '.join(others)} too.")
+        ui.button("Choose another mapping", on_click=partial(_point, session, used, None)).props(
+            f'flat dense no-caps aria-label="Choose another mapping for {used.file}"'
+        )
 
 
 def _take(session: Session, used: Used, name: str, data: Data) -> None:
@@ -132,7 +169,7 @@ def _take(session: Session, used: Used, name: str, data: Data) -> None:
     parts.attempt(do)
 
 
-def _point(session: Session, used: Used, name: str) -> None:
+def _point(session: Session, used: Used, name: str | None) -> None:
     parts.attempt(
         lambda: session.store.change(lambda plan: plan.with_recording(used.changed(mapping=name)))
     )

@@ -4,15 +4,13 @@ from typing import Any
 
 from nicegui import ui
 
-from deltaid.studio.compare import comparison, told_of
-from deltaid.studio.look import Problem
+from deltaid.studio.compare import told_of
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.figures import beside
+from deltaid.studio.pages.over_time import over_time
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import Run, runs
-from deltaid.studio.session import Session, fit_runs, mapping_of
+from deltaid.studio.session import Session, fit_runs
 from deltaid.studio.steps import validate_step
-from deltaid.studio.torques import torques
 
 
 async def body(session: Session) -> None:
@@ -27,7 +25,7 @@ async def body(session: Session) -> None:
     if chosen is None:
         chosen = models[0]
     _shown(session, chosen)
-    await _compare(session, models)
+    over_time(session, models, chosen)
     _validate(session, chosen)
     _history(session, everything, chosen)
 
@@ -44,45 +42,6 @@ def _commands(run: Run) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
         parts.code(run.record.command, "Copy command", "command")
         parts.code(run.record.python, "Copy Python", "python")
-
-
-async def _compare(session: Session, models: list[Run]) -> None:
-    if len(models) < 2:
-        return
-    recordings = {one.file: one for one in session.plan.recordings if session.folder.has(one.file)}
-    with parts.panel("Side by side"):
-        names = {run.folder: run.name for run in models}
-
-        async def draw() -> None:
-            pair = [run for key in (left.value, right.value) for run in models if run.folder == key]
-            place.clear()
-            with place:
-                parts.table(("", *(run.name for run in pair)), comparison(session.folder, pair))
-                await _over_time(session, pair, recordings.get(str(along.value)))
-
-        with ui.row().classes("items-center"):
-            left = ui.select(names, value=models[1].folder, label="Left").props("outlined dense")
-            right = ui.select(names, value=models[0].folder, label="Right").props("outlined dense")
-            along = ui.select(list(recordings), value=next(iter(recordings), None), label="Along")
-            along.props("outlined dense")
-            ui.button("Compare", on_click=draw).props("outline no-caps")
-        place = ui.column().classes("w-full")
-
-
-async def _over_time(session: Session, pair: list[Run], used: Used | None) -> None:
-    """Torques of both models along a recording, on one time axis."""
-    if used is None:
-        return
-    waiting = ui.spinner()
-    path, mapping = str(session.folder.path(used.file)), mapping_of(session, used)
-    models = [str(session.folder.path(run.file("model.yaml"))) for run in pair]
-    found = await session.look(torques, path, mapping, models)
-    waiting.delete()
-    if isinstance(found, Problem):
-        parts.problem(found)
-        return
-    plot = ui.plotly(beside(found, [run.name for run in pair])).classes("w-full")
-    plot.props(f'role=img aria-label="Torques of both models along {used.file}"')
 
 
 def _validate(session: Session, run: Run) -> None:

@@ -3,22 +3,18 @@
 import re
 from functools import cache
 
-from nicegui import events, ui
+from nicegui import ui
 
-from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, catalogue_text, described_in
+from deltaid.robot.load import catalogue, catalogue_text
 from deltaid.studio.cures import own_copy
-from deltaid.studio.folder import ConflictError
 from deltaid.studio.look import Problem
+from deltaid.studio.pages.editor import editor
+from deltaid.studio.pages.live import live
 from deltaid.studio.pages.parts import attempt, commands, note, panel, problem, report
 from deltaid.studio.pages.upload import upload
 from deltaid.studio.session import VIEW, Session
 from deltaid.studio.steps import show_step
-
-# Seconds without a key before a text is looked at.
-_PAUSE = 0.4
-_HEIGHT = "26rem"
 
 
 async def body(session: Session) -> None:
@@ -33,12 +29,11 @@ async def body(session: Session) -> None:
         return
     name = session.plan.robot or ""
     if name not in catalogue():
-        _editor(session, name)
+        editor(session, name)
     if isinstance(robot, Problem):
         problem(robot)
         return
-    session.show()
-    _look(session, name)
+    await _look(session, name)
 
 
 def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
@@ -99,76 +94,22 @@ def _copy(session: Session) -> None:
     attempt(do)
 
 
-def _editor(session: Session, name: str) -> None:
-    """The text of the robot's file; it is looked at while one types and saved by a button."""
-    if not session.folder.has(name):
-        return
-    with panel(f"Describe it: {name}"):
-        ui.label(
-            "Lengths in m, masses in kg, angles in degrees where the key ends in _deg. "
-            "Keys are explained in the documentation under Command line, The robot file."
-        ).classes("dim")
-        try:
-            before = session.folder.text(name)
-        except DeltaidError as error:
-            problem(error)
-            return
-        editor = ui.codemirror(before, language="YAML", line_wrapping=True)
-        editor.classes("w-full").style(f"height: {_HEIGHT}")
-        editor.props('aria-label="Robot file"')
-        said = ui.column().classes("w-full")
-        with ui.row():
-            save = ui.button("Save").props("no-caps")
-            undo = ui.button("Undo all", on_click=lambda: editor.set_value(before)).props(
-                "flat no-caps"
-            )
-
-        def judge() -> None:
-            text = editor.value
-            for button in (save, undo):
-                button.set_enabled(text != before)
-            said.clear()
-            with said:
-                try:
-                    described_in(text, name)
-                except DeltaidError as error:
-                    problem(error)
-                else:
-                    if text != before:
-                        note("Valid; not saved yet.", "good")
-
-        def keep() -> None:
-            try:
-                session.folder.write(name, editor.value, instead_of=before)
-            except ConflictError as error:
-                with said:
-                    problem(error)
-                return
-            session.store.tell()
-
-        save.on_click(lambda: attempt(keep))
-        pause = ui.timer(_PAUSE, judge, once=True, active=True)
-
-        def later(_: events.ValueChangeEventArguments[str]) -> None:
-            nonlocal pause
-            pause.cancel()
-            with said:
-                pass
-            with editor.parent_slot or said:
-                pause = ui.timer(_PAUSE, judge, once=True)
-
-        editor.on_value_change(later)
-
-
-def _look(session: Session, name: str) -> None:
-    with panel("Look at it: reach, limits, torques at rest"):
-        view = session.view
-        if view is not None and view.state == "running":
+async def _look(session: Session, name: str) -> None:
+    with panel("See it, and its limits"):
+        await live(session, name)
+    with panel("What it can reach, and what holds it"):
+        if not session.is_shown:
+            ui.label(
+                "A page of the robot at rest: reach, limits that end it, condition and torques "
+                "all over the workspace."
+            ).classes("dim")
+            ui.button("Draw it", on_click=lambda: attempt(session.show)).props("outline no-caps")
+        elif session.view is not None and session.view.state == "running":
             with ui.row().classes("items-center"):
                 ui.spinner().props('aria-hidden="true"')
                 ui.label("drawing the robot …").props("role=status")
-        elif view is not None and view.state == "failed":
-            what, _, cure = view.error.partition("\n  → ")
+        elif session.view is not None and session.view.state == "failed":
+            what, _, cure = session.view.error.partition("\n  → ")
             problem(Problem(what, cure=cure))
         else:
             report(session, VIEW, f"{name}: picture, reach, limits")

@@ -90,6 +90,8 @@ def _excite(session: Session, model: str) -> None:
         with ui.row().classes("items-center"):
             duration = ui.number("Seconds", value=10, min=0.1, max=3600).props("outlined dense")
             count = ui.number("Starts", value=4, min=1, max=100).props("outlined dense")
+            parts.remembered(session, "excite seconds", duration)
+            parts.remembered(session, "excite starts", count)
             ui.button("Excite", on_click=lambda: _begin(session, "excite", make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
@@ -108,6 +110,8 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
             motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
             motion.props(f'aria-label="Motion: {kind}"')
             option = _law() if kind == "simulate" else _spacing()
+            parts.remembered(session, f"{kind} motion", motion)
+            parts.remembered(session, f"{kind} option", option)
 
             def make(at: str) -> Step:
                 path, asked = str(motion.value), option.value
@@ -139,6 +143,7 @@ def _export(session: Session, model: str) -> None:
     with parts.panel("Export"):
         with ui.row().classes("items-center"):
             form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
+            parts.remembered(session, "export form", form)
             ui.button("Export", on_click=lambda: _begin(session, "export", make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
