@@ -116,8 +116,8 @@ def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:
     of = store.checked_of()
     store.change(lambda p: p.changed(checked=Checked(of=of, grade="good", run="runs/0001-check")))
     assert store.is_checked
-    # What a check does not see: names of runs, a recording to test on, settings of the fit alone.
-    store.change(lambda p: p.with_recording(Used(file="test.csv", use="verify")))
+    # What a check does not see: names of runs, what is left aside, settings of the fit alone.
+    store.change(lambda p: p.with_recording(Used(file="test.csv", use="aside")))
     store.change(lambda p: p.changed(settings=Settings(prior_spread=0.3), names={"a": "b"}))
     assert store.is_checked
     plan = store.plan
@@ -125,6 +125,7 @@ def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:
     assert digest(folder, other) != of
     assert digest(folder, plan.changed(settings=Settings(keep_all=True))) != of
     assert digest(folder, plan.changed(robot="h4")) != of
+    assert digest(folder, plan.with_recording(Used(file="test.csv", use="verify"))) != of
     text = folder.text("mapping.yaml")
     folder.write("mapping.yaml", text + "# 1\n", instead_of=text)
     assert not store.is_checked

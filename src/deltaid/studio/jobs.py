@@ -22,7 +22,8 @@ PROGRESS = "DELTAID_PROGRESS"
 _MARK = "progress: "
 # Prints JSON when asked to, for the studio to read.
 _WITH_JSON = ("check", "fit", "validate", "excite", "simulate", "forces")
-_ENTRY = "from deltaid.cli import main; main()"
+# Pages say by which command they were made: the one that is shown.
+_ENTRY = "import sys; sys.argv[0] = 'deltaid'; from deltaid.cli import main; main()"
 # Seconds that a command has to leave by itself when it is told to end.
 _GRACE = 2.0
 _WINDOWS = sys.platform == "win32"

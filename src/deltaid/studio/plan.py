@@ -55,6 +55,11 @@ class Plan(Part):
         """The recording that it is tested on."""
         return next((one for one in self.recordings if one.use == "verify"), None)
 
+    @property
+    def used(self) -> tuple[Used, ...]:
+        """Those that it is fitted to, then the one that it is tested on."""
+        return (*self.fitted, *((self.verified,) if self.verified else ()))
+
     def recording(self, file: str) -> Used | None:
         """One recording by its file."""
         return next((one for one in self.recordings if one.file == file), None)
@@ -159,7 +164,7 @@ def _parsed(text: str) -> Plan:
 
 def digest(folder: Folder, plan: Plan) -> str:
     """Digest of all that `deltaid check` is given."""
-    used = [(one.file, one.mapping) for one in plan.fitted]
+    used = [(one.file, one.mapping) for one in plan.used]
     seen: list[Any] = [plan.robot, plan.settings.cutoff, plan.settings.keep_all, used]
     robot = [plan.robot] if plan.robot and plan.robot not in catalogue() else []
     texts = (*robot, *(mapping for _, mapping in used if mapping))

@@ -55,8 +55,8 @@ def show_step(robot: str, report: str) -> Step:
 
 
 def check_step(plan: Plan, folder: str) -> Step:
-    """All checks of the robot and of the recordings that are fitted."""
-    robot, used, report = _robot(plan), plan.fitted, f"{folder}/check.html"
+    """All checks of the robot and of the recordings that are fitted and tested on."""
+    robot, used, report = _robot(plan), plan.used, f"{folder}/check.html"
     settings = plan.settings
     arguments = [
         "check", robot, *(one.file for one in used), *_columns(used),
@@ -75,7 +75,7 @@ def fit_step(plan: Plan, folder: str) -> Step:
     model, report = f"{folder}/model.yaml", f"{folder}/report.html"
     asked = _given(plan.settings)
     options = [word for key, value in asked.items() for word in _option(key, value)]
-    everything = (*used, *((verify,) if verify else ()))
+    everything = plan.used
     arguments = [
         "identify", robot, *(one.file for one in used), *_columns(everything),
         *(["--verify", verify.file] if verify else ()), *options,

@@ -38,11 +38,12 @@ async def body(session: Session) -> None:
 def _begin(session: Session) -> None:
     plan = session.plan
     with parts.panel():
-        names = ", ".join(one.file for one in plan.fitted)
+        names = ", ".join(one.file for one in plan.used)
         of = f"{plan.robot} with {names}" if names else f"{plan.robot}, the description only"
         ui.label(f"Of {of}")
+        ready = parts.all_mapped(session)
         ui.button("Check", on_click=lambda: _run(session)).props("no-caps").set_enabled(
-            not session.busy
+            ready and not session.busy
         )
         parts.progress(session, "check")
         if plan.checked is not None and not session.store.is_checked and not session.busy:
@@ -147,9 +148,9 @@ def _robot_change(
 
 def _used(session: Session, verdict: dict[str, Any]) -> Used:
     """The recording that a verdict is on: of several it names its own."""
-    fitted = session.plan.fitted
-    for one in fitted:
-        if len(fitted) == 1 or str(verdict["subject"]).startswith(one.file):
+    used = session.plan.used
+    for one in used:
+        if len(used) == 1 or str(verdict["subject"]).startswith(one.file):
             return one
     raise DeltaidError("it is of no single recording", cure="change the mappings by hand")
 

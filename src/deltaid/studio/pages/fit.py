@@ -67,6 +67,8 @@ async def body(session: Session) -> None:
 def _gate(session: Session) -> bool:
     """Whether a fit may begin, and why not."""
     plan = session.plan
+    if not parts.all_mapped(session):
+        return False
     if not session.store.is_checked:
         again = "has changed since the check" if plan.checked else "has not been checked yet"
         parts.note(f"What is to be fitted {again}: run the check first.", "doubt")

@@ -11,7 +11,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 from deltaid.errors import DeltaidError
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem
-from deltaid.studio.session import Session
+from deltaid.studio.session import Session, unmapped
 from deltaid.studio.steps import Step
 
 _Field = TypeVar("_Field", bound=ValueElement[Any])
@@ -73,6 +73,17 @@ def remembered(session: Session, key: str, field: _Field) -> _Field:
         field.set_value(value)
     field.on_value_change(lambda event: session.choices.update({key: event.value}))
     return field
+
+
+def all_mapped(session: Session) -> bool:
+    """Whether columns are named of all recordings in use; says of which they are not."""
+    missing = unmapped(session)
+    if missing:
+        note(f"Say first which column is what in {', '.join(missing)}.", "doubt")
+        ui.button("Go to the recordings", on_click=lambda: ui.navigate.to("/recording")).props(
+            "outline no-caps"
+        )
+    return not missing
 
 
 def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
