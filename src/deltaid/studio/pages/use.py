@@ -8,7 +8,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.control.options import ControllerName
 from deltaid.studio.pages import parts
-from deltaid.studio.runs import next_run, runs
+from deltaid.studio.runs import messages, next_run, runs
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
     Step,
@@ -37,6 +37,8 @@ async def body(session: Session) -> None:
         return
     if session.plan.model is None:
         parts.note("There is no fitted model yet: what is here goes by the robot's prior.", "doubt")
+    else:
+        _model(session, model)
     motions = _motions(session)
     _excite(session, model)
     _along(session, "simulate", "Simulate a controller", model, motions)
@@ -50,6 +52,17 @@ def _subject(session: Session) -> str | None:
     if model is not None and session.folder.has(model):
         return model
     return session.plan.robot
+
+
+def _model(session: Session, model: str) -> None:
+    """Which model it is, and the file itself."""
+    name = session.plan.names.get(model.rpartition("/")[0], "")
+    with parts.panel():
+        ui.label(f"Everything here is made with {model}{f' ({name})' if name else ''}.")
+        with ui.row():
+            ui.button(
+                "Download the model", on_click=lambda: ui.download(f"/files/{model}?download=true")
+            ).props("outline no-caps")
 
 
 def _motions(session: Session) -> list[str]:
@@ -74,6 +87,8 @@ def _last(session: Session, kind: str) -> None:
     run = next((r for r in runs(session.folder) if r.record.kind == kind and r.succeeded), None)
     if run is None:
         return
+    if said := messages(session.folder, run).strip():
+        parts.note(said, "doubt")
     with ui.row():
         ui.label(f"{run.name}:").classes("dim")
         for path in sorted((session.folder.root / run.folder).iterdir()):
