@@ -21,6 +21,8 @@ _PACKED = (".gz", ".zst", ".zstd")
 # Keys at the left edge of a file of each kind.
 _ROBOT = re.compile(r"^(limbs|mechanism)\s*:", re.MULTILINE)
 _MAPPING = re.compile(r"^(time|position|velocity|torque|load)\s*:", re.MULTILINE)
+# Letters of a name, and as many of its endings.
+_LONGEST = 60
 _SAFE = re.compile(r"[^\w.()+-]+")
 # Names that mean devices on one system or another.
 _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
@@ -126,6 +128,8 @@ class Folder:
         if _DEVICES.fullmatch(name):
             name = f"file-{name}"
         stem, dot, suffix = name.partition(".")
+        stem, suffix = stem[:_LONGEST], suffix[-_LONGEST:]
+        name = f"{stem}{dot}{suffix}"
         found, number = name, 2
         while (self.root / found).exists():
             found, number = f"{stem}-{number}{dot}{suffix}", number + 1

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.verdict import Grade, Proposal, Verdict
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, RecordingError
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
@@ -114,6 +114,25 @@ def ready() -> bool:
     return True
 
 
+def opened(path: str) -> int:
+    """How many columns a file has, if it may be a recording; only its beginning is read.
+
+    Raises:
+        RecordingError: it cannot be read, or holds no numbers.
+    """
+    table = open_table(Path(path))
+    columns = addresses(table.fields, table.units)
+    for one in columns:
+        seen = told(_begins_with_numbers, table, one.address)
+        if one.is_date or seen is True:
+            return len(columns)
+    raise RecordingError(
+        "holds no column of numbers",
+        where=path,
+        cure="is it a recording? CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT or ROS files are",
+    )
+
+
 def held(path: str, linear: Sequence[bool]) -> Held:
     """All columns of a recording and the mapping that is proposed.
 
@@ -201,6 +220,11 @@ def _shown(quantity: str, per_shown: float, shown: str, force: str) -> tuple[flo
     if quantity == "torque":
         return 1.0, force
     return per_shown, shown if quantity == "position" else f"{shown}/s"
+
+
+def _begins_with_numbers(table: Table, name: str) -> bool:
+    rows = next(iter(table.rows([name])), None)
+    return rows is not None and bool(np.isfinite(np.asarray(rows.numbers[0], dtype=float)).any())
 
 
 @dataclass

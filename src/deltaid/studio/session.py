@@ -79,7 +79,9 @@ class Session:
             return None
         key = (name, self.stamped(name))
         if key not in self._robots:
-            self._robots = {key: told(described, self.place(name))}
+            found = told(described, self.place(name))
+            inside = found.inside(self.folder.root) if isinstance(found, Problem) else found
+            self._robots = {key: inside}
         return self._robots[key]
 
     def place(self, robot: str) -> str:

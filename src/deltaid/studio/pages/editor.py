@@ -13,24 +13,24 @@ _PAUSE = 0.4
 _HEIGHT = "26rem"
 
 
-def editor(session: Session, name: str) -> None:
-    """A file of the folder to be edited; nothing if it is not there."""
+def editor(session: Session, name: str) -> bool:
+    """A file of the folder to be edited; whether there is one that can be."""
     if not session.folder.has(name):
-        return
+        return False
+    try:
+        now = session.folder.text(name)
+    except DeltaidError:  # the stage says why
+        return False
     with panel(f"Describe it: {name}"):
         ui.label(
             "Lengths in m, masses in kg, angles in degrees where the key ends in _deg. "
             "Keys are explained in the documentation under Command line, The robot file."
         ).classes("dim")
-        try:
-            now = session.folder.text(name)
-        except DeltaidError as error:
-            problem(error)
-            return
         draft = session.drafts.get(name, Draft(now, now))
         if draft.before != now:
             _changed_meanwhile(session, name, draft, now)
         _Editor(session, name, draft)
+    return True
 
 
 def _changed_meanwhile(session: Session, name: str, draft: Draft, now: str) -> None:

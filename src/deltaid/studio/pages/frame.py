@@ -1,5 +1,6 @@
 """The frame of all stages: header, stepper, content that follows the folder, files."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from importlib import resources
 
@@ -106,11 +107,18 @@ def _stage(session: Session, stage: str, client: Client) -> None:
             drawing = False
 
     def again() -> None:
+        nonlocal task
         if not drawing:
-            background_tasks.create(draw(), name="draw", context=client)
+            task = background_tasks.create(draw(), name="draw", context=client)
 
+    def gone() -> None:
+        session.store.listeners.remove(again)
+        if task is not None:
+            task.cancel()
+
+    task: asyncio.Task[None] | None = None
     session.store.listeners.append(again)
-    client.on_delete(lambda: session.store.listeners.remove(again))
+    client.on_delete(gone)
     client.on_exception(_told)
     ui.timer(_LOOK, session.store.look)
     again()

@@ -22,9 +22,8 @@ _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 async def live(session: Session, name: str) -> None:
     """The robot, sliders for its platform, and readings of drives and limits."""
     robot, changed = session.place(name), session.stamped(name)
-    waiting = ui.spinner()
-    found = await session.look(stage, robot, changed)
-    waiting.delete()
+    with parts.waiting():
+        found = await session.look(stage, robot, changed)
     if isinstance(found, Problem):
         parts.problem(found)
         return

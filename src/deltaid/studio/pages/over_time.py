@@ -65,9 +65,8 @@ async def _look(
 
 async def _along(session: Session, runs: list[Run], used: Used, shown: str) -> None:
     """Torques or errors along a recording, on one time axis for all drives."""
-    waiting = ui.spinner()
-    found = await _look(session, runs, used)
-    waiting.delete()
+    with parts.waiting():
+        found = await _look(session, runs, used)
     if isinstance(found, Problem):
         parts.problem(found)
         return
@@ -105,9 +104,8 @@ def _everywhere(session: Session, runs: list[Run], known: dict[str, Used]) -> No
     async def draw() -> None:
         place.clear()
         with place:
-            waiting = ui.spinner()
-            rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
-            waiting.delete()
+            with parts.waiting():
+                rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
             parts.table(("largest error of a drive", *(_name(session, run) for run in runs)), rows)
 
     ui.button("On every recording", on_click=draw).props("outline dense no-caps")

@@ -48,7 +48,17 @@ def warn(error: Problem | DeltaidError) -> None:
     """The same as a message that goes away by itself."""
     place = f"{error.where}: " if error.where else ""
     cure = f" → {error.cure}" if error.cure else ""
-    ui.notify(f"{place}{error.what}{cure}", type="negative", multi_line=True, timeout=12_000)
+    ui.notify(f"{place}{error.what}{cure}", type="negative", multi_line=True,
+              timeout=20_000, close_button="Close")  # fmt: skip
+
+
+@contextmanager
+def waiting() -> Generator[None, None, None]:
+    """A sign that something is on its way."""
+    sign = ui.spinner().props('aria-label="reading"')
+    yield
+    if not sign.is_deleted:
+        sign.delete()
 
 
 def attempt(action: Callable[[], Any]) -> Any:
@@ -78,8 +88,14 @@ def remembered(session: Session, key: str, field: _Field) -> _Field:
 def all_mapped(session: Session) -> bool:
     """Whether columns are named of all recordings in use; says of which they are not."""
     missing = unmapped(session)
+    gone = [name for name in missing if not session.folder.has(name)]
     if missing:
-        note(f"Say first which column is what in {', '.join(missing)}.", "doubt")
+        what = (
+            f"{', '.join(gone)}: no longer in the folder. Put it back, or forget it."
+            if gone
+            else f"Say first which column is what in {', '.join(missing)}."
+        )
+        note(what, "bad" if gone else "doubt")
         ui.button("Go to the recordings", on_click=lambda: ui.navigate.to("/recording")).props(
             "outline no-caps"
         )

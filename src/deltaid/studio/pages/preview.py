@@ -16,9 +16,8 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
         return
     robot = session.place(session.plan.robot or "")
     path = str(session.folder.path(used.file))
-    waiting = ui.spinner()
-    seen = await session.look(look.preview, path, robot, mapping)
-    waiting.delete()
+    with parts.waiting():
+        seen = await session.look(look.preview, path, robot, mapping)
     if isinstance(seen, look.Problem):
         parts.problem(seen)
         return

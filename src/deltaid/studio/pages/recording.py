@@ -1,6 +1,7 @@
 """Stage 2: recordings. Files of the folder, which column is what, and a preview."""
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from nicegui import events, ui
@@ -33,31 +34,36 @@ async def body(session: Session) -> None:
 
 def _files(session: Session) -> None:
     with parts.panel("Recordings"):
-        upload(session, "a recording", lambda file: _add(session, file))
+        upload(session, "a recording", partial(_readable, session), partial(_add, session))
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
         known = {one.file: one for one in session.plan.recordings}
         for name in dict.fromkeys((*known, *session.folder.recordings())):
             with ui.row().classes("items-center w-full"):
-                ui.label(name).classes("grow")
+                ui.label(name).classes("grow long")
                 used = known.get(name)
                 if used is None:
                     ui.button("Use it", on_click=partial(_add, session, name)).props(
                         f'outline dense no-caps aria-label="Use {name}"'
                     )
                     continue
-                if not session.folder.has(name):
+                if session.folder.has(name):
+                    ui.select(
+                        _USES,
+                        value=used.use,
+                        on_change=partial(_use, session, used),
+                    ).props(f'dense outlined aria-label="What {name} is for"')
+                else:
                     ui.label("is missing").classes("grade wrong")
-                    ui.button("Forget it", on_click=partial(_forget, session, name)).props(
-                        f'outline dense no-caps aria-label="Forget {name}"'
-                    )
-                    continue
-                ui.select(
-                    _USES,
-                    value=used.use,
-                    on_change=partial(_use, session, used),
-                ).props(f'dense outlined aria-label="What {name} is for"')
+                ui.button("Forget it", on_click=partial(_forget, session, name)).props(
+                    f'flat dense no-caps aria-label="Forget {name}"'
+                ).tooltip("The file stays in the folder")
+
+
+async def _readable(session: Session, path: Path) -> look.Problem | None:
+    found = await session.glance(look.opened, str(path))
+    return found if isinstance(found, look.Problem) else None
 
 
 def _add(session: Session, name: str) -> None:
@@ -89,9 +95,8 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             return
         linear = tuple(robot.is_linear(drive) for drive in robot.drives)
         path = str(session.folder.path(used.file))
-        waiting = ui.spinner()
-        held = await session.look(look.held, path, linear)
-        waiting.delete()
+        with parts.waiting():
+            held = await session.look(look.held, path, linear)
         if isinstance(held, look.Problem):
             parts.problem(held)
             return
@@ -101,7 +106,8 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             parts.note(text, "doubt")
         if used.mapping is None:
             _proposal(session, used, held, robot)
-            await preview(session, used, held.guess.data)
+            if held.guess.complete:
+                await preview(session, used, held.guess.data)
             return
         try:
             data = read(session.folder.text(used.mapping), used.mapping)
@@ -119,7 +125,7 @@ def _proposal(session: Session, used: Used, held: look.Held, robot: RobotDescrip
     guess, name = held.guess, mapping_name(session, used.file)
     lines = [f"· {reason}" for reason in guess.reasons]
     if guess.missing:
-        lines.append(f"· not found: {', '.join(guess.missing)}; say below which column it is")
+        lines.append(f"· not found: {', '.join(guess.missing)}; these are to be named by hand")
     parts.note("Proposed, and not used yet:\n" + "\n".join(lines))
     fitting = _fitting(session, held, len(robot.drives))
     with ui.row():
@@ -128,7 +134,8 @@ def _proposal(session: Session, used: Used, held: look.Held, robot: RobotDescrip
                 "no-caps"
             )
         ui.button(
-            f"Use these, write {name}", on_click=lambda: _take(session, used, name, guess.data)
+            f"{'Name the rest by hand' if guess.missing else 'Use these'}, write {name}",
+            on_click=lambda: _take(session, used, name, guess.data),
         ).props("no-caps outline" if fitting else "no-caps")
 
 

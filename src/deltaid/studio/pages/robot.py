@@ -2,19 +2,22 @@
 
 import re
 from functools import cache
+from pathlib import Path
 
 from nicegui import ui
 
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, catalogue_text
+from deltaid.robot.load import catalogue, catalogue_text, read_text
 from deltaid.studio.cures import own_copy
-from deltaid.studio.look import Problem
+from deltaid.studio.look import Problem, told
 from deltaid.studio.pages.editor import editor
 from deltaid.studio.pages.live import live
 from deltaid.studio.pages.parts import attempt, commands, note, panel, problem, report
 from deltaid.studio.pages.upload import upload
 from deltaid.studio.session import VIEW, Session
 from deltaid.studio.steps import show_step
+
+_ENDINGS = (".yaml", ".yml")
 
 
 async def body(session: Session) -> None:
@@ -28,10 +31,10 @@ async def body(session: Session) -> None:
         )
         return
     name = session.plan.robot or ""
-    if name not in catalogue():
-        editor(session, name)
+    edited = name not in catalogue() and editor(session, name)
     if isinstance(robot, Problem):
-        problem(robot)
+        if not edited:  # the editor says it
+            problem(robot)
         return
     await _look(session, name)
 
@@ -54,12 +57,18 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
             ).classes("grow").props('outlined aria-label="Robot"')
             if chosen in catalogue():
                 ui.button("Edit a copy of it", on_click=lambda: _copy(session)).props("no-caps")
-        upload(session, "a robot file", lambda file: _take(session, file), (".yaml", ".yml"))
+        upload(session, "a robot file", _readable, lambda file: _take(session, file), _ENDINGS)
         if isinstance(robot, RobotDescription):
             with ui.element("div").classes("facts"):
                 for what, value in _facts(robot):
                     ui.label(what).classes("dim")
                     ui.label(value)
+
+
+async def _readable(path: Path) -> Problem | None:
+    """Why a file cannot be edited as text; what is wrong with the text is said by the editor."""
+    found = told(read_text, path)
+    return found if isinstance(found, Problem) else None
 
 
 @cache
