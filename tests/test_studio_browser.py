@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from playwright import sync_api
 
-from command import run
 from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
@@ -27,7 +26,7 @@ LATE, TURNED = 4, 2
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the studio's folder will be, and beside it a recording with two faults."""
     folder = tmp_path_factory.mktemp("studio")
-    foreign(folder / "axes.csv", recorded(6000), late=LATE, turned=TURNED)
+    foreign(folder / "axes.csv", recorded(3000), late=LATE, turned=TURNED)
     return folder
 
 
@@ -176,7 +175,6 @@ def _copied_works(work: Path, done: dict, check, fit) -> None:
     with contextlib.chdir(work):
         exec(compile(check[1], "check", "exec"), {})
         exec(compile(fit[1], "fit", "exec"), {})
-        assert run(*check[0][1:]).code == 3
     assert load(model).p == pytest.approx(load(_written(work / "first.yaml", first)).p, rel=1e-6)
 
 

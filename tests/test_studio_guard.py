@@ -73,3 +73,25 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address() -> None:
     assert b"HttpOnly; SameSite=Strict" in headers[b"set-cookie"]
     assert _asked([OWN], query="token=wort")["status"] == 403
     assert _asked([("host", "evil.example")], query="token=word")["status"] == 403
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_an_answer_that_nobody_waits_for_is_no_error(left: bool) -> None:
+    async def inner(scope, receive, send) -> None:
+        await receive()
+        raise RuntimeError("No response returned.")
+
+    async def receive() -> dict:
+        return {"type": "http.disconnect" if left else "http.request"}
+
+    async def send(message) -> None:
+        raise AssertionError(message)
+
+    pairs = [(name.encode(), value.encode()) for name, value in (OWN, COOKIE)]
+    scope = {"type": "http", "path": "/", "query_string": b"", "headers": pairs}
+    asked = Guard(inner, 8090, "word")(scope, receive, send)
+    if left:
+        asyncio.run(asked)
+    else:
+        with pytest.raises(RuntimeError, match="No response"):
+            asyncio.run(asked)

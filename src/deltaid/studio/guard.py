@@ -75,9 +75,25 @@ class Guard:
         elif not websocket and self._is_token(_asked(scope, "token")):
             await self._welcome(scope, send)
         elif self._is_token(_cookie(headers, self.cookie)):
-            await self.app(scope, receive, _guarded(send))
+            await self._pass(scope, receive, send)
         else:
             await _refuse(scope, send)
+
+    async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand on; that a page which has been left gets no answer any more is no error."""
+        left = False
+
+        async def receiving() -> MutableMapping[str, Any]:
+            nonlocal left
+            message = await receive()
+            left = left or message["type"] == "http.disconnect"
+            return message
+
+        try:
+            await self.app(scope, receiving, _guarded(send))
+        except RuntimeError:  # "No response returned.", as Starlette has it
+            if not left:
+                raise
 
     def _is_token(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self.token.encode())

@@ -3,7 +3,9 @@
 import asyncio
 import secrets
 import socket
+import webbrowser
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
@@ -14,6 +16,8 @@ from deltaid.studio.session import Session
 DEFAULT_PORT = 8090
 # Seconds a page may be away, as while it is reloaded, before its state in the server is dropped.
 _AWAY = 10.0
+# Seconds that open pages have when the server ends.
+_LEAVE = 1
 
 
 def require_nicegui() -> None:
@@ -54,8 +58,8 @@ def port_for(wanted: int | None) -> int:
     )
 
 
-async def _tell(port: int, address: str, say: Callable[[str], None]) -> None:
-    """Say the address once something answers there."""
+async def _tell(port: int, address: str, say: Callable[[str], None], *, show: bool) -> None:
+    """Say the address, and show it, once something answers there."""
     while True:
         try:
             _, writer = await asyncio.open_connection(HOST, port)
@@ -64,6 +68,8 @@ async def _tell(port: int, address: str, say: Callable[[str], None]) -> None:
             continue
         writer.close()
         say(address)
+        if show:
+            await asyncio.to_thread(webbrowser.open, address)
         return
 
 
@@ -79,6 +85,8 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     Raises:
         DeltaidError: the folder cannot be used.
     """
+    import uvicorn
+    from fastapi import FastAPI
     from nicegui import app, background_tasks, ui
 
     from deltaid.studio.pages.frame import build
@@ -87,21 +95,26 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     token = secrets.token_urlsafe(16)
     address = f"http://{HOST}:{port}/?token={token}"
     build(session)
-    app.add_middleware(Guard, port=port, token=token)
     app.on_startup(session.warm)
     app.on_shutdown(session.close)
-    app.on_startup(lambda: background_tasks.create(_tell(port, address, say), name="tell"))
-    ui.run(
-        host=HOST,
-        port=port,
-        show=f"/?token={token}" if show else False,
+    telling = partial(_tell, port, address, say, show=show)
+    app.on_startup(lambda: background_tasks.create(telling(), name="tell"))
+    whole = FastAPI(openapi_url=None)
+    ui.run_with(
+        whole,
         title="deltaid studio",
         favicon=_FAVICON,
         dark=None,
-        reload=False,
         reconnect_timeout=_AWAY,
         show_welcome_message=False,
-        uvicorn_logging_level="error",
+    )
+    uvicorn.run(
+        Guard(whole, port, token),  # before everything else, whatever the library adds
+        host=HOST,
+        port=port,
+        log_level="error",
+        proxy_headers=False,
+        timeout_graceful_shutdown=_LEAVE,
     )
 
 

@@ -172,7 +172,9 @@ class Session:
         if self._tasks:
             await asyncio.wait(self._tasks, timeout=5)
         if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():  # none but the pool's
+                child.terminate()
+            self._pool.shutdown(cancel_futures=True)
 
     def _start(self, work: Any) -> None:
         task = asyncio.get_running_loop().create_task(work)
