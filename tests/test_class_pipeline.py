@@ -226,6 +226,7 @@ def test_pages_of_an_excitation_with_linear_drives(tmp_path: Path) -> None:
     outcome = run("excite", "i4-linear", "--starts", 1, "--harmonics", 2, *arguments)
     assert outcome.code == 0, outcome.err
     text = page.read_text(encoding="utf-8")
+    assert re.search(r"Good: [\d.]+ s from rest to rest, within all \d+ limits; ", text)
     assert all(word in text for word in ("position [m]", "speed [m", "force [N]"))
     assert not any(word in text for word in ("angle [deg]", "speed [deg", "torque [N m]"))
     assert re.search(r"largest forces at the prior: [\d., ]+ N\n", outcome.out)

@@ -85,6 +85,17 @@ def test_report_holds_verdicts_and_lines(tmp_path: Path) -> None:
     page = path.read_text(encoding="utf-8")
     assert "a mass in grams" in page
     assert "<pre" in page
+    assert "Drawing of the robot: " in page
+
+
+def test_the_page_of_a_description_that_cannot_be_read_has_no_drawing(tmp_path: Path) -> None:
+    data = mended(as_written("clavel-delta3"), {"limbs.strut": 800.0})  # mm, and no loop closes
+    path = tmp_path / "check.html"
+    outcome = run("check", written(data, tmp_path / "robot.yaml"), "--report", path)
+    assert outcome.code == 4
+    page = path.read_text(encoding="utf-8")
+    assert "Wrong: one thing to be mended" in page
+    assert "Drawing of the robot" not in page
 
 
 def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -> None:

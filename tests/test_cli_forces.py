@@ -81,6 +81,12 @@ def test_ranges_and_report(folder: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "strut3b" in text
     assert "Worst cases" in text
+    along = [c["value"] for c in told["worst"] if c["kind"] in ("tension", "compression")]
+    assert "Good: all ball joints hold, with" in text
+    assert f"forces along the struts reach from −{-min(along):#.3g} N" in text
+    assert "ψ, deg" in text
+    run(*command[:-1], 1.0, "--report", page)
+    assert "Poor: a ball joint comes apart; forces along" in page.read_text(encoding="utf-8")
 
 
 def test_without_spacing_it_says_what_is_missing(folder: Path) -> None:

@@ -89,3 +89,6 @@ def test_a_mechanism_of_ones_own_and_its_page(tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "gauges at the platform" in text  # the robot has no place for them: told
     assert "What stays open" in text
+    verdict = text[text.index('<div class="verdict untested"') :]
+    assert "directions stay open." in verdict[: verdict.index("</div>")]
+    assert "Buy " in verdict[: verdict.index("</div>")]

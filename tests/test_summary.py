@@ -15,6 +15,8 @@ from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
+from deltaid.report.identification import identification_page
+from deltaid.report.page import Fact
 from deltaid.report.summary import Grade, Summary, summary, without_doubts
 from deltaid.robot.load import load_robot, save_yaml
 from html_page import Document
@@ -100,6 +102,8 @@ def test_doubts_are_told_by_cause_and_lower_the_grade(
     model: IdentifiedModel, error: TorqueError
 ) -> None:
     texts = tuple(f"thing {k} is odd; likeliest cause: that; do this" for k in range(5))
+    poor = summary(model.changed(warnings=texts), off(error, 0.3))
+    assert "only within 30 % (rms; the worst is drive2), and six things" in poor.sentence
     said = summary(model.changed(warnings=texts), off(error, 0.01))
     assert said.grade is Grade.FAIR
     assert "but five things are doubtful" in said.sentence
@@ -119,7 +123,18 @@ def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -
     assert with_verdict(CheckGrade.DOUBTFUL).grade is Grade.FAIR
     wrong = with_verdict(CheckGrade.WRONG)
     assert wrong.grade is Grade.POOR
-    assert "torque-sign" in wrong.sentence
+    assert wrong.sentence.endswith("; found wrong: torque-sign.")
+
+
+def test_what_the_checks_say_stands_once_on_the_page(result: Judged) -> None:
+    verdict = Verdict("clock", CheckGrade.DOUBTFUL, "rows repeat", cause="lost", cure="log anew")
+    model = result.model.changed(warnings=(verdict.sentence, "something else"))
+    page = identification_page(replace(result, model=model, verdicts=(verdict,)))
+    assert page.warnings == ("something else",)
+    assert ("doubtful", "clock", "rows repeat", "lost → log anew") in page.front[0].rows
+    assert Fact("checks", "1 doubtful", "clock") in page.facts
+    assert page.verdict is not None
+    assert "two things are doubtful" in page.verdict.sentence
 
 
 def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: TorqueError) -> None:
@@ -137,7 +152,7 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
     )
     text = summary(model.changed(parameters=parameters, corrections=corrections), error).text
     assert f"6 of {len(shown)} numbers come from the recording" in text
-    assert "(1 with priors of others, 1 mostly from what was weighed or measured)" in text
+    assert "(1 of them as sums with others, 1 mostly from what was weighed or measured)" in text
     assert "one is at its bound" in text
     assert (
         "Two corrections were made: lag between torques and positions (drive1, drive3), "

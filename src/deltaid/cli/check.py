@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from deltaid.check.mended import Changes, Data, File
     from deltaid.check.verdict import Verdict
     from deltaid.recording.mapping import ColumnMapping
+    from deltaid.report.drawing import Drawing
 
 # Exit codes by the most severe verdict; 1 and 2 mean what they mean everywhere.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
@@ -168,7 +169,22 @@ def _write_report(
     lines = {_BELONGS[cure.file]: cure.lines for cure in cures}
     data = as_written(robot)
     title = str(data.get("title") or data.get("name") or robot)
-    write_page(check_page(title, found, [log.name for log in logs], lines), path)
+    page = check_page(title, found, [log.name for log in logs], lines, _drawn(robot))
+    write_page(page, path)
+
+
+def _drawn(robot: str) -> "Drawing | None":
+    """The robot, unless its description cannot be read, which the verdicts tell."""
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.errors import DescriptionError
+    from deltaid.report.drawing import drawing
+    from deltaid.robot.load import described
+
+    try:
+        description = described(robot)
+    except DescriptionError:
+        return None
+    return drawing(description, compiled(description).kinematics)
 
 
 def as_dictionary(robot: str, found: "Sequence[Verdict]") -> dict[str, Any]:

@@ -94,7 +94,7 @@ def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d
     every = max(1, len(path) // _PATH)
     parts = [
         ("workspace", outline(kinematics.robot.workspace), {"color": style.PRIOR, "width": 1}),
-        ("path", path[::every], {"color": style.PRIOR, "width": 2}),
+        ("path", path[::every], {"color": style.PRIOR, "width": 2, "dash": "dot"}),
         ("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]
     return [

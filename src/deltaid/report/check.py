@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.check.verdict import Verdict
 from deltaid.report.check_tables import page_table
+from deltaid.report.corrected import in_words
+from deltaid.report.drawing import Drawing
 from deltaid.report.page import Block, Fact, Lines, Page, Section, Text
 from deltaid.report.summary import Grade, Summary
 
@@ -14,6 +16,7 @@ def check_page(
     verdicts: Sequence[Verdict],
     logs: Sequence[str],
     lines: Mapping[str, str],
+    drawing: Drawing | None = None,
 ) -> Page:
     """All verdicts on a robot and its recordings.
 
@@ -21,6 +24,7 @@ def check_page(
         title: of the robot.
         logs: names of the recordings.
         lines: what to paste, by the file where it belongs, in words.
+        drawing: of the robot, where its description can be read.
     """
     poor = [one for one in verdicts if one.grade is not CheckGrade.GOOD]
     good = [one for one in verdicts if one.grade is CheckGrade.GOOD]
@@ -38,6 +42,7 @@ def check_page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
         verdict=_summary(grades),
+        drawing=drawing,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(CheckGrade)),
         sections=tuple(sections),
     )
@@ -46,8 +51,8 @@ def check_page(
 def _summary(grades: Sequence[CheckGrade]) -> Summary:
     """In one sentence whether one may go on to an identification."""
     worst = max(grades, key=list(CheckGrade).index, default=CheckGrade.GOOD)
-    count = grades.count(worst)
-    several = "s" if count > 1 else ""
+    many = grades.count(worst)
+    count, several = in_words(many), "s" if many > 1 else ""
     match worst:
         case CheckGrade.WRONG:
             said = f"Wrong: {count} thing{several} to be mended before an identification."

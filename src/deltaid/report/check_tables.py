@@ -27,7 +27,7 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
     """The same for a page, whose width the columns of a terminal's table would not fit."""
     table = verdict_table(verdicts)
     rows = [
-        (grade, key, seen if about in seen else f"{about}: {seen}", f"{cause} → {cure}".strip())
+        (grade, key, seen if about in seen else f"{about}: {seen}", _step(cause, cure))
         for grade, key, about, seen, cause, cure in table.rows
     ]
     columns = ("verdict", "check", "seen", "likeliest cause → next step")
@@ -36,23 +36,22 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
     return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
 
 
+def _step(cause: str, cure: str) -> str:
+    """Nothing of what is good, which has neither."""
+    return f"{cause} → {cure}" if cause or cure else ""
+
+
 def short_table(verdicts: Sequence[Verdict]) -> Table:
-    """What is not good, with what was seen, and in one row all that is: for the head of a page."""
-    table = verdict_table([one for one in verdicts if one.grade is not Grade.GOOD])
-    rows = [
-        (grade, key, seen if about in seen else f"{about}: {seen}")
-        for grade, key, about, seen, *_ in table.rows
-    ]
+    """What is not good, and in one row all that is: for the head of a page."""
+    table = page_table([one for one in verdicts if one.grade is not Grade.GOOD])
+    rows = list(table.rows)
     good = [one.key for one in verdicts if one.grade is Grade.GOOD]
     if good:
         keys = ", ".join(dict.fromkeys(good))
-        rows.append((Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys))
-    return Table(
-        ("verdict", "check", "seen"),
-        tuple(rows),
-        "What the checks say of description, recordings and fit.",
-        marked=table.marked,
-    )
+        last = (Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys, "")
+        rows.append(last[: len(table.columns)])
+    said = "What the checks say of description, recordings and fit."
+    return Table(table.columns, tuple(rows), said, marked=table.marked)
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:

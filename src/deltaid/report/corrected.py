@@ -1,8 +1,13 @@
 """What an identification put right, as one sentence."""
 
+import re
 from collections.abc import Sequence
 
 from deltaid.model.corrections import Correction, Kind
+from deltaid.report.glossary import body_in_words
+
+# Longer rows of drives are told by their ends.
+_LONG = 2
 
 _WORDS = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
@@ -46,4 +51,25 @@ def in_words(count: int) -> str:
 
 
 def _thing(kind: Kind, subjects: tuple[str, ...]) -> str:
-    return _NAMES[kind] + (f" ({', '.join(subjects)})" if subjects else "")
+    return _NAMES[kind] + (f" ({', '.join(_short(subjects))})" if subjects else "")
+
+
+def _short(subjects: tuple[str, ...]) -> list[str]:
+    """Bodies by what they are; three or more drives in a row by the first and the last."""
+    runs: list[list[str]] = []
+    for one in subjects:
+        if runs and _next(runs[-1][-1]) == one:
+            runs[-1].append(one)
+        else:
+            runs.append([one])
+    said = []
+    for run in runs:
+        words = [body_in_words(one) for one in run]
+        said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
+    return said
+
+
+def _next(name: str) -> str:
+    """drive3 after drive2; nothing after a name without a number."""
+    numbered = re.fullmatch(r"(.*?)(\d+)", name)
+    return f"{numbered[1]}{int(numbered[2]) + 1}" if numbered else ""

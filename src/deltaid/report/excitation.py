@@ -5,15 +5,18 @@ import plotly.graph_objects as go
 from jaxtyping import Bool, Float
 from plotly.subplots import make_subplots
 
-from deltaid.excitation.excite import Excitation, Exciter
+from deltaid.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.report import style
 from deltaid.report.animation import Motion, animation
 from deltaid.report.drawing import drawing
 from deltaid.report.excitation_tables import prediction_table, start_table
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text
+from deltaid.report.summary import Grade, Summary
 
 _SAMPLES = 2000
+# A limit that a search has reached counts as kept.
+_ROUNDING = 1e-6
 
 
 def excitation_page(exciter: Exciter, result: Excitation) -> Page:
@@ -28,13 +31,13 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
             number(result.criterion_after),
             f"{number(result.criterion_before)} as drawn at random",
         ),
-        Fact("base parameters", str(len(result.predictions)), "made visible"),
     ]
     if fullest is not None:
-        facts.append(Fact("fullest limit", f"{100 * fullest.share:.1f} %", fullest.name))
+        facts.append(Fact("fullest limit", _used(fullest), fullest.name))
     return Page(
         title=robot.title or robot.name,
         subtitle="Motion for identification, from rest to rest within all limits",
+        verdict=_verdict(result),
         drawing=drawing(robot, exciter.dynamics.kinematics),
         facts=tuple(facts),
         sections=(
@@ -52,6 +55,23 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
             Section("Search", (start_table(result), _settings(exciter)), "starts and settings"),
         ),
     )
+
+
+def _verdict(result: Excitation) -> Summary:
+    """Whether the motion keeps its limits."""
+    run, beyond = result.run, [one.name for one in result.limits if one.share > 1 + _ROUNDING]
+    lasts = f"{run.duration:.1f} s from rest to rest"
+    if beyond:
+        return Summary(Grade.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
+    fullest = max(result.limits, key=lambda limit: limit.share, default=None)
+    used = f"; {fullest.name} comes nearest, {_used(fullest)}" if fullest else ""
+    lines = (f"It shows {len(result.predictions)} combinations of the robot's numbers.",)
+    return Summary(Grade.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
+                   lines)  # fmt: skip
+
+
+def _used(limit: LimitUse) -> str:
+    return f"{100 * limit.share:.1f} %"
 
 
 def _animation(exciter: Exciter, result: Excitation) -> Figure:
@@ -121,6 +141,7 @@ def _over_time(exciter: Exciter, result: Excitation) -> Figure:
         "Platform point, coordinates and speeds of the drives, and the torques or forces that the "
         "prior predicts. A drive whose numbers are of another size or unit has its own axis on the "
         "right. Dotted lines are the ends of the ramps from and to rest.",
+        paper=480,
     )
 
 

@@ -2,6 +2,8 @@
 
 from collections import Counter
 
+import numpy as np
+
 from deltaid.forces.study import Finding, Study
 from deltaid.report.numbers import number, span, with_uncertainty
 from deltaid.report.table import Table
@@ -53,9 +55,15 @@ def _loads(study: Study) -> Table:
 def places(study: Study) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
     found = [f.worst for kind in ("tension", "compression", "socket") for f in _of(study, kind)]
-    coordinates = ("x, m", "y, m", "z, m", "ψ, rad")[: len(found[0].at.z)]
+    coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
     rows = [
-        (w.part, _WORDS[w.kind], f"{w.at.time:.3f}", *(f"{value:.4f}" for value in w.at.z))
+        (
+            w.part,
+            _WORDS[w.kind],
+            f"{w.at.time:.3f}",
+            *(f"{value:.4f}" for value in w.at.z[:3]),
+            *(f"{value:.2f}" for value in np.degrees(w.at.z[3:])),
+        )
         for w in found
     ]
     columns = ("strut", "worst", "at, s", *coordinates)

@@ -11,10 +11,11 @@ from deltaid.model.model import ModelLike, load
 from deltaid.report import style
 from deltaid.report.drawing import drawing
 from deltaid.report.force_rows import places, tables, what_is_open
-from deltaid.report.numbers import number
+from deltaid.report.numbers import measured
 from deltaid.report.page import Fact, Figure, Page, Section, Text
 from deltaid.report.provenance import provenance_section
 from deltaid.report.put_right_section import put_right_sections
+from deltaid.report.summary import Grade, Summary
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
@@ -49,11 +50,13 @@ def forces_page(
 ) -> Page:
     """Everything about the forces of a model along a motion."""
     model = load(model)
-    found = (*tables(study, forces.socket_force), places(study))
+
+    *along, loads = tables(study, forces.socket_force)
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Constraint forces along {name}, parameters: {model.origin}",
         drawing=drawing(model.robot, model.dynamics.kinematics),
+        verdict=_verdict(study, forces.socket_force),
         facts=_facts(study, forces.socket_force),
         sections=(
             Section(
@@ -64,14 +67,35 @@ def forces_page(
             ),
             Section(
                 "Worst cases",
-                (*found, Text(f"{what_is_open(study)}.")),
-                "the largest and least of each, where, and how sure",
+                (*along, Text(f"{what_is_open(study)}.")),
+                "the largest and least force of each strut, and how sure",
                 unfolded=True,
+            ),
+            Section(
+                "Other joints, and where",
+                (loads, places(study)),
+                "loads of motors and telescope, and where the platform is in the worst cases",
             ),
             *put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),
         warnings=(forces.note,) if forces.note else (),
+    )
+
+
+def _verdict(study: Study, socket_force: float | None) -> Summary:
+    """How far forces reach along the struts, and whether ball joints hold."""
+    along = [f.worst.value for f in study.findings if f.worst.kind in ("tension", "compression")]
+    least, most = (f"{measured(one(along))} N" for one in (min, max))
+    said = f"forces along the struts reach from {least} to {most} (tension is positive)"
+    if socket_force is None:
+        line = "No springs of ball joints are described, so nothing is said of their margins."
+        return Summary(Grade.UNTESTED, f"{said[0].upper()}{said[1:]}.", (line,))
+    margin = min(f.worst.value for f in study.findings if f.worst.kind == "socket") + socket_force
+    if margin <= 0:
+        return Summary(Grade.POOR, f"Poor: a ball joint comes apart; {said}.")
+    return Summary(
+        Grade.GOOD, f"Good: all ball joints hold, with {measured(margin)} N left; {said}."
     )
 
 
@@ -81,7 +105,7 @@ def _facts(study: Study, socket_force: float | None) -> tuple[Fact, ...]:
         worst = (max if most else min)(every, key=lambda w: w.value)
         return Fact(
             label,
-            f"{number(worst.value + offset)} {worst.unit}",
+            f"{measured(worst.value + offset)} {worst.unit}",
             f"{worst.part} at {worst.at.time:.3f} s",
         )
 
@@ -103,6 +127,7 @@ def _over_time(forces: ConstraintForces, envelope: Envelope) -> Figure:
                 x=time.astype(np.float32),
                 y=along[:, k].astype(np.float32),
                 name=strut,
+                showlegend=each > 1,  # where there is one, the axis names its limb
                 mode="lines",
                 line={"color": style.SERIES[k % each], "width": 1.2},
                 hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",
@@ -117,4 +142,5 @@ def _over_time(forces: ConstraintForces, envelope: Envelope) -> Figure:
         figure,
         "Force along the struts at the platform; tension is positive. In long recordings each "
         "stretch is shown by its least and its largest force.",
+        paper=460,
     )

@@ -28,10 +28,10 @@ _ENTRIES |= {f"S{pair}": f"second moment of mass along {pair[0]} and {pair[1]}"
              for pair in ("xy", "xz", "yz")}  # fmt: skip
 _NUMBERED = re.compile(r"([USC])(\d+)")
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
-# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U'.
+# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of what a body is put on 'scale:U'.
 NAME = re.compile(
     rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
-    r"|bodies\.(?P<key>\w+))(?!\w)"
+    r"|bodies\.(?P<key>\w+)|(?P<tool>[a-z][a-z-]*):(?P<on>[A-Z]+\d*))(?!\w)"
 )
 
 
@@ -45,12 +45,14 @@ def body_in_words(name: str) -> str:
 def in_words(name: "re.Match[str]") -> str:
     """'upper arm: mass' of a `NAME`."""
     entry = name["entry"] or name["first"]
+    if name["tool"]:
+        return f"{name['tool']}: {body_in_words(name['on'])}"
     return body_in_words(body_of(name)) + (f": {_ENTRIES[entry]}" if entry else "")
 
 
 def body_of(name: "re.Match[str]") -> str:
     """U of a `NAME`."""
-    return name["body"] or name["of"] or name["key"]
+    return name["body"] or name["of"] or name["key"] or name["on"]
 
 
 def is_short(name: str) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.check.verdict import Verdict
+from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
 from deltaid.identification.torque_error import TorqueError
@@ -22,7 +22,7 @@ from deltaid.report.drawing import drawing
 from deltaid.report.friction import friction_section
 from deltaid.report.information import information_section
 from deltaid.report.model_tables import error_table
-from deltaid.report.numbers import number, percent
+from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import certificate, file_names, provenance_section
@@ -49,7 +49,10 @@ def identification_page(result: Identification, verification: Verification | Non
     dynamics, drives = compiled(model.robot), model.robot.drive_units
     recordings = result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
-    warnings, log, error, unseen = list(model.warnings), None, None, None
+    # What the checks say stands in their table, beneath the verdict.
+    told = {one.sentence for one in verdicts}
+    warnings = [text for text in model.warnings if text not in told]
+    log, error, unseen = None, None, None
     if verification is not None:
         log, error = verification.recording.log, verification.error
         unseen = compare(dynamics, model.p, verification.recording)
@@ -67,7 +70,7 @@ def identification_page(result: Identification, verification: Verification | Non
         subtitle=f"Dynamic model identified from {file_names(model)}{verified}",
         verdict=without_doubts(summary(result, error, log)),
         drawing=drawing(model.robot, dynamics.kinematics),
-        facts=(*_error_facts(model, verification), *_fit_facts(model)),
+        facts=(*_error_facts(model, verification), *_check_facts(verdicts), *_fit_facts(model)),
         front=(
             *((short_table(verdicts),) if verdicts else ()),
             error_table(load(model), error),
@@ -132,9 +135,19 @@ def _error_facts(model: IdentifiedModel, verification: Verification | None) -> t
 
 
 def _worst(robot: RobotDescription, label: str, shares: Sequence[float]) -> Fact:
-    worst = int(np.argmax(shares))
-    drive = robot.drives[worst]
-    return Fact(label, percent(shares[worst]), f"rms of {drive}, the worst drive")
+    largest = int(np.argmax(shares))
+    drive = robot.drives[largest]
+    return Fact(label, percent(shares[largest]), f"rms of {drive}, the worst drive")
+
+
+def _check_facts(verdicts: Sequence[Verdict]) -> tuple[Fact, ...]:
+    """What the checks say in the worst case, and how many say what."""
+    if not verdicts:
+        return ()
+    grade = worst(list(verdicts))
+    poor = dict.fromkeys(one.key for one in verdicts if one.grade is grade)
+    value = "all good" if grade is Grade.GOOD else f"{len(poor)} {grade}"
+    return (Fact("checks", value, tally(verdicts) if grade is Grade.GOOD else ", ".join(poor)),)
 
 
 def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
@@ -146,11 +159,6 @@ def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
     )
     return (
         optimum,
-        Fact(
-            "base parameters",
-            str(fit.base_parameters),
-            f"combinations that torques show; condition {number(fit.base_condition, 3)}",
-        ),
         Fact(
             "physical consistency",
             "all bodies" if model.consistent else "violated",

@@ -22,6 +22,10 @@ MEASURED = ("data", "measured", "sum", "limit")
 _LOPSIDED = 2.0
 # What ± stands for in tables.
 _HALF_WIDTH = "± (95 %)"
+_VERIFY = (
+    " The columns from “verify rms” on are of the recording that the model was compared with, "
+    "those before them of the ones that it was identified from."
+)
 ADDITIONS: dict[AdditionKind, str] = {
     "offset": "offset",
     "both_ways": "both ways",
@@ -159,7 +163,7 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
         rows,
         "Root mean square of measured minus predicted torque or force, also as a share of the "
         "measured one's own root mean square. Unfiltered is against what was recorded, with all "
-        "its noise.",
+        "its noise." + (_VERIFY if second else ""),
     )
 
 

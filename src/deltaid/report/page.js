@@ -173,7 +173,7 @@
     plot.style.height = `${height}px`;
     Plotly.relayout(plot, { template, width, height, autosize: width === null });
   };
-  const onPaper = (plot) => Math.min(heights.get(plot), plot.closest(".front") ? 820 : 880);
+  const onPaper = (plot) => Math.min(heights.get(plot), Number(plot.dataset.paper));
   window.addEventListener("beforeprint", () =>
     visible().forEach((plot) => resize(plot, templates.light, 680, onPaper(plot))),
   );

@@ -48,10 +48,15 @@ class Lines:
 
 @dataclass(frozen=True)
 class Figure:
-    """A Plotly figure without template or width, which are the page's; its height is its own."""
+    """A Plotly figure without template or width, which are the page's; its height is its own.
+
+    Attributes:
+        paper: its largest height on paper [px], of which a page has a thousand.
+    """
 
     figure: go.Figure
     caption: str = ""
+    paper: int = 880
 
 
 Block = Text | Table | Lines | Figure

@@ -80,6 +80,8 @@ def _settings(model: IdentifiedModel) -> Table:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     return number(value) if isinstance(value, float) else str(value)
 
 

@@ -8,6 +8,7 @@ import plotly.graph_objects as go
 from deltaid.planning.openings import DESCRIBED, PLAN, TORQUES
 from deltaid.planning.plan import Outlook, SensorPlan
 from deltaid.report import style
+from deltaid.report.corrected import in_words
 from deltaid.report.drawing import drawing
 from deltaid.report.numbers import number, percent
 from deltaid.report.page import Block, Fact, Figure, Page, Section, Text
@@ -19,6 +20,7 @@ from deltaid.report.sensor_tables import (
     untold,
     use_table,
 )
+from deltaid.report.summary import Grade, Summary
 from deltaid.report.table import Table
 
 # Height of one bar and of what is around the bars [px].
@@ -49,25 +51,27 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
     return Page(
         title=robot.title or robot.name,
         subtitle=f"What sensors and scales would tell, planned for {plan.motion}",
+        verdict=_verdict(plan, len(open_now.directions)),
         drawing=drawing(robot, plan.model.dynamics.kinematics),
         facts=tuple(facts),
         sections=(
-            Section(
-                "What is known of each entry",
-                _entries(plan),
-                "now, and with what is bought",
-                unfolded=True,
-            ),
-            Section(
-                "What each would make of it",
-                (_gains(plan), use_table(plan, entries)),
-                "each measurement by itself",
-            ),
             Section(
                 f"What to buy next for {plan.goal}",
                 _steps(plan),
                 "step by step, by gain and price",
                 unfolded=True,
+            ),
+            Section(
+                "What is known of each entry",
+                (_bars(plan),),
+                "now, and with what is bought",
+                unfolded=True,
+            ),
+            Section("The same in numbers", _entries(plan), "standard deviations of all entries"),
+            Section(
+                "What each would make of it",
+                (_gains(plan), use_table(plan, entries)),
+                "each measurement by itself",
             ),
             Section("What stays open", _open(plan), "what nothing of it tells"),
             Section(
@@ -79,10 +83,30 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
     )
 
 
+def _verdict(plan: SensorPlan, open_now: int) -> Summary:
+    """How well the goal is known now, and what would help most."""
+    now = plan.described
+    stays = "direction stays" if open_now == 1 else "directions stay"
+    said = (
+        f"With {now.title} a typical standard deviation of {percent(now.goal)} is left for "
+        f"{plan.goal}, and {in_words(open_now)} {stays} open"
+    )
+    if not plan.steps:
+        return Summary(Grade.UNTESTED, f"{said}; nothing of the list is worth buying.")
+    (first, _), (step, last) = plan.steps[0], plan.steps[-1]
+    money = plan.offers.currency
+    lines = (
+        f"Buy {first.use.name} first, for {first.cost:.0f} {money}; all that is worth buying "
+        f"costs {step.spent:.0f} {money} and leaves {percent(last.goal)}.",
+        "Predicted for a motion, a noise and a prior; nothing has been measured.",
+    )
+    return Summary(Grade.UNTESTED, f"{said}.", lines)
+
+
 def _entries(plan: SensorPlan) -> tuple[Block, ...]:
     hidden = untold(plan)
     said = f"Nothing of the list tells much of {', '.join(hidden)}." if hidden else ""
-    return (_bars(plan), entry_table(plan), *([Text(said)] if said else []))
+    return (entry_table(plan), *([Text(said)] if said else []))
 
 
 def _bars(plan: SensorPlan) -> Figure:
@@ -165,7 +189,7 @@ def _steps(plan: SensorPlan) -> tuple[Block, ...]:
     )  # fmt: skip
     figure.update_yaxes(title_text="left [%]", type="log")
     caption = "Typical standard deviation (geometric mean) after each step."
-    return (Figure(figure, caption), step_table(plan))
+    return (Figure(figure, caption, paper=240), step_table(plan))
 
 
 def _open(plan: SensorPlan) -> tuple[Block, ...]:

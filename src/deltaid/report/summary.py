@@ -24,6 +24,7 @@ GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
 # Doubts that are told in words; more are counted.
 _TOLD = 3
 _DOUBT = "Doubtful: "
+_ONLY = "only within"
 _CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )", re.IGNORECASE)
 
 
@@ -126,9 +127,11 @@ def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: Seque
             "no unseen motion has shown how well it predicts"
         )
     if wrong:
-        return f"{said}, but this is wrong: {', '.join(dict.fromkeys(wrong))}"
-    return said + (f", but {_count(doubts, 'thing')} {'is' if doubts == 1 else 'are'} doubtful"
-                   if doubts else "")  # fmt: skip
+        return f"{said}; found wrong: {', '.join(dict.fromkeys(wrong))}"
+    if not doubts:
+        return said
+    joined = "and" if _ONLY in said else "but"
+    return f"{said}, {joined} {_count(doubts, 'thing')} {'is' if doubts == 1 else 'are'} doubtful"
 
 
 def _of_prior(model: Model, error: TorqueError | None) -> Summary:
@@ -153,7 +156,7 @@ def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
     """The largest error and whose it is."""
     worst = int(np.argmax(nrmse))
     share, drive = float(nrmse[worst]), model.robot.drives[worst]
-    how = "within" if share <= FAIR_WITHIN else "only within"
+    how = "within" if share <= FAIR_WITHIN else _ONLY
     return f"{how} {percent(share)} (rms; the worst is {drive})"
 
 
@@ -162,7 +165,7 @@ def _numbers(model: IdentifiedModel) -> str:
     kinds = [one.determined_by for one in model.parameters if one.determined_by != "structure"]
     alone, shared = kinds.count("data"), kinds.count("sum")
     measured, bound = kinds.count("measured"), kinds.count("limit") + kinds.count("consistency")
-    further = [f"{shared} with priors of others"] * bool(shared)
+    further = [f"{shared} of them as sums with others"] * bool(shared)
     further += [f"{measured} mostly from what was weighed or measured"] * bool(measured)
     known = alone + shared + measured
     one, shares = known == 1, f" ({', '.join(further)})" if further else ""

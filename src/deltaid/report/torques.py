@@ -94,6 +94,7 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
         "model (dashed), and the residual (measured minus predicted). Drag to zoom; the time axes "
         "move together, a double "
         f"click shows everything again. {shown}",
+        paper=640,
     )
 
 

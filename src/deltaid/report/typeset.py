@@ -11,6 +11,10 @@ from deltaid.report.table import Table
 _UNIT = re.compile(r"\[.*?\]|\d %")
 _STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d")
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
+# Those of a sentence that need setting; names of files and options hold none.
+_IN_PROSE = re.compile(
+    r"(?<![\w.:/-])(?:(-)(?=\d)|(?=\d+(?:\.\d+)?e[+-]))(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w./-])"
+)
 # What a cell of numbers holds besides them.
 _AROUND = re.compile(r"[\s…,×≥≤±%]*")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -43,28 +47,31 @@ def cell(text: str) -> str | Markup:
 def typeset(text: str) -> str:
     """Numbers with a minus sign and powers of ten: '-1.2e-05' becomes '−1.2·10⁻⁵'."""
 
-    def written(match: re.Match[str]) -> str:
-        sign, digits, exponent_sign, exponent = match.groups()
-        power = ""
-        if exponent:
-            power = "·10" + (exponent_sign.strip("+") + exponent).translate(_SUPERSCRIPTS)
-        return ("−" if sign else "") + digits + power
-
-    return _NUMBER.sub(written, text)
+    return _NUMBER.sub(_written, text)
 
 
-def explained(text: str) -> str | Markup:
-    """Text in which short names of bodies, and of their entries, say what they stand for."""
+def _written(match: re.Match[str]) -> str:
+    sign, digits, exponent_sign, exponent = match.groups()
+    power = ""
+    if exponent:
+        power = "·10" + (exponent_sign.strip("+") + exponent).translate(_SUPERSCRIPTS)
+    return ("−" if sign else "") + digits + power
+
+
+def _prose(text: str) -> str:
+    return visible(_IN_PROSE.sub(_written, text))
+
+
+def explained(text: str) -> Markup:
+    """A sentence whose short names of bodies and entries say what they stand for; numbers set."""
     parts = text.split(", ")
     if all(is_short(part) for part in parts):
         return Markup(", ").join(_short(part, body_in_words(part)) for part in parts)
-    if not NAME.search(text):
-        return text
     pieces, at = [], 0
     for name in NAME.finditer(text):
-        pieces += [escape(visible(text[at : name.start()])), _short(name[0], in_words(name))]
+        pieces += [escape(_prose(text[at : name.start()])), _short(name[0], in_words(name))]
         at = name.end()
-    return Markup("").join([*pieces, escape(visible(text[at:]))])
+    return Markup("").join([*pieces, escape(_prose(text[at:]))])
 
 
 def legend(table: Table) -> tuple[tuple[str, str], ...]:

@@ -14,7 +14,7 @@ from deltaid.report.friction import friction_section
 from deltaid.report.identification import motion_section, torque_section
 from deltaid.report.left_out import left_out_table
 from deltaid.report.model_tables import base_table, error_table
-from deltaid.report.numbers import number, percent
+from deltaid.report.numbers import measured, percent
 from deltaid.report.page import Fact, Page, Section
 from deltaid.report.parameters import parameter_section
 from deltaid.report.provenance import provenance_section
@@ -40,7 +40,7 @@ def validation_page(model: ModelLike, recording: Recording, error: TorqueError) 
             Fact(
                 f"{drive}, {model.robot.units(drive).effort} error",
                 percent(float(error.nrmse[i])),
-                f"{number(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms"
+                f"{measured(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms"
                 + (f"; identification {percent(known.fit.nrmse[i])}" if known else ""),
             )
             for i, drive in enumerate(model.robot.drives)

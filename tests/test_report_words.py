@@ -1,0 +1,96 @@
+"""What pages say in words: numbers and names in sentences, corrections, checks at a page's head."""
+
+import pytest
+
+from deltaid.check.verdict import Grade, Verdict
+from deltaid.model.corrections import Correction
+from deltaid.report.check import check_page
+from deltaid.report.check_tables import page_table, short_table
+from deltaid.report.corrected import corrected
+from deltaid.report.page import Fact, Page, Section, Text, render
+from deltaid.report.typeset import explained
+from html_page import Document
+
+GOOD = Verdict("rate", Grade.GOOD, "1000 Hz")
+CLOCK = Verdict("clock", Grade.DOUBTFUL, "23 rows repeat", cause="lost rows", cure="log anew")
+SIGN = Verdict("torque-sign", Grade.WRONG, "turned", "drive1", "wired so", "turn it")
+
+
+@pytest.mark.parametrize(
+    ("text", "set_as"),
+    [
+        ("steps of 2.4e-06 rad", "steps of 2.4·10⁻⁶ rad"),
+        ("drive1 -0.99 %, drive2 +1.7 %", "drive1 −0.99 %, drive2 +1.7 %"),
+        ("run-1e-05.csv, log-2.csv, a/1e-5/b, 9e-1f", "run-1e-05.csv, log-2.csv, a/1e-5/b, 9e-1f"),
+        ("2026-11-21 07:54 +0000", "2026-11-21 07:54 +0000"),
+    ],
+)
+def test_numbers_in_sentences_are_set_and_names_of_files_are_not(text: str, set_as: str) -> None:
+    assert str(explained(text)) == set_as
+
+
+@pytest.mark.parametrize(
+    ("text", "short", "words"),
+    [
+        ("it comes from U.m", "U.m", "upper arm: mass"),
+        ("next is kitchen-scale:TU+2S", "kitchen-scale:TU", "kitchen-scale: upper telescope bar"),
+        ("bodies.EE of the file", "bodies.EE", "end effector"),
+    ],
+)
+def test_names_in_sentences_are_explained(text: str, short: str, words: str) -> None:
+    page = Page("t", "", (Fact("f", text),), (Section("s", (Text(text),)),), (text,))
+    assert render(page).count(f'<abbr title="{words}">{short}</abbr>') == 3
+
+
+def corrections(**subjects: tuple[str, ...]) -> tuple[Correction, ...]:
+    return tuple(
+        Correction.model_validate({"kind": kind, "subject": one, "text": "why"})
+        for kind, several in subjects.items()
+        for one in several
+    )
+
+
+def test_corrections_name_bodies_and_rows_of_drives() -> None:
+    drives = ("drive1", "drive2", "drive3", "drive4")
+    assert corrected(()) == "Nothing had to be put right."
+    assert corrected(corrections(friction=drives)) == (
+        "One correction was made: friction law (drive1 to drive4)."
+    )
+    two = corrections(friction=(*drives[:2], *drives[3:]), prior=("TU", "EE"))
+    assert corrected(two) == (
+        "Two corrections were made: friction law (drive1, drive2, drive4), prior made wider "
+        "(upper telescope bar, end effector)."
+    )
+
+
+def test_what_is_good_has_no_next_step() -> None:
+    rows = page_table((GOOD, CLOCK)).rows
+    assert rows[0] == ("doubtful", "clock", "23 rows repeat", "lost rows → log anew")
+    assert rows[1] == ("good", "rate", "1000 Hz", "")
+
+
+def test_the_head_of_a_page_has_the_worst_first_and_the_good_in_one_row() -> None:
+    table = short_table((GOOD, CLOCK, GOOD, SIGN))
+    assert [row[:2] for row in table.rows] == [
+        ("wrong", "torque-sign"), ("doubtful", "clock"), ("good", "all others (2)"),
+    ]  # fmt: skip
+    assert table.rows[0][2:] == ("drive1: turned", "wired so → turn it")
+    assert table.marked == {0, 1}
+    assert short_table((GOOD,)).rows == (("good", "all checks (1)", "rate"),)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "grade", "said"),
+    [
+        ((GOOD, SIGN, CLOCK), "poor", "Wrong: one thing to be mended before an identification."),
+        ((CLOCK, CLOCK), "fair", "Doubtful: two things to be looked at before an identification."),
+        ((GOOD,), "good", "Good: nothing is in the way of an identification."),
+    ],
+)
+def test_a_check_begins_with_its_verdict(
+    verdicts: tuple[Verdict, ...], grade: str, said: str
+) -> None:
+    html = render(check_page("t", verdicts, (), {}))
+    assert said in Document(html).texts
+    assert f'class="verdict {grade}"' in html
+    assert ('class="marked wrong"' in html) == (SIGN in verdicts)
