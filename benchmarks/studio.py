@@ -43,7 +43,8 @@ _TABS = 400
 _NAME = """() => {
   const e = document.activeElement, label = e.getAttribute('aria-label');
   const style = getComputedStyle(e), box = e.closest('.q-field__control');
-  const seen = style.outlineStyle !== 'none' || style.boxShadow.includes('232, 162, 0') || (box && getComputedStyle(box).boxShadow !== 'none');
+  const seen = style.outlineStyle !== 'none' || style.boxShadow.includes('232, 162, 0') ||
+    (box && getComputedStyle(box).boxShadow !== 'none');
   return [label || e.textContent.trim() || e.closest('label')?.textContent.trim() || '', !!seen];
 }"""
 _FRAMES = """() => { window.gaps = 0; let last = performance.now();
@@ -76,7 +77,7 @@ class Pings(threading.Thread):
             try:
                 connection.request("GET", "/files/studio.yaml", headers={"Cookie": cookie})
                 connection.getresponse().read()
-            except ConnectionError:  # the server has been closed
+            except (ConnectionError, http.client.HTTPException):  # the server has been closed
                 return
             self.waits.append(1e3 * (time.perf_counter() - begun))
 
@@ -122,8 +123,10 @@ class Keyboard:
 def visit(page: sync_api.Page, studio: Studio, log: Path, table: list[tuple[str, str]]) -> None:
     """The whole way."""
     keys = Keyboard(page)
+    begun = time.perf_counter()
     page.goto(studio.address)
     page.get_by_role("combobox", name="Robot").wait_for()
+    table.append(("from the address to the first page", f"{time.perf_counter() - begun:.1f} s"))
     keys.reach("Robot")
     page.keyboard.type(ROBOT)
     page.get_by_role("option", name=ROBOT).wait_for()
@@ -144,7 +147,8 @@ def visit(page: sync_api.Page, studio: Studio, log: Path, table: list[tuple[str,
     table.append(("… to the preview", f"{time.perf_counter() - begun:.1f} s"))
     keys.press("Use these, write mapping.yaml")
     page.get_by_label("torque of drive2: sign").wait_for(timeout=300_000)
-    page.locator(".js-plotly-plot").wait_for(timeout=300_000)
+    page.locator(".js-plotly-plot .main-svg").first.wait_for(timeout=300_000)
+    zoom(page, table)
     table.append(("longest gap between two frames", f"{page.evaluate('gaps'):.0f} ms"))
     keys.go("Check")
     begun = time.perf_counter()
@@ -174,6 +178,32 @@ def visit(page: sync_api.Page, studio: Studio, log: Path, table: list[tuple[str,
     table.append(("focus not visible on", ", ".join(sorted(keys.unseen)) or "nothing"))
 
 
+def zoom(page: sync_api.Page, table: list[tuple[str, str]]) -> None:
+    """Look at two seconds of the preview; count what is drawn before and then."""
+    drawn = "document.querySelector('.js-plotly-plot').calcdata[0]"
+    points, spacing = f"{drawn}.length", f"({drawn}[9].x - {drawn}[0].x)"
+    table.append(("points of a curve that is drawn", f"{page.evaluate(points):.0f}"))
+    before, begun = page.evaluate(spacing), time.perf_counter()
+    page.evaluate(
+        "() => import('nicegui-plotly').then(({Plotly}) => Plotly.relayout("
+        "document.querySelector('.js-plotly-plot'), {'xaxis.range[0]': 10, 'xaxis.range[1]': 12}))"
+    )
+    page.wait_for_function(f"{spacing} < {before / 3}", timeout=60_000)
+    table.append(("two seconds in full detail", f"{time.perf_counter() - begun:.1f} s"))
+
+
+def memory(pid: int) -> str:
+    """Most memory that the server has had, and most of what it has started and is there [MB]."""
+    found: dict[int, tuple[int, int]] = {}
+    for place in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError, KeyError):  # processes come and go
+            lines = (place / "status").read_text().splitlines()
+            said = dict(line.split(":", 1) for line in lines)
+            found[int(place.name)] = int(said["PPid"]), int(said["VmHWM"].split()[0])
+    below = [most for parent, most in found.values() if parent == pid]
+    return f"{found[pid][1] / 1e3:.0f} and {max(below, default=0) / 1e3:.0f} MB"
+
+
 def scripts(work: Path, table: list[tuple[str, str]]) -> None:
     """Run every Python text that the studio has kept, in its folder."""
     for run in reversed(runs(Folder.at(work))):
@@ -186,15 +216,19 @@ def scripts(work: Path, table: list[tuple[str, str]]) -> None:
 
 
 def pictures(browser: sync_api.Browser, studio: Studio, folder: Path) -> None:
-    """The result stage, as the docs show it."""
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    """Two stages, as the docs show them."""
+    page = browser.new_page(viewport={"width": 1280, "height": 760})
     page.goto(studio.address)
-    page.goto(f"{studio.base}/result")
-    page.frame_locator("iframe").locator("html.drawn").wait_for(state="attached")
+    page.goto(f"{studio.base}/robot")
+    live = page.locator(".live")
+    live.get_by_text("use of the limits").wait_for()
+    page.wait_for_timeout(2000)
+    live.scroll_into_view_if_needed()
+    page.evaluate("document.querySelector('.live').closest('.panel').scrollIntoView()")
     page.wait_for_timeout(1500)
-    page.screenshot(path=folder / "studio.png")
+    page.screenshot(path=folder / "studio-robot.png")
     page.goto(f"{studio.base}/recording")
-    page.locator(".js-plotly-plot").wait_for()
+    page.locator(".js-plotly-plot .main-svg").first.wait_for(timeout=300_000)
     page.wait_for_timeout(1000)
     page.screenshot(path=folder / "studio-recording.png", full_page=True)
 
@@ -210,12 +244,17 @@ def main() -> None:
         work = place / "my-robot"
         log = foreign(place / "axes.csv", recording(given.samples), late=LATE, turned=TURNED)
         table.append(("recording", f"{log.stat().st_size / 1e6:.0f} MB of CSV"))
+        begun = time.perf_counter()
         with Studio(work) as studio, sync_api.sync_playwright() as playwright:
+            table.append(
+                ("from the command to its address", f"{time.perf_counter() - begun:.1f} s")
+            )
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
             page = browser.new_page(viewport={"width": 1280, "height": 900})
             page.set_default_timeout(60_000)
             asked: list[str] = []
             page.on("request", lambda request: asked.append(request.url))
+            page.on("websocket", lambda socket: asked.append(socket.url))
             pings = Pings(studio)
             pings.start()
             visit(page, studio, log, table)
@@ -223,10 +262,10 @@ def main() -> None:
             waits = np.array(pings.waits)
             table.append(("server: usual and longest wait of another tab",
                           f"{np.median(waits):.0f} and {waits.max():.0f} ms"))  # fmt: skip
-            foreigners = [
-                url for url in asked if not url.startswith((studio.base, "data:", "blob:"))
-            ]
-            table.append(("requests that left the machine", str(len(foreigners))))
+            table.append(("memory: server, its process for files at most", memory(studio.pid)))
+            own = (studio.base, studio.base.replace("http:", "ws:"), "data:", "blob:")
+            foreigners = [url for url in asked if not url.startswith(own)]
+            table.append((f"of {len(asked)} requests left the machine", str(len(foreigners))))
             if given.picture:
                 pictures(browser, studio, given.picture)
             browser.close()

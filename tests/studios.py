@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+
+from visit import BROWSERS_OWN
 
 SOURCE = Path(__file__).parents[1] / "src"
 ENTRY = "from deltaid.cli import main; main()"
@@ -39,6 +42,10 @@ class Studio:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     def _read(self) -> None:
         assert self._process.stderr is not None
         self._said += self._process.stderr
@@ -60,6 +67,66 @@ class Studio:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+# What Plotly says of a figure that is taken away while it is drawn.
+_HARMLESS = ("Resize must be passed a displayed plot div element",)
+
+
+class Visitor:
+    """A browser with some tabs of the studio, all that these said, and whom they asked."""
+
+    def __init__(self, browser, studio: Studio) -> None:
+        self.studio = studio
+        self.context = browser.new_context(viewport={"width": 1280, "height": 900})
+        self.context.set_default_timeout(40_000)
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.context.on("request", lambda request: self.asked.append(request.url))
+        self.page = self.tab(studio.address)
+
+    def tab(self, address: str):
+        page = self.context.new_page()
+        page.on("console", lambda message: self._hear(message.type, message.text))
+        page.on("pageerror", lambda error: self._hear("error", str(error)))
+        page.on("websocket", lambda socket: self.asked.append(socket.url))
+        page.goto(address)
+        page.get_by_role("heading", level=1).wait_for()
+        return page
+
+    @property
+    def others(self) -> list[str]:
+        """What was asked of anything but the studio."""
+        base = self.studio.base
+        own = (base, base.replace("http:", "ws:"), "data:", "blob:")
+        return [url for url in self.asked if not url.startswith(own)]
+
+    def _hear(self, kind: str, text: str) -> None:
+        if kind in ("error", "warning") and not any(
+            own in text for own in (*BROWSERS_OWN, *_HARMLESS)
+        ):
+            self.said.append(f"{kind}: {text}")
+
+    def go(self, stage: str) -> None:
+        """To a stage, and there once more, as a reload does."""
+        self.page.get_by_role("navigation").get_by_role("link", name=stage).click()
+        self.page.wait_for_url(f"**/{stage.lower()}")
+        self.page.get_by_role("heading", level=1, name=stage).wait_for()
+        self.page.reload()
+        self.page.get_by_role("heading", level=1, name=stage).wait_for()
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def see(self, text: str, page=None) -> None:
+        (page or self.page).get_by_text(text).first.wait_for()
+
+    def copied(self) -> tuple[list[str], str]:
+        """The command and the Python that this stage shows."""
+        self.page.get_by_text("Command line and Python of this step").last.click()
+        command = self.page.locator("pre.command:visible").last.inner_text()
+        python = self.page.locator("pre.python:visible").last.inner_text()
+        return shlex.split(command), python
 
 
 def foreign(path: Path, log: pl.DataFrame, *, late: int = 0, turned: int | None = None) -> Path:

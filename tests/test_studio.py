@@ -261,6 +261,18 @@ def test_thinning_keeps_every_peak() -> None:
         assert when[what.argmax()] == time[values[:, k].argmax()]
 
 
+def test_a_part_of_a_long_recording_is_shown_in_full() -> None:
+    time = np.arange(100_000) / 1000
+    values = np.sin(1000 * time)[:, None]
+    seen = MinMax(1, 1600, (90.0, 91.0))
+    for start in range(0, len(time), 4096):
+        seen.add(time[start : start + 4096], values[start : start + 4096])
+    when, what = seen.curve(0)
+    assert seen.seconds == pytest.approx(99.999)
+    np.testing.assert_allclose(when, time[90_000:91_001])
+    np.testing.assert_allclose(what, values[90_000:91_001, 0])
+
+
 def test_without_the_library_the_command_says_how_to_get_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -8,14 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright import sync_api
 
 from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
 from logs import recorded
-from studios import Studio, foreign
-from visit import ARGUMENTS, BROWSERS_OWN, CHROMIUM
+from studios import Studio, Visitor, foreign
+from visit import CHROMIUM, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
 
@@ -37,58 +36,10 @@ def studio(place: Path) -> Iterator[Studio]:
     assert "Traceback" not in found.errors()
 
 
-class Visitor:
-    """A browser with some tabs of the studio, all that these said, and whom they asked."""
-
-    def __init__(self, browser, studio: Studio) -> None:
-        self.studio = studio
-        self.context = browser.new_context(viewport={"width": 1280, "height": 900})
-        self.context.set_default_timeout(40_000)
-        self.said: list[str] = []
-        self.asked: list[str] = []
-        self.context.on("request", lambda request: self.asked.append(request.url))
-        self.page = self.tab(studio.address)
-
-    def tab(self, address: str):
-        page = self.context.new_page()
-        page.on("console", lambda message: self._hear(message.type, message.text))
-        page.on("pageerror", lambda error: self.said.append(str(error)))
-        page.goto(address)
-        page.get_by_role("heading", level=1).wait_for()
-        return page
-
-    def _hear(self, kind: str, text: str) -> None:
-        if kind in ("error", "warning") and not any(own in text for own in BROWSERS_OWN):
-            self.said.append(f"{kind}: {text}")
-
-    def go(self, stage: str) -> None:
-        """To a stage, and there once more, as a reload does."""
-        self.page.get_by_role("navigation").get_by_role("link", name=stage).click()
-        self.page.wait_for_url(f"**/{stage.lower()}")
-        self.page.get_by_role("heading", level=1, name=stage).wait_for()
-        self.page.reload()
-        self.page.get_by_role("heading", level=1, name=stage).wait_for()
-
-    def press(self, name: str) -> None:
-        self.page.get_by_role("button", name=name, exact=True).click()
-
-    def see(self, text: str, page=None) -> None:
-        (page or self.page).get_by_text(text).first.wait_for()
-
-    def copied(self) -> tuple[list[str], str]:
-        """The command and the Python that this stage shows."""
-        self.page.get_by_text("Command line and Python of this step").last.click()
-        command = self.page.locator("pre.command:visible").last.inner_text()
-        python = self.page.locator("pre.python:visible").last.inner_text()
-        return shlex.split(command), python
-
-
 @pytest.fixture(scope="module")
 def visitor(studio: Studio) -> Iterator[Visitor]:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+    with chromium() as browser:
         yield Visitor(browser, studio)
-        browser.close()
 
 
 def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path) -> None:
@@ -161,8 +112,8 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     assert lag.value is not None
     assert abs(1e3 * lag.value - LATE) < 0.3 or abs(lag.value - LATE) < 0.3
     assert visitor.said == []
-    own = (visitor.studio.base, "data:", "blob:")
-    assert [url for url in visitor.asked if not url.startswith(own)] == []
+    assert visitor.others == []
+    assert any(url.startswith("ws:") for url in visitor.asked)
     _copied_works(work, done, check, fit)
 
 

@@ -21,7 +21,7 @@ class MinMax:
     """
 
     def __init__(self, curves: int, points: int, span: Any = None) -> None:
-        self.rows = 0
+        self.rows, self._taken = 0, 0
         self._points = max(4, points)
         self._span = span
         self._times: list[np.ndarray] = []
@@ -43,8 +43,9 @@ class MinMax:
         if self._span is not None:
             inside = (time >= self._span[0]) & (time <= self._span[1])
             time, values = time[inside], values[inside]
+        self._taken += len(time)
         for k, column in enumerate(values.T):
-            kept = _ends(column, _BLOCK) if self.rows > 8 * self._points else np.arange(len(time))
+            kept = _ends(column, _BLOCK) if self._taken > 8 * self._points else np.arange(len(time))
             self._places[k].append(time[kept])
             self._values[k].append(column[kept])
 
