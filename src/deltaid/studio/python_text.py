@@ -86,19 +86,22 @@ from pathlib import Path
 import deltaid
 from deltaid.excitation.motion_file import write_run
 
-settings = deltaid.ExcitationSettings(duration={duration:g}, starts={starts}, seed={seed})
+settings = deltaid.ExcitationSettings(duration={duration!r}, starts={starts}, seed={seed})
 exciter = deltaid.Exciter(deltaid.load({robot!r}), settings)
 result = exciter.optimise()
 write_run(exciter.dynamics.kinematics, result.run, settings.rate, Path({motion!r}))
 """
 
 
-def simulate_text(model: str, motion: str, mapping: str | None, controller: str) -> str:
+def simulate_text(
+    model: str, motion: str, mapping: str | None, controller: str, output: str
+) -> str:
     """A controller on the model itself."""
     return f"""\
 from pathlib import Path
 
 import deltaid
+from deltaid.cli.simulate import as_table, sensed
 from deltaid.control.comparison import gains
 from deltaid.control.control_model import ControlModel
 from deltaid.control.tracking import Drives, track
@@ -111,25 +114,30 @@ path, _ = open_trajectory(Path({motion!r}), kinematics{_mapping_place(mapping)})
 law = gains({controller!r}, known, path, 10.0)
 result = track(model, law, known, path, Drives())
 print("platform error rms [m]:", result.error.platform_rms)
+as_table(result, sensed(model, result)).write_csv({output!r})
 """
 
 
-def forces_text(model: str, motion: str, mapping: str | None, spacing: float | None) -> str:
+def forces_text(
+    model: str, motion: str, mapping: str | None, spacing: float | None, output: str
+) -> str:
     """Forces along a motion."""
     columns = _mapping_place(mapping)
-    apart = "None" if spacing is None else f"{spacing:.10g}"
+    apart = repr(spacing)
     return f"""\
 from pathlib import Path
 
 import deltaid
-from deltaid.forces.study import study, with_struts
+from deltaid.forces.study import CsvFile, study, with_struts
 from deltaid.identification.as_identified import model_filtered
 from deltaid.recording.opening import open_log
 
 model = with_struts(deltaid.load({model!r}), {apart}, None)
 forces = deltaid.ConstraintForces(model.robot)
 log = open_log(Path({motion!r}), forces.kinematics{columns}, need_torque=False)
-result = study(model, forces, model_filtered(model, log))
+with Path({output!r}).open("w", encoding="utf-8") as file:
+    viewer = CsvFile(forces, file)
+    result = study(model, forces, model_filtered(model, log), viewers=(viewer,))
 for finding in result.findings:
     print(finding)
 """

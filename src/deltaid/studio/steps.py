@@ -119,7 +119,7 @@ def simulate_step(
         "--output", output, "--report", report,
     )  # fmt: skip
     reads = (model, motion, *((mapping,) if mapping else ()))
-    python = simulate_text(model, motion, mapping, controller)
+    python = simulate_text(model, motion, mapping, controller, output)
     return Step("simulate", arguments, python, reads, (output, report))
 
 
@@ -134,7 +134,7 @@ def forces_step(
         "forces", model, motion, *columns, *between, "--output", output, "--report", report,
     )  # fmt: skip
     reads = (model, motion, *((mapping,) if mapping else ()))
-    python = forces_text(model, motion, mapping, spacing)
+    python = forces_text(model, motion, mapping, spacing, output)
     return Step("forces", arguments, python, reads, (output, report))
 
 
