@@ -223,13 +223,16 @@ def pictures(browser: sync_api.Browser, studio: Studio, folder: Path) -> None:
     live = page.locator(".live")
     live.get_by_text("use of the limits").wait_for()
     page.wait_for_timeout(2000)
-    live.scroll_into_view_if_needed()
+    page.locator(".live .q-slider__track-container").last.focus()
+    for _ in range(45):
+        page.keyboard.press("ArrowLeft")
     page.evaluate("document.querySelector('.live').closest('.panel').scrollIntoView()")
     page.wait_for_timeout(1500)
     page.screenshot(path=folder / "studio-robot.png")
     page.goto(f"{studio.base}/recording")
     page.locator(".js-plotly-plot .main-svg").first.wait_for(timeout=300_000)
-    page.wait_for_timeout(1000)
+    zoom(page, [])
+    page.wait_for_timeout(1500)
     page.screenshot(path=folder / "studio-recording.png", full_page=True)
 
 

@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.at_rest import AtRest
-from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
 from deltaid.report.members import members
 from deltaid.report.workspace import outline
-from deltaid.show.reach import require_space
-from deltaid.show.view import View, home_view, moved
+
+if TYPE_CHECKING:
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.mechanism.skeleton import Skeleton
+    from deltaid.show.view import View
 
 # Radius of a part for each pixel of its width in figures, as a share of the robot's size.
 _THICK = 0.0013
@@ -55,10 +57,18 @@ class Stage:
 
 @dataclass(frozen=True)
 class Stand:
-    """A robot at a pose: readings, and the two ends of each segment [m]."""
+    """A robot at a pose: readings, and where each segment is.
 
-    view: View
-    segments: Float[np.ndarray, "segments 2 3"]
+    Attributes:
+        middles: of the segments [m].
+        turns: rotations that take z along them.
+        lengths: [m].
+    """
+
+    view: "View"
+    middles: Float[np.ndarray, "segments 3"]
+    turns: Float[np.ndarray, "segments 3 3"]
+    lengths: Float[np.ndarray, " segments"]
 
 
 def stage(robot: str, changed: str) -> Stage:
@@ -101,27 +111,39 @@ def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[fl
     Raises:
         DeltaidError: as `stage`.
     """
+    from scipy.spatial.transform import Rotation
+
+    from deltaid.show.shapes import along
+    from deltaid.show.view import home_view, moved
+
     rest, skeleton = _built(robot, changed)
     units = _units(rest)
     view = moved(rest, home_view(rest), np.asarray(before, dtype=float) / units)
     view = moved(rest, view, np.asarray(wanted, dtype=float) / units)
-    return Stand(view, skeleton.evaluate(view.z[None])[0])
+    placed = along(skeleton.evaluate(view.z[None])[0], 1.0)
+    turns = Rotation.from_quat(placed.wxyz[:, [1, 2, 3, 0]]).as_matrix()
+    return Stand(view, placed.positions, turns, placed.scales[:, 2])
 
 
 @lru_cache(2)
-def _built(robot: str, _changed: str) -> tuple[AtRest, Skeleton]:
+def _built(robot: str, _changed: str) -> "tuple[AtRest, Skeleton]":
+    # The server knows this module and need not wait for those.
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.mechanism.skeleton import Skeleton
+    from deltaid.show.reach import require_space
+
     model = load(robot)
     require_space(model.robot)
     rest = AtRest(model.dynamics, model.p)
     return rest, Skeleton(rest.robot, rest.dynamics.kinematics.mechanism)
 
 
-def _units(rest: AtRest) -> Float[np.ndarray, " dof"]:
+def _units(rest: "AtRest") -> Float[np.ndarray, " dof"]:
     """What coordinates are multiplied with to be shown: m stay, rad become degrees."""
     return np.array([1.0, 1.0, 1.0, *(np.rad2deg(1.0) for _ in range(rest.dynamics.dof - 3))])
 
 
-def _axes(rest: AtRest, lines: Float[np.ndarray, "points 3"]) -> tuple[Axis, ...]:
+def _axes(rest: "AtRest", lines: Float[np.ndarray, "points 3"]) -> tuple[Axis, ...]:
     low, high = np.nanmin(lines, axis=0), np.nanmax(lines, axis=0)
     beyond = _BEYOND * (high - low)
     axes = [

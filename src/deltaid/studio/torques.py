@@ -4,19 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.identification.as_identified import model_filtered
-from deltaid.identification.loads import as_known
-from deltaid.identification.torque_error import torque_error
 from deltaid.model.model import Model, load
 from deltaid.recording.mapping import load_mapping
-from deltaid.recording.opening import open_log
-from deltaid.report.comparison import Comparison, compare
 from deltaid.studio.decimate import MinMax
 from deltaid.studio.folder import stamp
+
+if TYPE_CHECKING:
+    from deltaid.report.comparison import Comparison
 
 # Points of a curve at most; a screen has hardly more columns.
 _POINTS = 1600
@@ -94,7 +93,14 @@ def torques(
 @lru_cache(_KEPT)
 def _compared(
     path: str, mapping: str | None, name: str, _changed: tuple[object, ...]
-) -> tuple[Comparison, Float[np.ndarray, " drives"]]:
+) -> "tuple[Comparison, Float[np.ndarray, ' drives']]":
+    # The server knows this module and need not wait for those.
+    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.loads import as_known
+    from deltaid.identification.torque_error import torque_error
+    from deltaid.recording.opening import open_log
+    from deltaid.report.comparison import compare
+
     given = load_mapping(mapping) if mapping else None
     model: Model = load(name)
     log = open_log(path, model.dynamics.kinematics, given)

@@ -7,7 +7,6 @@ import numpy as np
 from nicegui import events, ui
 
 from deltaid.show.panel import panel
-from deltaid.show.shapes import along
 from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
@@ -120,10 +119,9 @@ class _Live:
         self.place = tuple((found.view.z * units).tolist())
         self.session.poses = {self.robot: self.place}
         for k, (bar, radius) in enumerate(zip(self.bars, self.found.radii, strict=True)):
-            placed = along(found.segments[k : k + 1], radius)
-            bar.move(*placed.positions[0].tolist())
-            bar.rotate_R((_matrix(placed.wxyz[0]) @ _Y_TO_Z).tolist())
-            bar.scale(radius, float(placed.scales[0, 2]), radius)
+            bar.move(*found.middles[k].tolist())
+            bar.rotate_R((found.turns[k] @ _Y_TO_Z).tolist())
+            bar.scale(radius, float(found.lengths[k]), radius)
         self.ball.move(*self.place[:3])
         self.readings.set_content(panel(found.view))
 
@@ -135,18 +133,6 @@ def _legend(found: Stage) -> None:
                 ui.element("span").classes("swatch").style(f"background: {color}")
                 ui.label(label)
         ui.label("Drag the ball, or turn and zoom with the mouse.")
-
-
-def _matrix(wxyz: np.ndarray) -> np.ndarray:
-    """The rotation of a unit quaternion."""
-    w, x, y, z = wxyz
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _text(value: float, axis: Axis) -> str:
