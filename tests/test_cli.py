@@ -300,7 +300,7 @@ START = "from deltaid.cli import main; import sys; sys.argv = ['deltaid', {}]; m
 @pytest.mark.parametrize(
     "code",
     [
-        "import deltaid",
+        "import deltaid; dir(deltaid); deltaid.__version__",
         START.format("'--help'"),
         START.format("'identify', '-h'"),
     ],

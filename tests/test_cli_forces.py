@@ -84,7 +84,8 @@ def test_ranges_and_report(folder: Path) -> None:
     along = [c["value"] for c in told["worst"] if c["kind"] in ("tension", "compression")]
     assert "Good: all ball joints hold, with" in text
     assert f"forces along the struts reach from −{-min(along):#.3g} N" in text
-    assert "ψ, deg" in text
+    turn = next(c["z"][3] for c in told["worst"] if c["kind"] == "tension")
+    assert f">{np.degrees(turn):.2f}<".replace("-", "−") in text
     run(*command[:-1], 1.0, "--report", page)
     assert "Poor: a ball joint comes apart; forces along" in page.read_text(encoding="utf-8")
 

@@ -10,7 +10,7 @@ from scipy.integrate import simpson
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import KinematicsError
+from deltaid.errors import DescriptionError, KinematicsError
 from generic_robots import Case, case, every_case, generic_states
 from recordings import stored_oracle, stored_rows
 from support import assert_close, random_states, random_twin, slope, twin
@@ -226,5 +226,5 @@ def test_angles_that_close_no_loop_are_refused(method: str, irb360: Dynamics) ->
 
 def test_wrong_number_of_parameters_is_refused(irb360: Dynamics) -> None:
     z, _, qd, qdd = generic_states(irb360, 3)
-    with pytest.raises(ValueError, match="71 uniform inputs, not 70"):
+    with pytest.raises(DescriptionError, match=r"shape \(70,\), but the robot has 71 parameters"):
         irb360.torque(z, qd, qdd, np.zeros(70))

@@ -1,14 +1,20 @@
 """What pages say in words: numbers and names in sentences, corrections, checks at a page's head."""
 
+from dataclasses import replace
+
 import pytest
 
 from deltaid.check.verdict import Grade, Verdict
+from deltaid.dynamics.dynamics import compiled
+from deltaid.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.model.corrections import Correction
 from deltaid.report.check import check_page
 from deltaid.report.check_tables import page_table, short_table
 from deltaid.report.corrected import corrected
+from deltaid.report.excitation import excitation_page
 from deltaid.report.page import Fact, Page, Section, Text, render
 from deltaid.report.typeset import explained
+from deltaid.robot.load import load_robot
 from html_page import Document
 
 GOOD = Verdict("rate", Grade.GOOD, "1000 Hz")
@@ -22,6 +28,7 @@ SIGN = Verdict("torque-sign", Grade.WRONG, "turned", "drive1", "wired so", "turn
         ("steps of 2.4e-06 rad", "steps of 2.4·10⁻⁶ rad"),
         ("drive1 -0.99 %, drive2 +1.7 %", "drive1 −0.99 %, drive2 +1.7 %"),
         ("run-1e-05.csv, log-2.csv, a/1e-5/b, 9e-1f", "run-1e-05.csv, log-2.csv, a/1e-5/b, 9e-1f"),
+        ("run-1e-05 and a/2e-05", "run-1e-05 and a/2e-05"),
         ("2026-11-21 07:54 +0000", "2026-11-21 07:54 +0000"),
     ],
 )
@@ -61,6 +68,22 @@ def test_corrections_name_bodies_and_rows_of_drives() -> None:
         "Two corrections were made: friction law (drive1, drive2, drive4), prior made wider "
         "(upper telescope bar, end effector)."
     )
+    arms = "upper arm 1, upper arm 2, upper arm 3"
+    assert f"({arms})" in corrected(corrections(prior=("U1", "U2", "U3")))
+
+
+def test_a_motion_beyond_a_limit_is_not_called_good() -> None:
+    robot = compiled(load_robot("clavel-delta3"))
+    exciter = Exciter(robot, ExcitationSettings(starts=1, harmonics=2))
+    result = exciter.optimise()
+    kept = excitation_page(exciter, result).verdict
+    assert kept is not None
+    assert kept.sentence.startswith("Good: ")
+    beyond = replace(result, limits=(*result.limits, LimitUse("speed of drive1", 1.01)))
+    said = excitation_page(exciter, beyond).verdict
+    assert said is not None
+    assert said.grade == "poor"
+    assert said.sentence.endswith("and beyond a limit of speed of drive1.")
 
 
 def test_what_is_good_has_no_next_step() -> None:

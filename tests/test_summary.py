@@ -10,13 +10,16 @@ from command import run
 from deltaid.check.identified import Judged, identify
 from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.check.verdict import Verdict
+from deltaid.check.verdicts import Verdicts
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.report.identification import identification_page
-from deltaid.report.page import Fact
+from deltaid.report.model_tables import error_table
+from deltaid.report.page import Fact, Table
+from deltaid.report.provenance import provenance_section
 from deltaid.report.summary import Grade, Summary, summary, without_doubts
 from deltaid.robot.load import load_robot, save_yaml
 from html_page import Document
@@ -117,7 +120,9 @@ def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -
     def with_verdict(grade: CheckGrade) -> Summary:
         verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
         model = result.model.changed(warnings=(verdict.sentence,))
-        return summary(replace(result, model=model, verdicts=(verdict,)), off(error, 0.01))
+        return summary(
+            replace(result, model=model, verdicts=Verdicts((verdict,))), off(error, 0.01)
+        )
 
     assert with_verdict(CheckGrade.CANNOT_TELL).grade is Grade.GOOD
     assert with_verdict(CheckGrade.DOUBTFUL).grade is Grade.FAIR
@@ -129,12 +134,23 @@ def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -
 def test_what_the_checks_say_stands_once_on_the_page(result: Judged) -> None:
     verdict = Verdict("clock", CheckGrade.DOUBTFUL, "rows repeat", cause="lost", cure="log anew")
     model = result.model.changed(warnings=(verdict.sentence, "something else"))
-    page = identification_page(replace(result, model=model, verdicts=(verdict,)))
+    good = Verdict("rate", CheckGrade.GOOD, "1000 Hz")
+    page = identification_page(replace(result, model=model, verdicts=Verdicts((verdict, good))))
     assert page.warnings == ("something else",)
     assert ("doubtful", "clock", "rows repeat", "lost → log anew") in page.front[0].rows
     assert Fact("checks", "1 doubtful", "clock") in page.facts
     assert page.verdict is not None
     assert "two things are doubtful" in page.verdict.sentence
+
+
+def test_tables_say_which_recording_and_setting_is_meant(
+    model: IdentifiedModel, error: TorqueError
+) -> None:
+    assert "verify rms" in error_table(load(model), error).caption
+    assert "verify rms" not in error_table(load(model), None).caption
+    tables = [b for b in provenance_section(load(model), "s").blocks if isinstance(b, Table)]
+    rows = {row[0]: row[1] for table in tables for row in table.rows}
+    assert (rows["keep all"], rows["events"]) == ("no", "yes")
 
 
 def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: TorqueError) -> None:

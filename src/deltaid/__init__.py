@@ -17,16 +17,17 @@ if TYPE_CHECKING:
     from deltaid.check.identified import identify
     from deltaid.check.run import verdicts
     from deltaid.check.verdict import Grade, Proposal, Verdict
+    from deltaid.check.verdicts import Verdicts
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.dynamics.forward_dynamics import ForwardDynamics
     from deltaid.dynamics.parameters import prior_parameters
     from deltaid.errors import DeltaidError
-    from deltaid.excitation.excite import ExcitationSettings, Exciter
+    from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
     from deltaid.export.files import write_export
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification
-    from deltaid.identification.validation import validate
+    from deltaid.identification.validation import Validation, validate
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
     from deltaid.mechanism.own import BodyPose, MechanismParts
@@ -44,12 +45,15 @@ if TYPE_CHECKING:
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
 
+    __version__: str
+
 _HOME = {
     "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.mapping",
     "ConstraintForces": "deltaid.forces.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
+    "Excitation": "deltaid.excitation.excite",
     "ExcitationSettings": "deltaid.excitation.excite",
     "Exciter": "deltaid.excitation.excite",
     "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
@@ -70,7 +74,9 @@ _HOME = {
     "RobotDescription": "deltaid.robot.description",
     "Samples": "deltaid.model.samples",
     "Settings": "deltaid.model.record",
+    "Validation": "deltaid.identification.validation",
     "Verdict": "deltaid.check.verdict",
+    "Verdicts": "deltaid.check.verdicts",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.check.identified",
@@ -94,6 +100,7 @@ __all__ = [
     "ConstraintForces",
     "DeltaidError",
     "Dynamics",
+    "Excitation",
     "ExcitationSettings",
     "Exciter",
     "ForwardDynamics",
@@ -114,7 +121,9 @@ __all__ = [
     "Samples",
     "SensorPlan",
     "Settings",
+    "Validation",
     "Verdict",
+    "Verdicts",
     "build_limb",
     "catalogue",
     "identify",
@@ -134,10 +143,18 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOME:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("deltaid")
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    if name.startswith("_"):  # what Python itself looks for, and knows how to go without
         raise AttributeError(f"module 'deltaid' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
+    errors = import_module("deltaid.errors")
+    hint = errors.nearest(name, __all__, 0.5)
+    raise errors.UnknownFunctionError(
+        f"module 'deltaid' has no attribute '{name}'", cure=f"{hint}dir(deltaid) lists all names"
+    )
 
 
 def __dir__() -> list[str]:
-    return list(__all__)
+    return [*__all__, "__version__"]

@@ -1,7 +1,14 @@
 """The package's own errors and warnings: what is wrong, where, why, and how to mend it."""
 
+import difflib
+import linecache
+from collections.abc import Iterable
+from types import TracebackType
+
 # Spaces that do not break a line: plain, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
+# Most names that a message lists.
+_LISTED = 12
 
 
 class DeltaidError(Exception):
@@ -20,6 +27,14 @@ class DeltaidError(Exception):
     def __reduce__(self) -> tuple[object, ...]:
         return _again, (type(self), self.what, self.where, self.cure)
 
+    def _render_traceback_(self) -> list[str]:
+        """What IPython and Jupyter show: the line that was typed and the message.
+
+        Frames within the package say nothing to who can mend the input; `%debug` still has them.
+        """
+        kind, typed = type(self).__name__, _typed(self.__traceback__)
+        return [*([f"----> {typed}"] if typed else []), f"{kind}: {self}"]
+
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
         cure = f"\n  → {self.cure}" if self.cure else ""
@@ -29,6 +44,26 @@ class DeltaidError(Exception):
 def _again(kind: type[DeltaidError], what: str, where: str, cure: str) -> DeltaidError:
     """An error that comes from another process."""
     return kind(what, where=where, cure=cure)
+
+
+def _typed(traceback: TracebackType | None) -> str:
+    """The last line on the way to an error that is not of this package."""
+    found = ""
+    while traceback is not None:
+        frame = traceback.tb_frame
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] == "deltaid":
+            break
+        line = linecache.getline(frame.f_code.co_filename, traceback.tb_lineno).strip()
+        found, traceback = (f"{traceback.tb_lineno} {line}" if line else ""), traceback.tb_next
+    return found
+
+
+class UnknownNameError(DeltaidError, KeyError):
+    """There is nothing of that name; the message has the nearest one."""
+
+
+class UnknownFunctionError(DeltaidError, AttributeError):
+    """`deltaid` has nothing of that name; the message has the nearest one."""
 
 
 class DescriptionError(DeltaidError):
@@ -45,6 +80,34 @@ class RecordingError(DeltaidError):
 
 class IdentificationError(DeltaidError):
     """The identification cannot be posed, or a solver did not reach its end."""
+
+
+def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """'did you mean P.m? ', or nothing where no known name is like it."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    if not near:  # perhaps only in other letters
+        lower = {one.lower(): one for one in names}
+        near = [lower[one] for one in difflib.get_close_matches(name.lower(), lower, n=1)]
+    return f"did you mean {near[0]}? " if near else ""
+
+
+def unknown(
+    name: object, known: Iterable[str], what: str, where: str, *, also: str = ""
+) -> UnknownNameError:
+    """An error that says which name is nearest, and some of those that there are.
+
+    Args:
+        also: the name that is meant, where that is known.
+    """
+    names, text = list(known), str(name)
+    hint = f"did you mean {also}? " if also else nearest(text, names)
+    own = [one for one in names if one.startswith(f"{text.partition('.')[0]}.")]
+    shown = own or names
+    listed = ", ".join(shown[:_LISTED]) + (", …" if len(shown) > _LISTED else "")
+    return UnknownNameError(
+        f"has no {what} '{text}'", where=where, cure=f"{hint}there are: {listed}"
+    )
 
 
 class Doubt(str):

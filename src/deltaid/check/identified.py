@@ -1,21 +1,24 @@
 """The identification between its checks: what is wrong is refused before, what is doubtful said."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdict import KEYS, Grade, Verdict
+from deltaid.check.verdicts import Verdicts
 from deltaid.check.wiring.confirmed import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
-from deltaid.identification.fit import FittedProblem, Progress
+from deltaid.identification.fit import FittedProblem
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.corrections import Correction
-from deltaid.model.record import Settings
+from deltaid.model.settings import Settings, settings_of
 from deltaid.posterior.intervals import with_posterior_intervals
+from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import Recording
@@ -33,7 +36,7 @@ _EXPLAIN_A_FIT = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Judged(Identification):
     """An identification with the verdicts that it began and ended with.
 
@@ -41,7 +44,7 @@ class Judged(Identification):
         verdicts: as of `deltaid check` but for the workspace, good ones included.
     """
 
-    verdicts: tuple[Verdict, ...] = ()
+    verdicts: Verdicts = field(default_factory=Verdicts)
 
 
 def identify(
@@ -49,9 +52,9 @@ def identify(
     logs: RecordingLike | Sequence[RecordingLike],
     *,
     columns: ColumnMappings = None,
-    settings: Settings | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     force: bool = False,
-    progress: Progress = lambda _: None,
+    progress: Watch = None,
 ) -> Judged:
     """Identify a robot's dynamic parameters from recordings of the same machine.
 
@@ -67,21 +70,35 @@ def identify(
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or a sequence with one each (None for the default
             names). Arrays with units of their own keep these.
-        settings: method, regulariser, γ, filter, friction laws.
+        settings: method, regulariser, γ, filter, friction laws; by value or as a dictionary.
         force: go on with what is wrong, which then stands in the model's warnings.
-        progress: called with a sentence before each stage.
+        progress: called with a sentence before each stage; or whether to show them, None for where
+            someone is watching.
 
     Raises:
         DescriptionError: the description is wrong.
         RecordingError: a log cannot be used, or is wrong.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    settings, description = settings or Settings(), described(robot)
+    with watched(progress, "identify") as say:
+        return _judged(described(robot), logs, columns, settings_of(settings), force, say)
+
+
+def _judged(
+    description: RobotDescription,
+    logs: RecordingLike | Sequence[RecordingLike],
+    columns: ColumnMappings,
+    settings: Settings,
+    force: bool,
+    progress: Progress,
+) -> Judged:
+    """The identification, told stage by stage."""
     found = of_robot(description, QUICK_OF_ROBOT)
     if not force:
         _refuse(found, description.name, DescriptionError, description)
     sources, opened, wired = as_sources(logs), list[Evidence](), list[tuple[Verdict, ...]]()
-    for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
+    mappings = mapping_each(columns, len(sources))
+    for source, mapping in zip(sources, mappings, strict=True):
         progress(f"judging {source}")
         one = evidence(description, source, mapping, settings)
         said = asked(one, _FIRST, "rows")
@@ -98,7 +115,7 @@ def identify(
             for key in ("rows", "_setup", "surveyed"):
                 vars(one).pop(key, None)  # all of them might not fit into memory
         opened.append(one)
-    result = fitted(description, sources, columns=columns, settings=settings, progress=progress)
+    result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
     progress("judging what it tells")
     for one, said, recording in zip(opened, wired, result.recordings, strict=True):
         said = _done(said, recording, result.model.corrections)
@@ -113,7 +130,8 @@ def identify(
     if settings.intervals == "posterior":
         progress("drawing models")
         model = with_posterior_intervals(model)
-    return Judged(model, result.problem, result.recordings, result.studies, found)
+    judged = Verdicts(found, description, sources, mappings)
+    return Judged(model, result.problem, result.recordings, result.studies, judged)
 
 
 def _mended(

@@ -1,8 +1,9 @@
 """All checks in order: of the description, of each recording, and of what they tell together."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -19,18 +20,19 @@ from deltaid.check.residual import checked_residual
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdict import Grade, Verdict, worst
+from deltaid.check.verdicts import Verdicts
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.check.workspace import checked_workspace
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.information import Information, merge
-from deltaid.model.record import Settings
-from deltaid.recording.mapping import ColumnMappings, mapping_each
-from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.model.settings import Settings, settings_of
+from deltaid.progress import Progress, Watch, watched
+from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
+from deltaid.recording.memory import Recording, RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
-Progress = Callable[[str], None]
 Needs = Literal["rows", "survey", "fit"]
 OfRobot = Callable[[RobotDescription], Iterable[Verdict]]
 OfRecording = Callable[[Evidence], Iterable[Verdict]]
@@ -82,9 +84,9 @@ def verdicts(
     logs: RecordingLike | Sequence[RecordingLike] = (),
     *,
     columns: ColumnMappings = None,
-    settings: Settings | None = None,
-    progress: Progress = lambda _: None,
-) -> tuple[Verdict, ...]:
+    settings: Settings | Mapping[str, Any] | None = None,
+    progress: Watch = None,
+) -> Verdicts:
     """What is wrong with a robot's description and with recordings of it, before they are used.
 
     Args:
@@ -93,28 +95,44 @@ def verdicts(
             judged on its own, but what they tell of the parameters by all of them together.
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or one each.
-        settings: of the fit that verdicts on the fit rest on.
-        progress: called with a sentence before each stage.
+        settings: of the fit that verdicts on the fit rest on, by value or as a dictionary.
+        progress: called with a sentence before each stage; or whether to show them, None for where
+            someone is watching.
 
     Returns:
-        Verdicts in the order of what they look at; of several recordings each names its own.
+        Verdicts, a tuple of them in the order of what they look at; of several recordings each
+        names its own.
 
     Raises:
         DescriptionError: there is no such robot, or its file does not describe one.
         RecordingError: a recording cannot be read at all.
     """
-    progress("checking the description")
-    try:
-        description = described(robot)
-    except DescriptionError:
-        if (verdict := in_metres(robot)) is None:
-            raise
-        return (verdict,)
+    with watched(progress, "check") as say:
+        say("checking the description")
+        try:
+            description = described(robot)
+        except DescriptionError:
+            if (verdict := in_metres(robot)) is None:
+                raise
+            return Verdicts((verdict,))
+        sources = as_sources(logs)
+        mappings = mapping_each(columns, len(sources))
+        found = _verdicts(description, sources, mappings, settings_of(settings), say)
+        return Verdicts(found, description, sources, mappings)
+
+
+def _verdicts(
+    description: RobotDescription,
+    sources: Sequence[Path | Recording],
+    mappings: Sequence[ColumnMapping | None],
+    settings: Settings,
+    progress: Progress,
+) -> Sequence[Verdict]:
+    """On a description and on recordings that are there."""
     found = list(of_robot(description))
-    sources, told = as_sources(logs), list[Told]()
-    several = len(sources) > 1
+    told, several = list[Told](), len(sources) > 1
     families = [family for family in OF_RECORDING if family.alone or not several]
-    for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
+    for source, mapping in zip(sources, mappings, strict=True):
         progress(f"checking {source}")
         one = evidence(description, source, mapping, settings)
         _ = one.rows  # what cannot be read at all is an error and no verdict
@@ -126,7 +144,7 @@ def verdicts(
         progress("checking what they tell together")
         known, moved = zip(*told, strict=True)
         found += judged_information(compiled(description), merge(known), moved)
-    return tuple(found)
+    return found
 
 
 def of_robot(

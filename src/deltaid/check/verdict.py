@@ -1,10 +1,12 @@
 """What is said of a description, a recording or a fit: one verdict a cause."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
 from deltaid.errors import sentence
+from deltaid.shown import Shown
 
 # Every key that a verdict may have, in the order of docs/check.md, by what it is about.
 KEYS = {
@@ -54,8 +56,8 @@ class Proposal:
     changes: tuple[tuple[str, object], ...]
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, repr=False)
+class Verdict(Shown):
     """One cause, in the words of the trade.
 
     Attributes:
@@ -91,7 +93,7 @@ class Verdict:
         return sentence(self.finding, "", self.cure)
 
 
-def worst(verdicts: "tuple[Verdict, ...] | list[Verdict]") -> Grade:
+def worst(verdicts: Iterable[Verdict]) -> Grade:
     """The most severe grade; good if there is none."""
     order = list(Grade)
     return max((one.grade for one in verdicts), key=order.index, default=Grade.GOOD)

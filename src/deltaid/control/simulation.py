@@ -16,6 +16,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.mechanism.kinematics import Samples
+from deltaid.shown import Shown
 
 # Torques of a time and of the drives' q and q̇, one state a row.
 Torque = Callable[[float, Samples, Samples], Samples]
@@ -32,8 +33,8 @@ _EDGE = 1e-6
 LONGEST_STEP = 2.5e-4
 
 
-@dataclass(frozen=True)
-class Path:
+@dataclass(frozen=True, repr=False)
+class Path(Shown):
     """States over time, one slice a time, one row a state that was started with.
 
     Attributes:

@@ -9,25 +9,26 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.equations import Equations, build_equations
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
+from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.rounding import beyond_rounding
 from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
+from deltaid.shown import Plotted, Shown
 
-Parameters = Float[np.ndarray, " parameters"]
 
-
-@dataclass(frozen=True)
-class Terms:
+@dataclass(frozen=True, repr=False)
+class Terms(Shown):
     """The terms of M(q) q̈ + C(q, q̇) q̇ + g(q) + f(q̇) = τ, eq. (1), sample by sample."""
 
-    M: Float[np.ndarray, "samples dof dof"]
-    C: Float[np.ndarray, "samples dof dof"]
-    g: Float[np.ndarray, "samples dof"]
-    f: Float[np.ndarray, "samples dof"]
+    M: Float[np.ndarray, "*samples dof dof"]
+    C: Float[np.ndarray, "*samples dof dof"]
+    g: Float[np.ndarray, "*samples dof"]
+    f: Float[np.ndarray, "*samples dof"]
 
 
 @dataclass(frozen=True)
@@ -87,17 +88,21 @@ def compiled(robot: RobotDescription) -> "Dynamics":
     return _compiled(robot.model_dump_json())
 
 
-class Dynamics:
+class Dynamics(WithParameters, Shown, Plotted):
     """Dynamics of a described robot. Arrays have one sample a row; kernels compile when needed.
 
     Drive coordinates q, q̇, q̈ come in rad (or m for a linear drive), torques in N m (or N).
+    A single sample may be given as a vector, and then what is returned has no axis of samples.
+    Where no parameters p are given, those hold that it was made with: of a model, by value or file,
+    its own; of a robot its prior.
     """
 
     def __init__(self, robot: RobotLike) -> None:
+        self._p = known_parameters(robot)
         robot = described(robot)
         self.robot = robot
         self._kinematics = Kinematics(robot)
-        self.layout: ParameterLayout = parameter_layout(robot)
+        self.layout = parameter_layout(robot)
 
     @cached_property
     def equations(self) -> Equations:
@@ -114,6 +119,7 @@ class Dynamics:
         """Number of drives δ."""
         return self.kinematics.dof
 
+    @one_or_many("q", "qd", "qdd", "load")
     def regressor(
         self, q: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> Float[np.ndarray, "samples dof parameters"]:
@@ -172,7 +178,10 @@ class Dynamics:
         e = self.equations
         return beyond_rounding(self.kinematics, ca.vertcat(e.z, e.qd, e.qdd, e.load), e.Y.T.nz[:])
 
-    def inverse_dynamics(self, q: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+    @one_or_many("q", "qd", "qdd")
+    def inverse_dynamics(
+        self, q: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None
+    ) -> Samples:
         """Drive torques τ = Y(q, q̇, q̈) p, eq. (2).
 
         Raises:
@@ -180,26 +189,34 @@ class Dynamics:
         """
         return self.torque(self.kinematics.forward(q), qd, qdd, p)
 
-    def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+    @one_or_many("z", "qd", "qdd")
+    def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None) -> Samples:
         """Drive torques at task coordinates z."""
-        return self._torque_kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
+        return self._torque_kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
 
-    def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
+    @one_or_many("z", "qd", "qdd")
+    def carried(
+        self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None
+    ) -> Samples:
         """What the gears carry at task coordinates z: drive torques without the motors' own
         friction and rotors."""
-        return self._carried_kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
+        return self._carried_kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
 
-    def mass_matrix(self, q: Samples, p: Parameters) -> Float[np.ndarray, "samples dof dof"]:
+    @one_or_many("q")
+    def mass_matrix(
+        self, q: Samples, p: Parameters | None = None
+    ) -> Float[np.ndarray, "samples dof dof"]:
         """M(q) of (1).
 
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
         z = self.kinematics.forward(q)
-        out = self._mass_kernel(z.T, uniform=p).T
+        out = self._mass_kernel(z.T, uniform=self._parameters(p)).T
         return out.reshape(-1, self.dof, self.dof)  # symmetric, so the order does not matter
 
-    def terms(self, q: Samples, qd: Samples, p: Parameters) -> Terms:
+    @one_or_many("q", "qd")
+    def terms(self, q: Samples, qd: Samples, p: Parameters | None = None) -> Terms:
         """M, C, g and f of (1) in drive coordinates.
 
         C comes from Christoffel symbols, so Ṁ = C + Cᵀ. Friction that depends on load is a share
@@ -210,7 +227,7 @@ class Dynamics:
         """
         z = self.kinematics.forward(q)
         n, d = z.shape[0], self.dof
-        out = self._terms_kernel(np.hstack([z, np.atleast_2d(qd)]).T, uniform=p).T
+        out = self._terms_kernel(np.hstack([z, qd]).T, uniform=self._parameters(p)).T
         M, C = (out[:, k * d * d : (k + 1) * d * d].reshape(n, d, d) for k in range(2))
         g, f = out[:, 2 * d * d : 2 * d * d + d], out[:, 2 * d * d + d :]
         return Terms(M.swapaxes(1, 2), C.swapaxes(1, 2), g, f)  # CasADi stores columns

@@ -6,34 +6,39 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.friction_at_rest import friction_impulses
+from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
 from deltaid.dynamics.load_friction import carried, losses, rotor_inertia
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
+from deltaid.shown import Plotted, Shown
 
 # How often impulses of friction and what gears carry are found in turn, from the motors' torques.
 _LOAD_TURNS = 4
 
 
-class ForwardDynamics:
+class ForwardDynamics(WithParameters, Shown, Plotted):
     """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile when
     needed.
 
     States are task coordinates and velocities (z, ż): they close the loops exactly. Accelerations
     solve (1) by a Cholesky factorisation of the mass matrix that is written out in the graph, so
     where M is not positive definite they are NaN.
+
+    Where parameters p may be left out, those hold that it was made with, as in `Dynamics`.
     """
 
     def __init__(self, robot: RobotLike) -> None:
+        self._p = known_parameters(robot)
         robot = described(robot)
         self.robot = robot
         self.kinematics = Kinematics(robot)
-        self.layout: ParameterLayout = parameter_layout(robot)
+        self.layout = parameter_layout(robot)
 
     @property
     def dof(self) -> int:
@@ -45,27 +50,34 @@ class ForwardDynamics:
         """The symbolic equations behind all of this."""
         return build_task_dynamics(self.robot, self.kinematics.mechanism)
 
-    def acceleration(self, z: Samples, zd: Samples, tau: Samples, p: Parameters) -> Samples:
+    @one_or_many("z", "zd", "tau")
+    def acceleration(
+        self, z: Samples, zd: Samples, tau: Samples, p: Parameters | None = None
+    ) -> Samples:
         """z̈ at states (z, ż) under drive torques τ; NaN out of reach.
 
         A joint at rest has no friction here but its offset: sign(0) = 0, as in inverse dynamics.
         """
-        return self._acceleration_kernel(np.hstack([z, zd, tau]).T, uniform=p).T
+        return self._acceleration_kernel(np.hstack([z, zd, tau]).T, uniform=self._parameters(p)).T
 
-    def drive_acceleration(self, q: Samples, qd: Samples, tau: Samples, p: Parameters) -> Samples:
+    @one_or_many("q", "qd", "tau")
+    def drive_acceleration(
+        self, q: Samples, qd: Samples, tau: Samples, p: Parameters | None = None
+    ) -> Samples:
         """q̈ at drive coordinates and velocities (q, q̇) under torques τ.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
         z = self.kinematics.forward(q)
-        return self._drive_kernel(np.hstack([z, np.atleast_2d(qd), np.atleast_2d(tau)]).T, p).T
+        return self._drive_kernel(np.hstack([z, qd, tau]).T, self._parameters(p)).T
 
+    @one_or_many("z", "zd")
     def energy(
-        self, z: Samples, zd: Samples, p: Parameters
+        self, z: Samples, zd: Samples, p: Parameters | None = None
     ) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]]:
         """Kinetic and potential energy [J]; the latter has an arbitrary constant."""
-        kinetic, potential = self._energy_kernel(np.hstack([z, zd]).T, uniform=p)
+        kinetic, potential = self._energy_kernel(np.hstack([z, zd]).T, uniform=self._parameters(p))
         return kinetic, potential
 
     def drive_coordinates(self, z: Samples) -> Samples:

@@ -10,6 +10,7 @@ from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, consistency
+from deltaid.robot.load import RobotLike, described
 from deltaid.robot.parameter import ADDED, Parameter, ParameterKind
 
 # Entries of a body that are positive: its mass and moments of inertia.
@@ -155,9 +156,10 @@ def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
     return np.where(p != 0, np.abs(p), own)
 
 
-def prior_parameters(robot: RobotDescription) -> Float[np.ndarray, " parameters"]:
+def prior_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"]:
     """p_reg: the description's prior, reduced as its bodies' `free` entries say."""
-    return np.array([parameter.prior for parameter in parameter_layout(robot).parameters])
+    layout = parameter_layout(described(robot))
+    return np.array([parameter.prior for parameter in layout.parameters])
 
 
 def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -> tuple[str, float]:

@@ -1,6 +1,8 @@
 """From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
 
 from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
 from threading import Event
 
 import numpy as np
@@ -9,61 +11,26 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import DeltaidError
 from deltaid.excitation.by_bodies import by_bodies
 from deltaid.excitation.criterion import Criterion
 from deltaid.excitation.graph import ExcitationGraph
+from deltaid.excitation.left_by_friction import torques_without_friction
+from deltaid.excitation.motion_file import write_run
 from deltaid.excitation.optimize import Judge, Optimum, Progress, conflict, optimise, random_start
-from deltaid.excitation.options import CriterionName, PurposeName
 from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
+from deltaid.excitation.settings import ExcitationSettings
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.regularizer import parameter_scale
 from deltaid.model.model import ModelLike, load
-from deltaid.robot.friction_terms import at_rest
+from deltaid.progress import watched
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
 # the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
 _POINTS, _REFERENCES, _TURN, _SHORTER = 20, 20, np.pi, 4.0
-# Length [m] by which a turning passive joint's friction becomes a force at the platform.
-_LEVER = 0.1
-
-
-@dataclass(frozen=True)
-class ExcitationSettings:
-    """What to optimise.
-
-    Attributes:
-        criterion: of the information matrix.
-        harmonics: n_F of (8).
-        duration: longest period [s]; the optimiser may shorten the period to a quarter, and then
-            so many whole periods are run that they last about as long.
-        repeats: how often all of that is run, for averaging.
-        velocity_weight: w of (9), which asks for speed so that friction shows.
-        weigh_prior: excite what is uncertain by the prior, in units of the torque noise.
-        prior_spread: relative standard deviation of the prior, for that.
-        torque_noise: standard deviation of the torque noise, as a share of each drive's largest
-            torque on random motions.
-        rate: sampling rate of the recording [Hz].
-        starts, seed: how many starts, and the first one's seed.
-        by: what decides between the motions of all starts: the criterion, of torques, or what
-            `sensors` and measured values of the description tell of all bodies besides.
-    """
-
-    criterion: CriterionName = "logdet"
-    harmonics: int = 5
-    duration: float = 10.0
-    repeats: int = 1
-    velocity_weight: float = 0.1
-    weigh_prior: bool = False
-    prior_spread: float = 0.5
-    torque_noise: float = 0.02
-    rate: float = 1000.0
-    starts: int = 8
-    seed: int = 0
-    by: PurposeName = "torques"
 
 
 @dataclass(frozen=True)
@@ -91,11 +58,12 @@ class Prediction:
     unit: str
 
 
-@dataclass(frozen=True)
-class Excitation:
+@dataclass(frozen=True, repr=False)
+class Excitation(Shown, Plotted, Tabled, Reported):
     """An optimised motion, ready to run.
 
     Attributes:
+        exciter: the robot and the settings that it was made with.
         run: the motion from rest to rest.
         optimum: how it was found.
         criterion_before, criterion_after: the criterion, with true signs of friction, of the best
@@ -105,6 +73,7 @@ class Excitation:
         torque_max: largest torque of each drive over the run, at the prior [N m].
     """
 
+    exciter: "Exciter"
     run: Run
     optimum: Optimum
     criterion_before: float
@@ -113,8 +82,20 @@ class Excitation:
     predictions: tuple[Prediction, ...]
     torque_max: Float[np.ndarray, " dof"]
 
+    def save(self, path: str | Path, rate: float | None = None) -> None:
+        """Write the run as CSV, as a controller replays it: t, q1…, qd1…, qdd1…, x, y, z.
 
-class Exciter:
+        Args:
+            rate: samples a second; that of the settings without.
+
+        Raises:
+            DeltaidError: the file cannot be written.
+        """
+        kinematics = self.exciter.dynamics.kinematics
+        write_run(kinematics, self.run, rate or self.exciter.settings.rate, Path(path))
+
+
+class Exciter(Shown, Plotted):
     """A robot prepared for excitation: kernels, base parameters, reference motions, scaling.
 
     Args:
@@ -123,7 +104,10 @@ class Exciter:
         settings: what to optimise.
     """
 
-    def __init__(self, robot: Dynamics | ModelLike, settings: ExcitationSettings) -> None:
+    def __init__(
+        self, robot: Dynamics | ModelLike, settings: ExcitationSettings | None = None
+    ) -> None:
+        settings = settings or ExcitationSettings()
         dynamics = robot if isinstance(robot, Dynamics) else compiled(load(robot).as_description())
         self.dynamics, self.settings = dynamics, settings
         self.base: BaseParameters = random_motion_base(dynamics)
@@ -132,7 +116,7 @@ class Exciter:
         self._p = prior_parameters(dynamics.robot)
         self._values = self.base.values(self._p)
         self._series = _series(dynamics, settings)
-        self._torques = Torques(self._values, _torques_without_friction(dynamics))
+        self._torques = Torques(self._values, torques_without_friction(dynamics))
         dof, n = dynamics.dof, len(heads)
         blank = Weighting(np.ones(dof), np.ones(n), np.eye(n))
         self._shape = self._problem(blank, np.ones(dof))
@@ -141,13 +125,26 @@ class Exciter:
         self._judge = self._judged_by_bodies() if settings.by == "sensors" else None
 
     def optimise(
-        self, stop: Event | None = None, progress: Progress = lambda _: None, *, offset: int = 0
+        self, stop: Event | None = None, progress: Progress | bool | None = None, *, offset: int = 0
     ) -> Excitation:
         """The best motion from all starts; another `offset` gives other start values.
+
+        Args:
+            stop: when set, the search ends with the best motion so far.
+            progress: called with the account of each start as it ends; or whether to show how many
+                have, None for where someone is watching.
 
         Raises:
             DeltaidError: the limits leave no room.
         """
+        if callable(progress):
+            return self._optimised(stop, progress, offset)
+        with watched(progress, "excite") as say:
+            ended, starts = count(1), self.settings.starts
+            say(f"start 0 of {starts}")
+            return self._optimised(stop, lambda _: say(f"start {next(ended)} of {starts}"), offset)
+
+    def _optimised(self, stop: Event | None, progress: Progress, offset: int) -> Excitation:
         first = self.settings.seed + offset
         seeds = range(first, first + self.settings.starts)
         optimum = optimise(self.problem, seeds, stop=stop, progress=progress, judge=self._judge)
@@ -158,6 +155,7 @@ class Exciter:
         for k, (i, largest) in enumerate(torque_limits(self.dynamics.robot).items()):
             use[len(names) - len(self._torques.largest) + k] = torque_max[i] / largest
         return Excitation(
+            exciter=self,
             run=run,
             optimum=optimum,
             criterion_before=self._criterion(random_start(self.problem, optimum.best.seed)),
@@ -243,39 +241,6 @@ class Exciter:
         noise = self.settings.torque_noise * self.torque_reference
         count = self.settings.duration * self.settings.rate
         return Weighting(noise**-2.0, sizes, np.eye(n) / count)
-
-
-def _torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
-    """Torque limits less what Coulomb friction takes at the prior.
-
-    The optimiser sees friction change its sign smoothly, which is less than the true friction at
-    low speed; this much room covers the difference.
-
-    Raises:
-        DeltaidError: friction alone takes the whole torque.
-    """
-    robot = dynamics.robot
-    arms = [limb.upper_arm or 1.0 for limb in robot.limb_geometry]
-    # A passive joint's friction reaches a drive through a lever of about the arm's length.
-    passive = sum(
-        at_rest(law) / (1.0 if robot.is_linear(joint) else _LEVER)
-        for joint, law in robot.friction.items()
-        if joint not in robot.drives
-    )
-    left = {}
-    for i, largest in torque_limits(robot).items():
-        drive = robot.drives[i]
-        law = robot.friction.get(drive)
-        own = at_rest(law) + (law.load or 0.0) * largest if law else 0.0
-        left[i] = largest - own - (passive * arms[i] if i < len(arms) else 0.0)
-        if left[i] <= 0:
-            unit, key = robot.units(drive).force, robot.units(drive).effort
-            raise DeltaidError(
-                f"a {key} limit of {largest:g} {unit} is no more than the joint's Coulomb friction",
-                where=f"{robot.name}, drive_limits.{drive}.{key}",
-                cure="raise the limit, or lower the friction's prior",
-            )
-    return left
 
 
 def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:

@@ -13,7 +13,9 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.excitation.problem import ExcitationProblem
+from deltaid.mechanism.one_or_many import one_or_many_times
 from deltaid.motion.fourier import FourierMotion
+from deltaid.shown import Shown
 
 # Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
 _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
@@ -21,8 +23,8 @@ _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
 _FULL = 0.9998
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """A motion from rest to rest.
 
     Attributes:
@@ -42,6 +44,7 @@ class Run:
         """Time from rest to rest [s]."""
         return 2 * self.ramp + self.repeats * self.motion.period
 
+    @one_or_many_times
     def evaluate(
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:

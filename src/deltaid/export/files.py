@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, unknown
 from deltaid.export.arrays import npz_file
 from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
@@ -126,8 +126,11 @@ def write_export(
         inputs: files that must not be overwritten.
 
     Raises:
-        DeltaidError: the target cannot hold the model, or a file cannot be written.
+        DeltaidError: there is no such target, it cannot hold the model, or a file cannot be
+            written.
     """
+    if target not in TARGETS:
+        raise unknown(target, TARGETS, "target", "write_export")
     subject = load(model)
     require_physical(subject)
     path = output_path(target, subject.robot.name, output)

@@ -7,22 +7,25 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
-from deltaid.errors import DescriptionError, Doubt
+from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.errors import DescriptionError, Doubt, unknown
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples as Motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.platform import H4Platform, RigidPlatform
+from deltaid.shown import Shown
 
 _SUMS = "only the sum of the forces of a limb's two struts is given"
 
 
-class ConstraintForces:
-    """Constraint forces of a described robot. Arrays have one sample a row.
+class ConstraintForces(WithParameters, Shown):
+    """Constraint forces of a described robot. Arrays have one sample a row, or are one sample.
 
     Every force is linear in the parameters: F = C(z, q̇, q̈) p. Names, frames and signs of the
     channels stand in `docs/forces.md`; the equations in `dynamics.force_equations`.
@@ -40,6 +43,7 @@ class ConstraintForces:
     """
 
     def __init__(self, robot: RobotLike) -> None:
+        self._p = known_parameters(robot)
         robot = described(robot)
         if robot.mechanism is not None or robot.limbs is None:
             raise DescriptionError(
@@ -49,6 +53,7 @@ class ConstraintForces:
                 cure="describe the robot by limbs and platform if it is composed of them",
             )
         self.robot = robot
+        self.layout = parameter_layout(robot)
         self.kinematics = Kinematics(robot)
         self._equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)
         self.names = tuple(channel.name for channel in self._equations.channels)
@@ -58,15 +63,29 @@ class ConstraintForces:
         self.socket_force = robot.limbs.socket_force if splits(robot) else None
 
     def index(self, name: str) -> int:
-        """Position of a channel."""
+        """Position of a channel.
+
+        Raises:
+            UnknownNameError: there is none of that name; the message has the nearest.
+        """
+        if name not in self.names:
+            raise unknown(name, self.names, "channel", self.robot.name)
         return self.names.index(name)
 
-    def evaluate(
-        self, z: Samples, qd: Samples, qdd: Samples, p: Parameters
-    ) -> Float[np.ndarray, "samples channels"]:
-        """All channels at some samples of a motion."""
-        return self._kernel(np.hstack([z, qd, qdd]).T, uniform=p).T
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        return self.kinematics.dof
 
+    @one_or_many("z", "qd", "qdd")
+    def evaluate(
+        self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None
+    ) -> Float[np.ndarray, "samples channels"]:
+        """All channels at some samples of a motion, without p with the parameters of the model that
+        it was made with, or the prior."""
+        return self._kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
+
+    @one_or_many("z", "qd", "qdd")
     def coefficients(
         self, z: Samples, qd: Samples, qdd: Samples
     ) -> Float[np.ndarray, "samples channels parameters"]:

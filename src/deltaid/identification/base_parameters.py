@@ -15,6 +15,7 @@ from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.identification.information import Information
 from deltaid.robot.parameter import ADDED
+from deltaid.shown import Shown
 
 # A pivot below this share of the largest one is a linear dependence. Dependences of the mechanism
 # come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
@@ -49,8 +50,8 @@ class BaseGroup:
         return text
 
 
-@dataclass(frozen=True)
-class BaseParameters:
+@dataclass(frozen=True, repr=False)
+class BaseParameters(Shown):
     """The identifiable combinations of a robot's parameters.
 
     Attributes:

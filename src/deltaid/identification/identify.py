@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -39,20 +41,26 @@ from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.torque_scale import torque_scale
 from deltaid.identification.watch import unwatched, watched
+from deltaid.model.above import above
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel, Settings, Source
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
+from deltaid.shown import Plotted, Reported, Shown, Tabled
+
+if TYPE_CHECKING:
+    from deltaid.identification.validation import Validation
 
 # Windows of a recording, spread over all of it, that a model's torques are compared with.
 _COMPARED = 32
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(Shown, Plotted, Tabled, Reported):
     """An identified model with the evidence behind it.
 
     Attributes:
@@ -66,6 +74,34 @@ class Identification:
     problem: FittedProblem
     recordings: tuple[Recording, ...]
     studies: tuple[Study | None, ...] = ()
+
+    def __getitem__(self, name: str) -> float:
+        """One parameter of the model by name, such as result["P.m"].
+
+        Raises:
+            UnknownNameError: the robot has none of that name; the message has the nearest.
+        """
+        return self.model[name]
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The robot as it was fitted."""
+        return self.model.robot
+
+    def report(self, path: str | Path, verification: "Validation | None" = None) -> Path:
+        """Write the page of `deltaid identify`: one HTML file that works offline.
+
+        Args:
+            verification: what `deltaid.validate` found of the model on another recording.
+
+        Raises:
+            DeltaidError: the file cannot be written.
+        """
+        return above("notebook.show", "report")(self, path, verification)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as YAML, as `IdentifiedModel.save`."""
+        self.model.save(path)
 
     @property
     def base(self) -> BaseParameters:

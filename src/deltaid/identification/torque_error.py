@@ -10,10 +10,11 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
+from deltaid.shown import Shown
 
 
-@dataclass(frozen=True)
-class TorqueError:
+@dataclass(frozen=True, repr=False)
+class TorqueError(Shown):
     """Torque errors of a model on a recording, one number a drive.
 
     Attributes:

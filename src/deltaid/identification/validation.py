@@ -1,5 +1,7 @@
 """Comparing a saved model with a recording that it has not seen."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from deltaid.errors import Doubt
@@ -8,9 +10,10 @@ from deltaid.identification.loads import as_known
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.log import Log
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.
@@ -19,14 +22,46 @@ _WORSE, _SHARE = 3.0, 0.1
 _WORSE_THAN_NOTHING, _MOSTLY = 1.2, 0.5
 
 
+class _Pair(NamedTuple):
+    """Torque errors on a recording, and the recording."""
+
+    error: TorqueError
+    log: Log
+
+
+class Validation(Shown, Plotted, Tabled, Reported, _Pair):
+    """How well a model predicts a recording: a pair of torque errors and the surveyed recording.
+
+    Attributes:
+        error: torque errors, drive by drive.
+        log: the recording.
+        model: the model.
+    """
+
+    model: Model
+
+    def __new__(cls, error: TorqueError, log: Log, model: Model) -> "Validation":
+        """A pair, and whose it is."""
+        made = super().__new__(cls, error, log)
+        made.model = model
+        return made
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be said about the comparison, one sentence each."""
+        return remarks(self.model, self.log, self.error)
+
+
 def validate(
     model: ModelLike,
     log: RecordingLike,
     *,
-    columns: ColumnMapping | None = None,
+    columns: MappingLike | None = None,
     keep_all: bool = False,
-) -> tuple[TorqueError, Log]:
+) -> Validation:
     """Torque errors of a model on a recording it has not seen, and the surveyed recording.
+
+    What is returned unpacks as a pair, `error, log = validate(…)`, and knows more by name.
 
     The recording is given as to `identify`. One without derivatives is filtered with the cut-off
     that the model was identified with, and for a robot at its prior as for an identification.
@@ -36,9 +71,9 @@ def validate(
     """
     model = load(model)
     dynamics = model.dynamics
-    surveyed = open_log(log, dynamics.kinematics, columns, keep_all=keep_all)
+    surveyed = open_log(log, dynamics.kinematics, as_mapping(columns), keep_all=keep_all)
     recording = as_known(model_filtered(model, surveyed), model)
-    return torque_error(dynamics, model.p, recording), recording.log
+    return Validation(torque_error(dynamics, model.p, recording), recording.log, model)
 
 
 def remarks(model: ModelLike, log: Log, error: TorqueError) -> tuple[str, ...]:

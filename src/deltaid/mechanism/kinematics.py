@@ -12,10 +12,12 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.mechanism.passive_joints import PassiveJoints
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.load import RobotLike, described
+from deltaid.shown import Plotted, Shown
 
 Samples = Float[np.ndarray, "samples dof"]
 
@@ -29,17 +31,19 @@ _CHECK_DRIVES = (
 )
 
 
-@dataclass(frozen=True)
-class BodyPoses:
-    """Poses of one moving body for many samples: R_WB takes link frame B to the world."""
+@dataclass(frozen=True, repr=False)
+class BodyPoses(Shown):
+    """Poses of one moving body for many samples, or one: R_WB takes link frame B to the world."""
 
     name: str
-    R_WB: Float[np.ndarray, "samples 3 3"]
-    r_WB: Float[np.ndarray, "samples 3"]
+    R_WB: Float[np.ndarray, "*samples 3 3"]
+    r_WB: Float[np.ndarray, "*samples 3"]
 
 
-class Kinematics:
+class Kinematics(Shown, Plotted):
     """Kinematics of a described robot. Arrays have one sample a row; kernels compile when needed.
+
+    A single sample may be given as a vector, and then what is returned has no axis of samples.
 
     z = [x, y, z of the platform point in the world; ψ with a telescope], in m and rad.
     """
@@ -54,6 +58,7 @@ class Kinematics:
         """Number of drives δ."""
         return self.mechanism.dof
 
+    @one_or_many("z")
     def inverse(self, z: Samples) -> Samples:
         """Drive coordinates q(z) in the described working mode.
 
@@ -61,12 +66,12 @@ class Kinematics:
             KinematicsError: a limb cannot reach; names the sample, the limb and the distance.
                 Or its arm and strut are in line.
         """
-        z = _as_samples(z, self.dof)
         out = self._inverse_kernel(z.T)
         q, reach = out[: self.dof].T, out[self.dof :].T
         self._require_reach(z, reach)
         return q
 
+    @one_or_many("q")
     def forward(self, q: Samples) -> Samples:
         """Task coordinates z(q) in the described working mode.
 
@@ -78,7 +83,6 @@ class Kinematics:
             KinematicsError: no platform position closes the loops, its Jacobian is singular, or a
                 limb is in its other working mode.
         """
-        q = _as_samples(q, self.dof)
         found = self._forward(q)
         bad = np.flatnonzero(~found.closed)
         if bad.size:
@@ -98,18 +102,19 @@ class Kinematics:
             )
         return found.z
 
+    @one_or_many("q")
     def forward_unchecked(self, q: Samples) -> tuple[Samples, Bool[np.ndarray, " samples"]]:
         """z(q) and whether it is good.
 
         z is NaN where the loops do not close or a limb is in its other working mode.
         """
-        found = self._forward(_as_samples(q, self.dof))
+        found = self._forward(q)
         good = found.closed & found.in_mode
         return np.where(good[:, None], found.z, np.nan), good
 
     def why_not(self, q: Samples) -> str:
         """What is wrong with a drive position that `forward_unchecked` calls not good."""
-        found = self._forward(_as_samples(q, self.dof))
+        found = self._forward(np.atleast_2d(q))
         if not found.closed[0]:
             return f"the loops do not close{found.missing(0)}"
         return self._wrong_mode(int(found.limb[0]))
@@ -125,23 +130,26 @@ class Kinematics:
             return f"the carriage of limb {limb + 1} is {side} its joint on the platform"
         return f"the elbow of limb {limb + 1} points {'inwards' if outwards else 'outwards'}"
 
+    @one_or_many("z")
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J = ∂q/∂z, so that q̇ = J ż."""
-        out = self._jacobian_kernel(_as_samples(z, self.dof).T)
+        out = self._jacobian_kernel(z.T)
         return _matrices(out, self.dof)
 
+    @one_or_many("z", "zd")
     def jacobian_rate(self, z: Samples, zd: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J̇, so that q̈ = J z̈ + J̇ ż."""
-        x = np.hstack([_as_samples(z, self.dof), _as_samples(zd, self.dof)]).T
-        return _matrices(self._jacobian_rate_kernel(x), self.dof)
+        return _matrices(self._jacobian_rate_kernel(np.hstack([z, zd]).T), self.dof)
 
+    @one_or_many("z")
     def condition(self, z: Samples) -> Float[np.ndarray, " samples"]:
         """‖J‖_F ‖J⁻¹‖_F / δ: 1 at best, infinite at a singular pose, NaN out of reach."""
         return self.regularity(z).condition
 
+    @one_or_many("z")
     def regularity(self, z: Samples) -> Regularity:
         """Condition, determinant and gain of the Jacobian."""
-        return Regularity(*self._regularity_kernel(_as_samples(z, self.dof).T))
+        return Regularity(*self._regularity_kernel(z.T))
 
     def passages(self, z: Samples) -> Int[np.ndarray, " passages"]:
         """Samples i of a motion z(t) between which and i + 1 it passes through a singularity.
@@ -151,6 +159,7 @@ class Kinematics:
         """
         return passages(self.regularity(z))
 
+    @one_or_many("z", "zd", "zdd")
     def drive_motion(self, z: Samples, zd: Samples, zdd: Samples) -> tuple[Samples, ...]:
         """(q, q̇, q̈) of a motion given in task coordinates.
 
@@ -162,9 +171,10 @@ class Kinematics:
         rates = self._motion_kernel(np.hstack([z, zd, zdd]).T).T
         return q, rates[:, : self.dof], rates[:, self.dof :]
 
+    @one_or_many("z")
     def poses(self, z: Samples) -> tuple[BodyPoses, ...]:
         """Poses of all moving bodies, limb by limb as in `Mechanism.bodies`."""
-        out = self._pose_kernel(_as_samples(z, self.dof).T)
+        out = self._pose_kernel(z.T)
         result = []
         for i, body in enumerate(self.mechanism.bodies):
             block = out[12 * i : 12 * i + 12].T
@@ -276,18 +286,6 @@ class Kinematics:
             for body in m.bodies
         ]
         return BatchKernel(m.z, ca.vertcat(*columns))
-
-
-def _as_samples(x: Float[np.ndarray, "..."], dof: int) -> Samples:
-    """One or many samples as rows."""
-    rows = np.atleast_2d(np.asarray(x, dtype=float))
-    if rows.shape[-1] != dof or rows.ndim != 2:
-        raise KinematicsError(
-            f"expected arrays of shape (samples, {dof}), got {rows.shape}",
-            where="arguments",
-            cure="give one sample a row, or a single sample as a vector",
-        )
-    return rows
 
 
 def _matrices(out: Float[np.ndarray, "entries samples"], dof: int) -> np.ndarray:

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.shown import Shown
+
 # cond(J) beyond which a pose counts as singular. J mixes rad/m and rad/rad, so a good pose of a
 # metre-sized robot has cond(J) below 10; at 1e6 the last six digits of every torque are lost.
 SINGULAR_CONDITION = 1e6
 
 
-@dataclass(frozen=True)
-class Regularity:
+@dataclass(frozen=True, repr=False)
+class Regularity(Shown):
     """How far poses are from singular ones; J = ∂q/∂z with ψ counted as a length.
 
     Attributes:
@@ -21,15 +23,15 @@ class Regularity:
         hold: condition of what keeps the platform's parts parallel (`Mechanism.hold_condition`).
     """
 
-    condition: Float[np.ndarray, " samples"]
-    determinant: Float[np.ndarray, " samples"]
-    gain: Float[np.ndarray, " samples"]
-    hold: Float[np.ndarray, " samples"]
+    condition: Float[np.ndarray, "*samples"]
+    determinant: Float[np.ndarray, "*samples"]
+    gain: Float[np.ndarray, "*samples"]
+    hold: Float[np.ndarray, "*samples"]
 
     @property
-    def worst(self) -> Float[np.ndarray, " samples"]:
+    def worst(self) -> Float[np.ndarray, "*samples"]:
         """The larger of both conditions; NaN where either is."""
-        return np.maximum(self.condition, self.hold)
+        return np.asarray(np.maximum(self.condition, self.hold))
 
     def part(self, which: slice) -> "Regularity":
         """Of some of the poses."""

@@ -1,11 +1,12 @@
 """A robot with its parameters, and where they come from: what commands and functions work with."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -14,20 +15,36 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
 from deltaid.dynamics.prior import with_prior
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, unknown
 from deltaid.model.above import above
+from deltaid.model.names import place
 from deltaid.model.record import IdentifiedModel
+from deltaid.progress import Watch, watched
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction_terms import TERMS
 from deltaid.robot.inertia import why_inconsistent, with_thickness
-from deltaid.robot.load import catalogue, holds_a_model, load_robot, read_text
+from deltaid.robot.load import (
+    catalogue,
+    described,
+    holds_a_model,
+    load_robot,
+    read_text,
+    require_name,
+)
 from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
     from deltaid.model.samples import Samples
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
+# Coefficients that joints may have, and joints that a robot may lack.
+_COEFFICIENTS = {*(term.kind for term in TERMS), "spring", "rotor"}
+_JOINTS = ("platform", "slide")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Shown, Plotted, Tabled, Reported):
     """A robot with parameters that can exist.
 
     Attributes:
@@ -80,13 +97,13 @@ class Model:
 
     @cached_property
     def dynamics(self) -> Dynamics:
-        """The robot's dynamics, compiled where it is needed."""
-        return compiled(self.robot)
+        """The robot's dynamics with these parameters, compiled where it is needed."""
+        return compiled(self.robot).at(self.p)
 
     @cached_property
     def forward(self) -> ForwardDynamics:
-        """The robot's forward dynamics, compiled where it is needed."""
-        return compiled_forward(self.robot)
+        """The robot's forward dynamics with these parameters, compiled where it is needed."""
+        return compiled_forward(self.robot).at(self.p)
 
     @property
     def prior_spread(self) -> float:
@@ -94,13 +111,37 @@ class Model:
         return PRIOR_SPREAD if self.identified is None else self.identified.settings.prior_spread
 
     def body(self, name: str) -> Float[np.ndarray, " 10"]:
-        """The ten parameters of one body, about its link frame."""
+        """The ten parameters of one body, about its link frame.
+
+        Raises:
+            UnknownNameError: the robot has no such body.
+        """
+        if name not in self.layout.bodies:
+            raise unknown(name, self.layout.bodies, "body", self.source or self.robot.name)
         return self.p[self.layout.body(name)]
 
+    def __getitem__(self, name: str) -> float:
+        """One parameter by name, such as model["P.m"] or model["viscous.drive1"].
+
+        Raises:
+            UnknownNameError: the robot has none of that name; the message has the nearest.
+        """
+        return float(self.p[place(self.layout, name, self.source or self.robot.name)])
+
     def value(self, name: str) -> float:
-        """One parameter, such as 'viscous.drive1'; zero where the robot has none of that name."""
-        names = self.layout.names
-        return float(self.p[names.index(name)]) if name in names else 0.0
+        """The same; zero for a coefficient of a joint that the robot has not, such as
+        'rotor.drive1'.
+
+        Raises:
+            UnknownNameError: no robot has such a parameter.
+        """
+        kind, _, joint = name.partition(".")
+        absent = name not in self.layout.names and kind in _COEFFICIENTS
+        return 0.0 if absent and joint in self._joints else self[name]
+
+    @property
+    def _joints(self) -> tuple[str, ...]:
+        return (*self.robot.drives, *self.robot.friction_joints, *_JOINTS)
 
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
@@ -145,7 +186,9 @@ class Model:
         p[self.layout.friction] = 0.0
         return replace(self, p=p)
 
-    def sample(self, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> "Samples":
+    def sample(
+        self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
+    ) -> "Samples":
         """Consistent models drawn from what data, prior and consistency say together.
 
         Args:
@@ -153,13 +196,16 @@ class Model:
             seed: the same one gives the same models.
             limb_tolerance: relative standard deviation of masses and second moments from limb to
                 limb, whose mean over the limbs stays; 0 for limbs that are the same.
+            progress: whether to show that it goes on; None for where someone is watching.
 
         Raises:
             DescriptionError: this is a robot at its prior, or the model file is of a version that
                 kept no posterior.
             IdentificationError: the draws could not be trusted.
         """
-        return above("posterior.draw", "draw")(self, n, seed, limb_tolerance)
+        with watched(progress, "sample") as say:
+            say(f"drawing {n} models")
+            return above("posterior.draw", "draw")(self, n, seed, limb_tolerance)
 
     def as_description(self) -> RobotDescription:
         """The robot with these parameters as its prior."""
@@ -182,16 +228,28 @@ class Model:
         return f"{title}, from {_printable(self.source)} by deltaid {version('deltaid')}"
 
 
-# What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value.
-ModelLike = Model | IdentifiedModel | RobotDescription | str | Path
+@runtime_checkable
+class HasModel(Protocol):
+    """The result of an identification."""
+
+    @property
+    def model(self) -> IdentifiedModel:
+        """What was identified."""
+        ...
+
+
+# What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value,
+# the dictionary of either file.
+ModelLike = Model | IdentifiedModel | HasModel | RobotDescription | Mapping[str, Any] | str | Path
 
 
 def load(source: ModelLike) -> Model:
     """A robot with its parameters.
 
     Args:
-        source: a catalogue name, a robot file or a model file; a description, or what
-            `deltaid.identify` found. A robot has the parameters of its prior.
+        source: a catalogue name, a robot file or a model file; a description, what
+            `deltaid.identify` found, or what either file holds as a dictionary. A robot has the
+            parameters of its prior.
 
     Raises:
         DescriptionError: no such robot or file, or the file is neither.
@@ -203,7 +261,14 @@ def load(source: ModelLike) -> Model:
             return Model(source.robot, source.p, source.robot.name, source)
         case RobotDescription():
             return Model(source, prior_parameters(source), source.name)
+        case HasModel():
+            return load(source.model)
+        case Mapping() if "parameters" in source:
+            return load(IdentifiedModel.from_dict(source, "model"))
+        case Mapping():
+            return load(described(source))
         case _:
+            require_name(source)
             return _from_file(source)
 
 

@@ -15,26 +15,20 @@ from deltaid.model.corrections import Correction
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
 from deltaid.model.left_out import LeftOut
-from deltaid.model.options import (
-    GAMMA_LIMITS,
-    LARGEST_LAG,
-    SPREAD_LIMITS,
-    ComplianceChoice,
-    FrictionLaws,
-    IntervalChoice,
-    LagChoice,
-    Method,
-    RegularizerName,
-)
+from deltaid.model.names import place
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.sensor_record import FittedSensor
+from deltaid.model.settings import Settings
+from deltaid.progress import Watch
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.part import Part
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
+    from deltaid.dynamics.dynamics import Dynamics
     from deltaid.model.samples import Samples
 
 # Version of the model file. Files of all earlier ones load: what is new may be missing.
@@ -42,40 +36,6 @@ if TYPE_CHECKING:
 # 4: the posterior; how intervals were made.
 FORMAT = 4
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
-
-Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
-
-
-class Settings(Part):
-    """How a model is fitted.
-
-    Attributes:
-        method: 'conic' (global optimum, certified) or 'log-cholesky' (the paper's).
-        regularizer: the metric that pulls towards the prior.
-        gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
-        prior_spread: relative standard deviation of the prior that this rule assumes.
-        cutoff: low-pass cut-off [Hz] for logs; by rule when None.
-        friction: laws as described, or extended where the recordings ask for it.
-        keep_all: whether nothing is left out of the recordings.
-        lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
-            or one a drive.
-        compliance: of gears: estimated where none is stated, or none beside what is stated.
-        events: whether contacts, stops, torque spikes and play in gears are found and left out.
-        intervals: of parameters, by linearisation about the fit and what data and consistency leave
-            open; or of models drawn from the posterior, which feel edges of consistency.
-    """
-
-    method: Method = "conic"
-    regularizer: RegularizerName = "euclidean"
-    gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
-    prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
-    cutoff: Annotated[float, Field(gt=0)] | None = None
-    friction: FrictionLaws = "choose"
-    keep_all: bool = False
-    lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
-    compliance: ComplianceChoice = "estimate"
-    events: bool = True
-    intervals: IntervalChoice = "linear"
 
 
 class Source(Part):
@@ -131,7 +91,7 @@ class Consistency(Part):
     eigenvalues: tuple[float, float, float, float]
 
 
-class IdentifiedModel(Part):
+class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     """A robot with identified parameters."""
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
@@ -182,13 +142,37 @@ class IdentifiedModel(Part):
         found = {one.subject: one.value for one in self.corrections if one.kind == "gain"}
         return np.array([found.get(drive) or 1.0 for drive in self.robot.drives])
 
-    def value(self, name: str) -> float:
-        """One parameter by name, such as 'U.mcx' or 'viscous.drive1'."""
-        return float(self.p[self.layout.names.index(name)])
+    @property
+    def dynamics(self) -> "Dynamics":
+        """The robot's dynamics with these parameters, as of `Model`."""
+        return above("model.model", "load")(self).dynamics
 
-    def sample(self, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> "Samples":
+    def value(self, name: str) -> float:
+        """One parameter by name, such as 'U.mcx' or 'viscous.drive1'.
+
+        Raises:
+            UnknownNameError: the robot has none of that name; the message has the nearest.
+        """
+        return float(self.p[place(self.layout, name, self.robot.name)])
+
+    def __getitem__(self, name: str) -> float:
+        """The same as `value`."""
+        return self.value(name)
+
+    def parameter(self, name: str) -> Parameter:
+        """One parameter with its interval, its prior and what decided it.
+
+        Raises:
+            UnknownNameError: as `value`.
+        """
+        return self.parameters[place(self.layout, name, self.robot.name)]
+
+    def sample(
+        self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
+    ) -> "Samples":
         """Consistent models drawn from the posterior, as of `Model.sample`."""
-        return above("model.model", "load")(self).sample(n, seed, limb_tolerance)
+        whole = above("model.model", "load")(self)
+        return whole.sample(n, seed, limb_tolerance, progress=progress)
 
     def save(self, path: str | Path) -> None:
         """Write as YAML; numbers keep every bit.

@@ -14,11 +14,13 @@ from deltaid.errors import DescriptionError
 from deltaid.files import write_bytes
 from deltaid.model.above import above
 from deltaid.model.model import Model
+from deltaid.model.names import place
 from deltaid.robot.description import RobotDescription
+from deltaid.shown import Plotted, Shown, Tabled
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Shown, Plotted, Tabled):
     """Consistent models of one robot, each as likely as any other.
 
     Attributes:
@@ -41,6 +43,14 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.p)
+
+    def __getitem__(self, name: str) -> Float[np.ndarray, " n"]:
+        """The values of one parameter, a number a model.
+
+        Raises:
+            UnknownNameError: the robot has none of that name; the message has the nearest.
+        """
+        return self.p[:, place(self.layout, name, self.robot.name)]
 
     @cached_property
     def layout(self) -> ParameterLayout:

@@ -5,11 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.mechanism.one_or_many import one_or_many_times
+from deltaid.shown import Shown
+
 Coefficients = Float[np.ndarray, "coordinates harmonics"]
 
 
-@dataclass(frozen=True)
-class FourierMotion:
+@dataclass(frozen=True, repr=False)
+class FourierMotion(Shown):
     """z_i(t) = b_i0 + Σ_k [a_ik sin(ω₀ k t) + b_ik cos(ω₀ k t)], eq. (8).
 
     Attributes:
@@ -28,6 +31,7 @@ class FourierMotion:
         """2π/ω₀ [s]."""
         return 2 * np.pi / self.base_frequency
 
+    @one_or_many_times
     def evaluate(
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:

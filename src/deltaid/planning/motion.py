@@ -1,7 +1,6 @@
 """The motion that a plan is made for: a file, or a generic one within the robot's limits."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +10,7 @@ from deltaid.identification.as_identified import model_filtered
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.windows import Samples as Motion
 
@@ -50,14 +50,14 @@ def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMot
 
 
 def motion_of_file(
-    model: Model, dynamics: Dynamics, path: str | Path, columns: ColumnMapping | None = None
+    model: Model, dynamics: Dynamics, given: RecordingLike, columns: ColumnMapping | None = None
 ) -> PlannedMotion:
     """A motion that `deltaid excite` has planned, or that was recorded.
 
     Raises:
         RecordingError: it cannot be used.
     """
-    log = open_log(path, dynamics.kinematics, columns, need_torque=False)
+    log = open_log(given, dynamics.kinematics, columns, need_torque=False)
     recording = model_filtered(model, log)
     thin = slice(None, None, max(1, log.samples // _SAMPLES))
     parts, samples = list[Motion](), 0
@@ -68,4 +68,4 @@ def motion_of_file(
         np.concatenate([getattr(part, name) for part in parts]) for name in ("z", "qd", "qdd")
     )
     duration = samples / log.rate
-    return PlannedMotion(f"{Path(path).name}, {duration:.3g} s", duration, z, qd, qdd)
+    return PlannedMotion(f"{log.path.name}, {duration:.3g} s", duration, z, qd, qdd)

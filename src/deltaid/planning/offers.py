@@ -16,6 +16,7 @@ from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import NotNegative, Point, Vector
 from deltaid.robot.sensors import Sensor, Share
+from deltaid.shown import Shown
 
 # Words for bodies, axes and places that are found in whatever robot the list is used with.
 EACH, LIMB, ALONG, ACROSS, CENTRE = "each", "limb", "along", "across", "centre"
@@ -107,7 +108,7 @@ class Offer(Part):
 Key = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 
 
-class Offers(Part):
+class Offers(Shown, Part):
     """A list of what could be bought.
 
     `combinations` name uses that are tried together, such as [kitchen-scale:S, kitchen-scale:P].

@@ -4,12 +4,12 @@ Linear and Gaussian: rows of torques along a motion, of sensors and of measured 
 information about the entries of all bodies, on top of their prior (`planning.unknowns`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, unknown
 from deltaid.identification.gains import SPREAD
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.planning.bench import Bench, Outlook, PlanSettings
@@ -19,11 +19,14 @@ from deltaid.planning.offers import Offers, load_offers, shipped_offers
 from deltaid.planning.openings import Opening, openings
 from deltaid.planning.shopping import Step, shopping
 from deltaid.planning.unknowns import Unknowns, unknowns
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.progress import Progress, Watch, watched
+from deltaid.recording.mapping import ColumnMapping, MappingLike, as_mapping
+from deltaid.recording.memory import RecordingLike
+from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
-@dataclass(frozen=True, eq=False)
-class SensorPlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class SensorPlan(Shown, Plotted, Tabled, Reported):
     """A plan for one robot and one motion.
 
     Attributes:
@@ -71,43 +74,62 @@ class SensorPlan:
         """Position of an entry, such as 'S.mcx'.
 
         Raises:
-            DeltaidError: there is none of that name.
+            UnknownNameError: there is none of that name; the message has the nearest.
         """
         if name not in self.unknowns.names:
-            names = ", ".join(self.unknowns.names)
-            raise DeltaidError(f"there is no entry '{name}'", where="--entries", cure=names)
+            raise unknown(name, self.unknowns.names, "entry", self.model.robot.name)
         return self.unknowns.names.index(name)
 
 
 def sensor_plan(
     robot: ModelLike,
-    motion: str | Path | None = None,
+    motion: RecordingLike | None = None,
     *,
     offers: Offers | str | Path | None = None,
     goal: str = BODIES,
     budget: float | None = None,
     combinations: Sequence[Sequence[str]] = (),
     settings: PlanSettings | None = None,
-    columns: ColumnMapping | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    columns: MappingLike | None = None,
+    progress: Watch = None,
 ) -> SensorPlan:
     """What sensors and scales would tell of a robot, and which are worth buying.
 
     Args:
         robot: a robot or a model, by value, name or file; its parameters are taken for true.
-        motion: a file of a planned motion or a recording; a generic random one without.
+        motion: a planned motion or a recording, as a file, a table or arrays; a generic random one
+            without.
         offers: a list of what could be bought, by value or file; the shipped one without.
         goal: 'bodies', a body, 'forces' or 'gains'.
         budget: most that all may cost.
         combinations: names of uses that are tried together, besides those of the list.
         settings: noise, prior and the like.
-        columns: of a recording.
-        progress: is told what is being done.
+        columns: of a recording, by value or file.
+        progress: is told what is being done; or whether to show it, None for where someone is
+            watching.
 
     Raises:
         DeltaidError: no such goal, combination or body; a file that cannot be used.
     """
-    model, settings = load(robot), settings or PlanSettings()
+    with watched(progress, "sensor plan") as say:
+        return _planned(
+            load(robot), motion, offers, goal, budget, combinations, settings or PlanSettings(),
+            as_mapping(columns), say,
+        )  # fmt: skip
+
+
+def _planned(
+    model: Model,
+    motion: RecordingLike | None,
+    offers: Offers | str | Path | None,
+    goal: str,
+    budget: float | None,
+    combinations: Sequence[Sequence[str]],
+    settings: PlanSettings,
+    columns: ColumnMapping | None,
+    progress: Progress,
+) -> SensorPlan:
+    """The plan, of what has been opened."""
     if not isinstance(offers, Offers):
         offers = shipped_offers() if offers is None else load_offers(offers)
     dynamics = compiled(model.as_description())
@@ -153,13 +175,13 @@ def sensor_plan(
 def _motion(
     model: Model,
     dynamics: Dynamics,
-    path: str | Path | None,
+    given: RecordingLike | None,
     columns: ColumnMapping | None,
     settings: PlanSettings,
 ) -> PlannedMotion:
-    if path is None:
+    if given is None:
         return generic_motion(dynamics, settings.duration, settings.seed)
-    return motion_of_file(model, dynamics, path, columns)
+    return motion_of_file(model, dynamics, given, columns)
 
 
 def _notes(entries: Unknowns, aim: str, gain_spread: float) -> tuple[str, ...]:

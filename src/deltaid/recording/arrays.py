@@ -123,6 +123,43 @@ def beside(
     return columns
 
 
+def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[str, np.ndarray]:
+    """Columns of a dictionary of arrays, or of a structured array; copies.
+
+    An array of several columns under a name gives `name[0]`, `name[1]`, …
+
+    Raises:
+        RecordingError: they hold no numbers, their lengths differ, or the array has no names.
+    """
+    if isinstance(table, np.ndarray):
+        if table.dtype.names is None:
+            raise RecordingError(
+                f"an array of shape {table.shape} has no names of columns",
+                where=name,
+                cure="give a dictionary of arrays, or deltaid.Recording.from_arrays(…)",
+            )
+        table = {key: table[key] for key in table.dtype.names}
+    columns, samples = dict[str, np.ndarray](), -1
+    for key, value in table.items():
+        where = f"{name}, {key}"
+        given = np.asarray(value)
+        array = given.astype(float) if given.dtype == bool else numbers_of(value, where)
+        if array.ndim not in (1, 2) or samples not in (-1, len(array)):
+            turned = array.ndim == 2 and array.shape[1] == samples
+            raise RecordingError(
+                f"has shape {array.shape}" + f", but others have {samples} rows" * (samples > 0),
+                where=where,
+                cure="give one row a sample: "
+                + (f"{key}.T" if turned else "(samples,) or (samples, drives)"),
+            )
+        samples = len(array)
+        if array.ndim == 1:
+            columns[str(key)] = copied(array)
+        else:
+            columns |= {f"{key}[{i}]": copied(array[:, i]) for i in range(array.shape[1])}
+    return columns
+
+
 def mapping_of(
     units: dict[str, Units | None], unit_t: str | None, arrays: dict[str, np.ndarray], name: str
 ) -> ColumnMapping | None:

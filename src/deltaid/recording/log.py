@@ -19,6 +19,7 @@ from deltaid.recording.table import Batch, read_batches
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.segments import longest_hole, segments
 from deltaid.recording.time.words import told_of_holes
+from deltaid.shown import Shown
 
 # The longest stretch of stale rows in whose place a motion is put [s].
 _HELD = 0.1
@@ -26,8 +27,8 @@ _HELD = 0.1
 _ABOVE, _AT_LEAST, _LEAST_PERIODS = 2.0, 12.0, 100.0
 
 
-@dataclass(frozen=True)
-class Log:
+@dataclass(frozen=True, repr=False)
+class Log(Shown):
     """A surveyed recording.
 
     Attributes:

@@ -13,6 +13,7 @@ from deltaid.recording.sensor_columns import SensorColumns
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
+from deltaid.shown import Shown
 
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
@@ -151,7 +152,7 @@ class TemperatureColumn(Part):
     unit: Literal["degC", "K", "degF"] = "degC"
 
 
-class ColumnMapping(Part):
+class ColumnMapping(Shown, Part):
     """The user's mapping file: columns of a log by address, drives in order of q."""
 
     time: TimeColumn = TimeColumn()
@@ -218,18 +219,22 @@ class ColumnMapping(Part):
         return self
 
 
+# A mapping, by value, as a dictionary of the same keys, or the file of one.
+MappingLike = ColumnMapping | Mapping[str, Any] | str | Path
 # One for all recordings, or one each in their order; None for the default names.
-ColumnMappings = ColumnMapping | Sequence[ColumnMapping | None] | None
+ColumnMappings = MappingLike | Sequence[MappingLike | None] | None
 
 
 def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping | None]:
     """The mapping of each recording.
 
     Raises:
-        RecordingError: there are several, but not as many as recordings.
+        RecordingError: there are several, but not as many as recordings; or something is none.
+        DescriptionError: a file does not fit.
     """
-    if columns is None or isinstance(columns, ColumnMapping):
-        return [columns] * recordings
+    if not isinstance(columns, Sequence) or isinstance(columns, str):
+        return [as_mapping(columns)] * recordings
+    columns = [as_mapping(one) for one in columns]
     if len(columns) == 1:
         return [columns[0]] * recordings
     if len(columns) not in (0, recordings):
@@ -240,6 +245,27 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
             cure="give one for all recordings, or one for each, in the same order",
         )
     return list(columns) or [None] * recordings
+
+
+def as_mapping(columns: object) -> ColumnMapping | None:
+    """A mapping by value, dictionary or file; None for the default names.
+
+    Raises:
+        RecordingError: it is none of these.
+        DescriptionError: the file or the dictionary does not fit.
+    """
+    if columns is None or isinstance(columns, ColumnMapping):
+        return columns
+    if isinstance(columns, str | Path):
+        return load_mapping(columns)
+    if isinstance(columns, Mapping):
+        return ColumnMapping.from_dict(columns, "columns").of("columns")
+    raise RecordingError(
+        f"a {type(columns).__name__} is no mapping of columns",
+        where="columns",
+        cure="give deltaid.ColumnMapping(…) or a dictionary of the same keys, the path of a "
+        "mapping file, or a list of these with one for each recording",
+    )
 
 
 def load_mapping(path: str | Path) -> ColumnMapping:

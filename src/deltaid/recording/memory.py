@@ -15,6 +15,7 @@ from deltaid.errors import RecordingError
 from deltaid.recording.arrays import (
     Units,
     beside,
+    columns_of,
     copied,
     mapping_of,
     numbers_of,
@@ -24,6 +25,7 @@ from deltaid.recording.arrays import (
 from deltaid.recording.frames import fields_of, rows_of, tops
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table
+from deltaid.shown import Plotted, Shown, Tabled
 
 _SLICE_ROWS = 1 << 16
 
@@ -38,8 +40,8 @@ class PandasTable(Protocol):
     def iloc(self) -> Any: ...
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Shown, Plotted, Tabled):
     """A recording in memory, to be given where a log file can be given.
 
     Made by `Recording.from_arrays`, or from a table to give it a name by `Recording.from_table`. It
@@ -60,16 +62,17 @@ class Recording:
         return str(self.table.path)
 
     @classmethod
-    def from_table(
-        cls, table: "pl.DataFrame | pl.LazyFrame | PandasTable", *, name: str = "table"
-    ) -> "Recording":
-        """A table of polars or pandas under a name for messages and reports.
+    def from_table(cls, table: "TableLike", *, name: str = "table") -> "Recording":
+        """A table under a name for messages and reports.
 
         Columns are named as in a log file: t, q1…, tau1…, or as the mapping says. A lazy table is
-        computed, of a pandas one the columns are copied, without its index.
+        computed, of a pandas one the columns are copied, without its index. A dictionary of arrays
+        or a structured array of NumPy is a table too; of one with several columns under a name,
+        such as q of shape (samples, drives), these are q[0], q[1], ….
 
         Raises:
-            RecordingError: two columns have one name, or a lazy table cannot be computed.
+            RecordingError: two columns have one name, their lengths differ, they hold no numbers,
+                or a lazy table cannot be computed.
         """
         _require_name(name)
         if isinstance(table, pl.LazyFrame):
@@ -80,7 +83,12 @@ class Recording:
                 raise RecordingError(
                     f"cannot be computed: {reason}", where=name, cure="collect() it to see why"
                 ) from None
-        frame = table if isinstance(table, pl.DataFrame) else _from_pandas(table, name)
+        if isinstance(table, Mapping | np.ndarray):
+            frame = pl.DataFrame(columns_of(table, name))
+        elif isinstance(table, pl.DataFrame):
+            frame = table
+        else:
+            frame = _from_pandas(table, name)
         return cls(_table(frame, name))
 
     @classmethod
@@ -151,7 +159,9 @@ class Recording:
             )
 
 
-RecordingLike = str | Path | pl.DataFrame | pl.LazyFrame | PandasTable | Recording
+# A table of polars or pandas, a dictionary of arrays, a structured array of NumPy.
+TableLike = pl.DataFrame | pl.LazyFrame | PandasTable | Mapping[str, Any] | np.ndarray
+RecordingLike = str | Path | TableLike | Recording
 
 
 def as_source(given: object, name: str = "table") -> Path | Recording:
@@ -164,12 +174,15 @@ def as_source(given: object, name: str = "table") -> Path | Recording:
         return given
     if isinstance(given, str | Path):
         return Path(given)
-    if isinstance(given, pl.DataFrame | pl.LazyFrame | PandasTable):
+    if isinstance(given, Tabled) and hasattr(given, "run"):  # a planned motion
+        given = given.to_frame()
+    if isinstance(given, pl.DataFrame | pl.LazyFrame | PandasTable | Mapping | np.ndarray):
         return Recording.from_table(given, name=name)
     raise RecordingError(
         f"a {type(given).__name__} is no recording",
         where="logs",
-        cure="give a path, a polars or pandas table, or deltaid.Recording.from_arrays(…)",
+        cure="give a path, a table of polars or pandas, a dictionary of arrays such as "
+        "{'t': t, 'q': q, 'tau': tau}, or deltaid.Recording.from_arrays(…)",
     )
 
 
@@ -196,6 +209,14 @@ class FrameTable(Table):
         picks, origins = self.picks(columns), dict[str, int]()
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(_SLICE_ROWS):
             yield rows_of(part, picks, origins)
+
+    @property
+    def cure_of_missing(self) -> str:
+        """As in `Table`, for who is in Python."""
+        return (
+            "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
+            "q, tau, or say which is which: columns=deltaid.ColumnMapping(…)"
+        )
 
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.

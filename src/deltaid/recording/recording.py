@@ -25,14 +25,15 @@ from deltaid.recording.sensor_delay import in_time
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
+from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
 # Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
 _FEW = 32
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Shown):
     """A log that may be computed with.
 
     Attributes:

@@ -43,7 +43,7 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
         sections=(
             Section(
                 "Motion",
-                (_animation(exciter, result), _over_time(exciter, result)),
+                (_animation(exciter, result), over_time(exciter, result)),
                 "the robot moving, and its drives over time",
             ),
             Section("Limits", (_limits(result),), "how much of each the motion uses"),
@@ -86,7 +86,8 @@ def _animation(exciter: Exciter, result: Excitation) -> Figure:
     )
 
 
-def _over_time(exciter: Exciter, result: Excitation) -> Figure:
+def over_time(exciter: Exciter, result: Excitation) -> Figure:
+    """Platform, drives, speeds and torques of a run."""
     run, dynamics = result.run, exciter.dynamics
     time = np.linspace(0, run.duration, _SAMPLES)
     z, zd, zdd = run.evaluate(time)

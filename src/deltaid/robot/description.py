@@ -29,6 +29,7 @@ from deltaid.robot.task import NAMES, Task
 from deltaid.robot.telescope import Telescope
 from deltaid.robot.tolerances import Tolerances
 from deltaid.robot.workspace import Workspace
+from deltaid.shown import Plotted, Reported, Shown
 
 TELESCOPE_BODIES = ("TU", "TL", "EE")
 
@@ -59,7 +60,7 @@ class Turn:
 _TURN_SPEED = float(np.deg2rad(1500.0))
 
 
-class RobotDescription(Part):
+class RobotDescription(Shown, Plotted, Reported, Part):
     """A Delta robot as a user writes it in YAML."""
 
     name: str = Field(min_length=1)

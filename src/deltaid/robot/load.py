@@ -1,24 +1,22 @@
 """Reading descriptions: YAML to validated models, with the line of whatever is wrong; catalogue."""
 
-import difflib
-import io
 import json
 import os
 import re
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, nearest
 from deltaid.files import written_whole
 from deltaid.robot.closing import open_limb
 from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import with_named_file
+from deltaid.robot.yaml_text import yaml_text
 from deltaid.robot.yaml_tree import Entry, child, plain, read_tree
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -58,8 +56,9 @@ class HasRobot(Protocol):
         ...
 
 
-# What stands for a robot: its description, what has one, a catalogue name, a file.
-RobotLike = RobotDescription | HasRobot | str | Path
+# What stands for a robot: its description, by value or as a dictionary; what has one; a catalogue
+# name; a file.
+RobotLike = RobotDescription | HasRobot | Mapping[str, Any] | str | Path
 
 
 def described(robot: RobotLike) -> RobotDescription:
@@ -70,7 +69,29 @@ def described(robot: RobotLike) -> RobotDescription:
     """
     if isinstance(robot, RobotDescription):
         return robot
-    return robot.robot if isinstance(robot, HasRobot) else load_robot(robot)
+    if isinstance(robot, HasRobot):
+        return robot.robot
+    if isinstance(robot, Mapping):
+        found = RobotDescription.from_dict(robot, "robot")
+        _require_closing(found, "", "robot")
+        return bound(found, "robot")
+    require_name(robot)
+    return load_robot(robot)
+
+
+def require_name(robot: object) -> None:
+    """Refuse what can neither be a name nor a path.
+
+    Raises:
+        DescriptionError: it is something else.
+    """
+    if not isinstance(robot, str | Path):
+        raise DescriptionError(
+            f"a {type(robot).__name__} is no robot",
+            where="robot",
+            cure="give a catalogue name, the path of a file of a robot or a model, what "
+            "deltaid.load_robot, deltaid.load or deltaid.identify returns, or a dictionary",
+        )
 
 
 class _ModelFile(BaseModel):
@@ -112,12 +133,14 @@ def holds_a_model(text: str) -> bool:
 
 
 def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
+    """Refuse limbs that reach nowhere; without a text, no line of it is named."""
     reason = open_limb(robot)
     if reason:
-        limbs = child(_tree(text, where).value, "limbs")
+        limbs = child(_tree(text, where).value, "limbs") if text else None
         strut = limbs and child(limbs.value, "strut")
+        line = f"line {strut.line if strut else 1}, " if text else ""
         raise DescriptionError(
-            f"line {strut.line if strut else 1}, limbs.strut: {reason}",
+            f"{line}limbs.strut: {reason}",
             where=where,
             cure="check strut, upper_arm and radii or points of limbs, and workspace (z < 0 where "
             "the platform is below the base)",
@@ -153,29 +176,6 @@ def save_yaml(value: BaseModel, path: Path) -> None:
     """
     with written_whole(path) as file:
         file.write(yaml_text(value.model_dump(mode="json", exclude_none=True)))
-
-
-def yaml_text(data: dict[str, Any]) -> str:
-    """Plain data as YAML, the innermost lists and mappings on one line each."""
-    yaml, text = YAML(), io.StringIO()
-    yaml.default_flow_style = None
-    yaml.width = 100
-    yaml.dump(_quoted(data), text)
-    return text.getvalue()
-
-
-def _quoted(value: Any) -> Any:
-    """Text between quotes where something of it would be lost without.
-
-    Line breaks and control characters; and a question mark or colon at its beginning, which the
-    writer leaves plain and the parser takes for the mark of a key or a value.
-    """
-    if isinstance(value, dict):
-        return {key: _quoted(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_quoted(entry) for entry in value]
-    special = isinstance(value, str) and (not value.isprintable() or value[:1] in ("?", ":"))
-    return DoubleQuotedScalarString(value) if special else value
 
 
 def plain_data(text: str, where: str) -> dict[str, Any]:
@@ -268,8 +268,7 @@ def _tree(text: str, where: str) -> Entry:
 
 
 def _unknown(name: str) -> DescriptionError:
-    near = difflib.get_close_matches(name, catalogue(), n=1, cutoff=0.4)
-    hint = f"did you mean {near[0]}? " if near else ""
+    hint = nearest(name, catalogue(), 0.4)
     return DescriptionError(
         f"no robot file and no catalogue robot called '{name[:200]}'",
         cure=f"{hint}the catalogue has: {', '.join(catalogue())}",

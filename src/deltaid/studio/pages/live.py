@@ -12,8 +12,8 @@ from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
 from deltaid.studio.stand import Axis, Stage, Stand, stage, stand
 
-_GROUND = "#dfe5ea"
-_EDGES = "#66727d"
+# Of the ground and of the workspace's edges, on a light page and on a dark one.
+_LIGHT, _DARK = ("#dfe5ea", "#66727d"), ("#2a3138", "#9aa6b0")
 # three.js draws cylinders along y; parts are placed along z.
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
@@ -51,14 +51,15 @@ class _Live:
 
     def _scene(self) -> None:
         size = self.found.size
+        ground, edges = _DARK if self.session.dark else _LIGHT
         self.scene = ui.scene(
-            height=440, grid=False, background_color=_GROUND, click_events=[],
+            height=440, grid=False, background_color=ground, click_events=[],
             on_drag_end=self._dragged,
         ).classes("w-full")  # fmt: skip
         self.scene.props('role=img aria-label="The robot, in three dimensions"')
         with self.scene:
             for start, end in self.found.edges:
-                self.scene.line(start.tolist(), end.tolist()).material(_EDGES)
+                self.scene.line(start.tolist(), end.tolist()).material(edges)
             self.bars = [
                 self.scene.cylinder(1, 1, 1, 12).material(color) for color in self.found.colors
             ]

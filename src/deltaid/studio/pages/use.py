@@ -88,7 +88,7 @@ def _last(session: Session, kind: str) -> None:
     if run is None:
         return
     if said := messages(session.folder, run).strip():
-        parts.note(said, "doubt")
+        parts.note(said, "doubt" if "warning:" in said else "")
     with ui.row():
         ui.label(f"{run.name}:").classes("dim")
         for path in sorted((session.folder.root / run.folder).iterdir()):

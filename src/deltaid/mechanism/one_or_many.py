@@ -1,0 +1,106 @@
+"""One sample or many: a function of rows that takes a single vector too, and returns its rank."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+
+from deltaid.errors import KinematicsError
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Let a method take single samples (dof,) where it takes rows (samples, dof).
+
+    Where all of the named arguments, its first ones, are vectors, they go in as one row, and of
+    what comes out, an array, a tuple or a data class of arrays, the first row is returned.
+    Sequences of numbers are taken as arrays.
+
+    Raises:
+        KinematicsError: an argument has no or more axes, another number of columns than the robot
+            has drives, or as many rows as none of the others; it is named.
+    """
+
+    def decorate(method: Callable[_P, _R]) -> Callable[_P, _R]:
+        @functools.wraps(method)
+        def call(self: Any, /, *arguments: Any, **keywords: Any) -> Any:
+            given = list(arguments)
+            keywords = dict(keywords)
+            places: list[tuple[Any, Any, str]] = []
+            for k, name in enumerate(names):
+                if k < len(given):
+                    places.append((given, k, name))
+                elif keywords.get(name) is not None:
+                    places.append((keywords, name, name))
+            rows = [_array(held[key], self.dof, name) for held, key, name in places]
+            single = all(row.ndim == 1 for row in rows)
+            for (held, key, _), row in zip(places, rows, strict=True):
+                held[key] = np.atleast_2d(row)
+            _require_alike([(name, held[key]) for held, key, name in places])
+            out = method(self, *given, **keywords)  # pyright: ignore[reportCallIssue]
+            return _first(out) if single and rows else out
+
+        return call  # pyright: ignore[reportReturnType]
+
+    return decorate
+
+
+def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Let a method of times (samples,) take a single time, and return what it is then."""
+
+    @functools.wraps(method)
+    def call(self: Any, time: Any) -> Any:
+        times = np.asarray(time, dtype=float)
+        out = method(self, np.atleast_1d(times))  # pyright: ignore[reportCallIssue]
+        return out if times.ndim else _first(out)
+
+    return call  # pyright: ignore[reportReturnType]
+
+
+def _array(value: Any, dof: int, name: str) -> np.ndarray:
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise KinematicsError(
+            f"a {type(value).__name__} is no array of numbers",
+            where=name,
+            cure=f"give an array of shape (samples, {dof}), or a single sample of shape ({dof},)",
+        ) from None
+    if array.ndim not in (1, 2) or array.shape[-1] != dof:
+        turned = array.ndim == 2 and array.shape[0] == dof
+        raise KinematicsError(
+            f"expected arrays of shape (samples, {dof}), got {array.shape}",
+            where=name,
+            cure=f"give one sample a row: {name}.T"
+            if turned
+            else "give one sample a row, or a single sample as a vector",
+        )
+    return array
+
+
+def _require_alike(given: list[tuple[str, np.ndarray]]) -> None:
+    """All of them have as many rows as the first."""
+    for name, rows in given[1:]:
+        if len(rows) != len(given[0][1]):
+            raise KinematicsError(
+                f"has {len(rows)} samples, but {given[0][0]} has {len(given[0][1])}",
+                where=name,
+                cure="give one row a sample in each of them",
+            )
+
+
+def _first(out: Any) -> Any:
+    """The first row of an array, or of each array in what holds some."""
+    if isinstance(out, np.ndarray):
+        return out[0]
+    if isinstance(out, tuple):
+        return tuple(_first(one) for one in out)
+    if is_dataclass(out) and not isinstance(out, type):
+        held = {one.name: getattr(out, one.name) for one in fields(out)}
+        arrays = {key: np.asarray(x[0]) for key, x in held.items() if isinstance(x, np.ndarray)}
+        return replace(out, **arrays)
+    return out

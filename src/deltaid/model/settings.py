@@ -1,0 +1,73 @@
+"""How a model is fitted."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import Field
+
+from deltaid.errors import DescriptionError
+from deltaid.model.options import (
+    GAMMA_LIMITS,
+    LARGEST_LAG,
+    SPREAD_LIMITS,
+    ComplianceChoice,
+    FrictionLaws,
+    IntervalChoice,
+    LagChoice,
+    Method,
+    RegularizerName,
+)
+from deltaid.robot.part import Part
+
+Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
+
+
+class Settings(Part):
+    """How a model is fitted.
+
+    Attributes:
+        method: 'conic' (global optimum, certified) or 'log-cholesky' (the paper's).
+        regularizer: the metric that pulls towards the prior.
+        gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
+        prior_spread: relative standard deviation of the prior that this rule assumes.
+        cutoff: low-pass cut-off [Hz] for logs; by rule when None.
+        friction: laws as described, or extended where the recordings ask for it.
+        keep_all: whether nothing is left out of the recordings.
+        lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
+            or one a drive.
+        compliance: of gears: estimated where none is stated, or none beside what is stated.
+        events: whether contacts, stops, torque spikes and play in gears are found and left out.
+        intervals: of parameters, by linearisation about the fit and what data and consistency leave
+            open; or of models drawn from the posterior, which feel edges of consistency.
+    """
+
+    method: Method = "conic"
+    regularizer: RegularizerName = "euclidean"
+    gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
+    prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
+    cutoff: Annotated[float, Field(gt=0)] | None = None
+    friction: FrictionLaws = "choose"
+    keep_all: bool = False
+    lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
+    compliance: ComplianceChoice = "estimate"
+    events: bool = True
+    intervals: IntervalChoice = "linear"
+
+
+def settings_of(given: object) -> Settings:
+    """Settings by value or as a dictionary; the usual ones without.
+
+    Raises:
+        DescriptionError: there is no such setting, or it cannot have that value.
+    """
+    if given is None:
+        return Settings()
+    if isinstance(given, Settings):
+        return given
+    if isinstance(given, Mapping):
+        return Settings.from_dict(given, "settings")
+    raise DescriptionError(
+        f"a {type(given).__name__} is no settings",
+        where="settings",
+        cure="give deltaid.Settings(…), or a dictionary of the same keys",
+    )

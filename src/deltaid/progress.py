@@ -1,0 +1,95 @@
+"""What long work is doing just now: in a terminal, in a notebook, or told to a function."""
+
+import html
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import Any
+
+# Called with a sentence before each stage.
+Progress = Callable[[str], None]
+# A function that is told; whether to show it; None for: where someone is watching.
+Watch = Progress | bool | None
+
+_BAR = (
+    '<div style="font-size:.9em;opacity:.8"><progress style="width:8em;vertical-align:middle"'
+    "{value}></progress> {text}</div>"
+)
+
+
+@contextmanager
+def watched(watch: Watch, title: str) -> Generator[Progress, None, None]:
+    """A function to be told of every stage, which shows it where `watch` says so.
+
+    A stage such as "start 3 of 8" moves the bar; without numbers it only says that work goes on.
+    What is shown goes away at the end, also of a failure.
+    """
+    if callable(watch):
+        yield watch
+    elif watch is False or (watch is None and not (_in_notebook() or _at_prompt())):
+        yield lambda _: None
+    elif _in_notebook():
+        yield from _shown_in_notebook(title)
+    else:
+        yield from _shown_in_terminal(title)
+
+
+def _shell() -> Any:
+    """IPython's shell, if this runs in one; IPython is not imported for it."""
+    ipython = sys.modules.get("IPython")
+    return ipython.get_ipython() if ipython is not None else None
+
+
+def _in_notebook() -> bool:
+    """Whether outputs go to a notebook: a shell with a kernel."""
+    return hasattr(_shell(), "kernel")
+
+
+def _at_prompt() -> bool:
+    """Whether somebody types into a terminal, Python's own or IPython's."""
+    return (hasattr(sys, "ps1") or _shell() is not None) and sys.stderr.isatty()
+
+
+def share_of(text: str) -> float | None:
+    """How far work is by its own words, '3 of 8'; None where they do not say."""
+    words = text.split()
+    for before, of, after in zip(words, words[1:], words[2:], strict=False):
+        if of == "of" and before.isdigit() and after.isdigit() and int(after):
+            return int(before) / int(after)
+    return None
+
+
+def _shown_in_notebook(title: str) -> Generator[Progress, None, None]:
+    """A bar of HTML that is replaced stage by stage: rich and tqdm need ipywidgets for theirs."""
+    from IPython.display import display
+
+    def bar(text: str) -> dict[str, str]:
+        said, share = f"{title}: {text}", share_of(text)
+        value = "" if share is None else f' value="{share:.3f}"'
+        shown = _BAR.format(value=value, text=html.escape(said))
+        return {"text/plain": said, "text/html": shown}
+
+    handle: Any = display(bar("starting"), raw=True, display_id=True)
+    try:
+        yield lambda text: handle.update(bar(text), raw=True)
+    finally:
+        handle.update({"text/plain": "", "text/html": ""}, raw=True)
+
+
+def _shown_in_terminal(title: str) -> Generator[Progress, None, None]:
+    from rich.console import Console
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    text = TextColumn("{task.description}", markup=False)
+    columns = (SpinnerColumn(), BarColumn(bar_width=20), TimeElapsedColumn(), text)
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(f"{title}: starting", total=None)
+
+        def say(stage: str) -> None:
+            share = share_of(stage)
+            total = None if share is None else 1.0
+            said = f"{title}: {stage}"
+            bars.update(task, description=said, total=total, completed=share or 0.0, refresh=True)
+
+        yield say

@@ -1,0 +1,181 @@
+"""Mistakes at a prompt: one message, with the names there are and the cure; no traceback."""
+
+import copy
+import json
+import os
+import pickle
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from deltaid.errors import UnknownNameError, nearest
+from logs import recorded
+
+NAME = "clavel-delta3"
+FRAME = recorded(1200)
+ARRAYS = {
+    "t": FRAME["t"].to_numpy(),
+    "q": FRAME.select("q1", "q2", "q3").to_numpy(),
+    "tau": FRAME.select("tau1", "tau2", "tau3").to_numpy(),
+}
+ROBOT = deltaid.load_robot(NAME)
+HOLE = np.where(np.arange(1200)[:, None] == 7, np.nan, ARRAYS["q"])
+
+# What is done, what the message says, and its cure.
+MISTAKES: dict[str, tuple[Callable[[], object], str, str]] = {
+    "a parameter's usual name": (
+        lambda: deltaid.load(NAME)["P.mass"], "has no parameter 'P.mass'", "did you mean P.m?"),
+    "a parameter": (
+        lambda: deltaid.load(NAME).value("viscos.drive1"), "no parameter", "viscous.drive1?"),
+    "a drive": (
+        lambda: deltaid.load(NAME)["viscous.drive9"], "no parameter 'viscous.drive9'",
+        "there are: viscous.drive1, viscous.drive2, viscous.drive3"),
+    "a body": (lambda: deltaid.load(NAME).body("EE"), "has no body 'EE'", "there are: U, S, P"),
+    "a robot": (lambda: deltaid.Kinematics("clavl"), "catalogue robot called 'clavl'",
+                "did you mean clavel-delta3?"),
+    "a channel": (lambda: deltaid.ConstraintForces(NAME).index("strut1.elbw.x"),
+                  "has no channel", "did you mean strut1.elbow.x?"),
+    "no starts": (lambda: deltaid.ExcitationSettings(starts=0), "starts is 0", "at least 1"),
+    "a goal": (lambda: deltaid.sensor_plan(NAME, goal="body"), "no goal 'body'", "bodies, forces"),
+    "a setting": (lambda: deltaid.Settings(metod="conic"), "metod: unknown key", "its keys are: m"),
+    "a setting's value": (lambda: deltaid.identify(NAME, FRAME, settings={"method": "ols"}),
+                          "method: must be 'conic' or 'log-cholesky', not \"ols\"", "its keys are"),
+    "a key of a mapping": (lambda: deltaid.ColumnMapping(tme="t"), "did you mean time?", "keys"),
+    "a key of a description": (lambda: ROBOT.changed(nme="x"), "did you mean name?", "schema"),
+    "half a robot": (lambda: deltaid.load({"name": "x"}), "robot: ", "is missing"),
+    "a robot that no file could hold": (
+        lambda: deltaid.load({"name": object()}), "no file could hold", "use text, numbers"),
+    "a column": (lambda: deltaid.validate(NAME, FRAME.rename({"q2": "joint2"})),
+                 "has no column q2; its columns are t, q1, joint2",
+                 "columns=deltaid.ColumnMapping"),
+    "a column that is nearly right": (
+        lambda: deltaid.validate(NAME, FRAME.rename({"tau2": "tau_2"})),
+        "has no column tau2", "did you mean tau_2?"),
+    "text for numbers": (lambda: deltaid.validate(NAME, FRAME.with_columns(pl.col("q1").cast(str))),
+                         "column q1 holds String, not numbers", "store it as numbers"),
+    "a hole": (lambda: deltaid.validate(NAME, ARRAYS | {"q": HOLE}),
+               "row 8: column q[0] is 'nan'", "remove or repair"),
+    "arrays on their side": (lambda: deltaid.validate(NAME, ARRAYS | {"q": ARRAYS["q"].T}),
+                             "has shape (3, 1200), but others have 1200 rows", "q.T"),
+    "samples on their side": (lambda: deltaid.Kinematics(NAME).forward(np.zeros((3, 50))),
+                              "q: expected arrays of shape (samples, 3), got (3, 50)", "q.T"),
+    "text for a sample": (lambda: deltaid.Kinematics(NAME).inverse("home"),
+                          "z: a str is no array of numbers", "shape (3,)"),
+    "samples that do not fit": (
+        lambda: deltaid.Dynamics(NAME).terms(np.zeros((5, 3)), np.zeros((4, 3))),
+        "qd: has 4 samples, but q has 5", "one row a sample"),
+    "parameters of another robot": (
+        lambda: deltaid.Dynamics(NAME).mass_matrix(np.zeros(3), np.zeros(70)),
+        "p has shape (70,), but the robot has 36 parameters", "layout.names"),
+    "an array without names": (lambda: deltaid.validate(NAME, FRAME.to_numpy()),
+                               "has no names of columns", "a dictionary of arrays"),
+    "time that runs backwards": (lambda: deltaid.validate(NAME, ARRAYS | {"t": ARRAYS["t"][::-1]}),
+                                 "column t runs backwards", "sampling rate"),
+    "time in milliseconds": (lambda: deltaid.validate(NAME, ARRAYS | {"t": 1e3 * ARRAYS["t"]}),
+                             "a sampling rate of 1 Hz", "unit: ms"),
+    "angles in degrees": (lambda: deltaid.validate(NAME, ARRAYS | {"q": np.rad2deg(ARRAYS["q"])}),
+                          "column q[0] is", "unit"),
+    "no recording": (lambda: deltaid.identify(NAME, []), "no log was given", "at least one"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_message_with_its_cure(mistake: str) -> None:
+    do, what, cure = MISTAKES[mistake]
+    with pytest.raises(deltaid.DeltaidError) as caught:
+        do()
+    text = str(caught.value)
+    assert what in text
+    assert cure in text
+    assert caught.value.__cause__ is None or caught.value.__suppress_context__
+    assert "Traceback" not in text
+    assert "pydantic" not in text
+
+
+def test_the_errors_are_also_those_that_python_knows() -> None:
+    with pytest.raises(KeyError):
+        _ = deltaid.load(NAME)["P.mass"]
+    with pytest.raises(AttributeError):
+        _ = deltaid.identfy
+    assert not hasattr(deltaid, "_repr_html_")
+    error = UnknownNameError("has no x", where="here", cure="there are: y")
+    assert str(pickle.loads(pickle.dumps(error))) == str(copy.copy(error)) == str(error)
+
+
+def test_the_nearest_name() -> None:
+    assert nearest("VISCOUS.Drive1", ["viscous.drive1", "P.m"]) == "did you mean viscous.drive1? "
+    assert nearest("zzz", ["viscous.drive1", "P.m"]) == ""
+
+
+# At a prompt, where no types are checked: what is typed, and what the message says.
+TYPED = {
+    "deltaid.load('clavel-delta3')['P.mass']": ("no parameter 'P.mass'", "did you mean P.m?"),
+    "deltaid.identfy": ("no attribute 'identfy'", "did you mean identify?"),
+    "deltaid.write_export('h4', 'cc', 'x/')": ("has no target 'cc'", "there are: c, fmu"),
+    "deltaid.ExcitationSettings('d-optimal')": ("has no criterion 'd-optimal'", "a-optimal"),
+    "deltaid.load(3)": ("a int is no robot", "or a dictionary"),
+    "deltaid.identify('h4', None)": ("a NoneType is no recording", "a dictionary of arrays"),
+    "deltaid.identify('h4', [], settings=1)": ("a int is no settings", "deltaid.Settings"),
+    "deltaid.verdicts('h4', ['x'], columns=3)": ("a int is no mapping", "of the same keys"),
+}  # fmt: skip
+SESSION = """
+import json, sys
+from IPython.core.completer import provisionalcompleter
+from IPython.core.interactiveshell import InteractiveShell
+
+shell = InteractiveShell.instance(colors="nocolor")
+shell.run_cell("import deltaid; robot = deltaid.load_robot('clavel-delta3')")
+for line in json.loads(sys.argv[1]):
+    print("typed", line)
+    shell.run_cell("x = 1\\n" + line)
+for text in ("deltaid.", "deltaid.load", "robot."):
+    with provisionalcompleter():
+        found = [one.text.lstrip(".") for one in shell.Completer.completions(text, len(text))]
+    print("completed", text, *found)
+"""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What IPython prints."""
+    home = {"IPYTHONDIR": str(tmp_path_factory.mktemp("ipython"))}
+    command = [sys.executable, "-c", SESSION, json.dumps(list(TYPED))]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, env=os.environ | home
+    )
+    return done.stdout
+
+
+def test_ipython_shows_the_line_and_the_message(session: str) -> None:
+    _, *parts = re.split(r"^typed .*\n", session.partition("completed")[0], flags=re.MULTILINE)
+    for (line, (what, cure)), shown in zip(TYPED.items(), parts, strict=True):
+        first, message, *rest = shown.strip().splitlines()
+        assert first == f"----> 2 {line}"
+        assert re.match(r"\w+Error: ", message)
+        assert what in message
+        assert cure in rest[0]
+        assert len(rest) == 1, shown
+
+
+def test_ipython_completes_names_of_our_own(session: str) -> None:
+    lines = [line.split()[1:] for line in session.splitlines() if line.startswith("completed")]
+    found = {text: {one.rpartition(".")[2] for one in names} for text, *names in lines}
+    assert found["deltaid."] - {"__version__"} == set(deltaid.__all__)
+    assert found["deltaid.load"] == {"load", "load_mapping", "load_offers", "load_robot"}
+    assert {"plot", "report", "changed", "workspace"} <= found["robot."]
+    assert not {name for name in found["robot."] if name.startswith("model_")}
+
+
+def test_nothing_is_written_where_something_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(deltaid.DeltaidError):
+        deltaid.load(NAME).report(tmp_path / "x.txt")
+    with pytest.raises(deltaid.DeltaidError):
+        deltaid.load_robot(NAME).report(__file__ + "/x.html")
+    assert not list(tmp_path.iterdir())
