@@ -21,7 +21,18 @@ _BOUNDS = {
     "minItems": lambda value, limit: len(value) >= limit,
     "maxItems": lambda value, limit: len(value) <= limit,
     "minLength": lambda value, limit: len(value) >= limit,
+    "minProperties": lambda value, limit: len(value) >= limit,
+    "uniqueItems": lambda value, rule: len({repr(one) for one in value}) == len(value),
+    "not": lambda value, rule: bool(violations(value, rule)),
     "pattern": lambda value, pattern: re.search(pattern, value) is not None,
+}
+# What each keyword says something about; all else fits.
+_OF = {
+    **dict.fromkeys(("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"), (int, float)),
+    **dict.fromkeys(("minItems", "maxItems", "uniqueItems"), list),
+    **dict.fromkeys(("minLength", "pattern"), str),
+    "minProperties": dict,
+    "not": object,
 }
 
 
@@ -36,14 +47,23 @@ def violations(value: Any, schema: dict, root: dict | None = None, path: str = "
         if keyword in _IGNORED:
             continue
         if keyword in _BOUNDS:
-            fits = _BOUNDS[keyword](value, rule)
+            fits = not isinstance(value, _OF[keyword]) or _BOUNDS[keyword](value, rule)
         elif keyword == "$ref":
             found += violations(value, _resolve(rule, root), root, path)
             continue
         elif keyword in ("anyOf", "oneOf"):
             fits = any(not violations(value, branch, root, path) for branch in rule)
         elif keyword in ("const", "enum"):
-            fits = value in (rule if keyword == "enum" else [rule])
+            among = rule if keyword == "enum" else [rule]
+            fits = any(value == one and _truth(value) == _truth(one) for one in among)
+        elif keyword == "propertyNames":
+            fits = all(not violations(name, rule, root) for name in value)
+        elif keyword == "patternProperties":
+            for pattern, own in rule.items():
+                for name in value:
+                    if re.search(pattern, name):
+                        found += violations(value[name], own, root, f"{path}.{name}")
+            continue
         elif keyword in ("properties", "required", "additionalProperties"):
             found += _of_object(keyword, value, schema, root, path)
             continue
@@ -57,6 +77,10 @@ def violations(value: Any, schema: dict, root: dict | None = None, path: str = "
         if not fits:
             found.append(f"{path}: violates {keyword} {rule}")
     return found
+
+
+def _truth(value: Any) -> bool:
+    return isinstance(value, bool)
 
 
 def _is_of(value: Any, kind: str) -> bool:

@@ -10,9 +10,10 @@ import deltaid
 from deltaid.errors import DescriptionError
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from deltaid.robot.own import OwnMechanism
 from logs import write
+from support import KINDS
 
 CLAVEL = load_robot("clavel-delta3")
 LIMBS = CLAVEL.limbs
@@ -54,7 +55,7 @@ def test_what_cannot_be_is_named(part, updates, fragment: str) -> None:
     assert fragment in str(caught.value)
 
 
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", KINDS)
 def test_nothing_changed_is_the_same(name: str) -> None:
     robot = load_robot(name)
     assert robot.changed() == robot

@@ -25,9 +25,10 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, catalogue_text, load_robot
+from deltaid.robot.load import catalogue_text, load_robot
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.workspace import Box, Cylinder
+from support import KINDS
 
 _RANGE = r"([\d.]+)\s+(?:# )?to\s+(?:# )?(\d+\.\d+)"
 STATED = re.compile(
@@ -56,7 +57,7 @@ class Case:
         return self.dynamics.robot
 
 
-@pytest.fixture(scope="module", params=catalogue())
+@pytest.fixture(scope="module", params=KINDS)
 def case(request) -> Case:
     stated = STATED.search(catalogue_text(request.param))
     assert stated, "the file does not state base parameters and condition"

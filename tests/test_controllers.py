@@ -20,13 +20,14 @@ from deltaid.control.controllers import (
     SlotineLi,
     tuned,
 )
+from deltaid.control.infeasible import of_tracking
 from deltaid.control.simulation import integrate
 from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import Desired, MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.model.model import Model
+from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion
 from deltaid.report.page import Table, Text
 from deltaid.report.tracking import comparison_page
@@ -305,11 +306,11 @@ def test_the_tools_turn_is_an_error_of_its_own() -> None:
 
 
 def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
-    robot = load_robot("irb360-6-1600")
+    robot, lost = load_robot("irb360-6-1600"), made_up(1e-9, 0.0, ended=0.2)
     runs = (
         Run("pd-feedforward", "prior", made_up(0.05, 0.1)),
         Run("pd-feedforward", "identified", made_up(0.0002, 0.003)),
-        Run("computed-torque", "prior", made_up(1e-9, 0.0, ended=0.2)),
+        Run("computed-torque", "prior", lost, "", of_tracking(load(robot), lost)),
         Run("computed-torque", "identified", made_up(0.001, 0.0)),
     )
     page = comparison_page(robot, runs, "a on b", Drives(delay=2), 12.0)
@@ -318,12 +319,17 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
         ("least error of the platform", "0.2 mm"),
         ("pd-feedforward", "250 times nearer"),
     ]
-    (warning,) = page.warnings
+    assert page.verdict is not None
+    assert page.verdict.sentence == (
+        "Good: pd-feedforward with the identified model follows best, within 0.2 mm (rms; 0.2 mm "
+        "at most)."
+    )
+    (warning,) = page.verdict.lines
     assert warning.startswith(
         "computed-torque, prior: lost after 0.2 s, where a limb was stretched; likeliest cause:"
     )
     [table] = [block for block in page.sections[0].blocks if isinstance(block, Table)]
-    assert [row[4] for row in table.rows] == ["100", "3", "0", "0"]
+    assert [row[4] for row in table.rows] == ["5.73", "0.172", "0", "0"]
     [text] = [block for block in page.sections[0].blocks if isinstance(block, Text)]
     assert "12 Hz" in text.text
     assert "a delay of 2 samples" in text.text

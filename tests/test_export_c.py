@@ -22,10 +22,10 @@ from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from exports import CC, STRICT, compiled, disturbed, model, needs_compiler, states, subject
 from sessions import ROOT, blocks
-from support import assert_close
+from support import KINDS, assert_close
 
 OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR = range(5)
 
@@ -93,7 +93,7 @@ def assert_same(library: Library, subject: Model, n: int = 40) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", KINDS)
 def test_all_functions_of_the_catalogue(name: str, tmp_path: Path) -> None:
     assert_same(build(subject(name), tmp_path), subject(name))
 

@@ -25,13 +25,13 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.body_inertia import body_inertia, why_not_physical
-from deltaid.robot.load import catalogue, catalogue_text, load_robot
+from deltaid.robot.load import catalogue_text, load_robot
 from exports import model, states, subject
 from sessions import ROOT, blocks
-from support import assert_close
+from support import KINDS, assert_close
 
 
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", KINDS)
 def test_casadi_function(name: str, tmp_path: Path) -> None:
     chosen = subject(name)
     path = tmp_path / "delta.casadi"
@@ -104,7 +104,7 @@ def test_bodies_that_cannot_exist_are_refused(entry: int, value: float, reason: 
         Model(robot, p, "a model")
 
 
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", KINDS)
 def test_bodies_of_the_catalogue_can_exist(name: str) -> None:
     robot = load_robot(name)
     p = prior_parameters(robot)

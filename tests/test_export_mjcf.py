@@ -13,7 +13,7 @@ from deltaid.errors import DeltaidError
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.model.model import Model
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from exports import (
     COMPOSED,
     TOOLS,
@@ -27,9 +27,9 @@ from exports import (
     title,
     tree_motion,
 )
-from support import assert_close
+from support import KINDS, assert_close
 
-CASES = [*catalogue(), *TOOLS, *COMPOSED]
+CASES = [*KINDS, *TOOLS, *COMPOSED]
 
 
 class Simulation:
@@ -129,7 +129,7 @@ def test_accelerations_within_the_softness_of_constraints(case: str | Make) -> N
         gaps.append(np.array(gap))
     assert (gaps[1] < 0.13 * gaps[0]).all()
     assert (gaps[2] < 0.13 * gaps[1]).all()
-    assert gaps[2].max() < (0.005 if case in catalogue() else 0.1)
+    assert gaps[2].max() < (0.005 if case in KINDS else 0.1)
 
 
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "h4", "i4-linear"])
@@ -174,7 +174,7 @@ def test_a_second_of_motion(name: str) -> None:
     assert gaps[2] < 2e-3 * np.abs(want - home).max() + 2e-4
 
 
-@pytest.mark.parametrize("name", [*catalogue(), *TOOLS])
+@pytest.mark.parametrize("name", [*KINDS, *TOOLS])
 def test_loops_stay_closed_as_exported(name: str) -> None:
     """A second of strong torques with the file's own step, constraints and friction."""
     chosen = subject(name)
@@ -251,7 +251,7 @@ def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
 
 def test_tree_is_as_free_as_the_robot() -> None:
     """As many independent conditions as coordinates beyond the drives: none is redundant."""
-    for name in catalogue():
+    for name in KINDS:
         tree, simulation = spanning_tree(subject(name)), Simulation(subject(name))
         mujoco.mj_forward(simulation.model, simulation.data)
         rows = simulation.data.ne

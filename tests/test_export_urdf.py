@@ -16,7 +16,7 @@ from deltaid.errors import DeltaidError
 from deltaid.export.files import write_export
 from deltaid.export.urdf import _rpy, urdf
 from deltaid.model.model import Model
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from exports import (
     COMPOSED,
     TOOLS,
@@ -30,9 +30,9 @@ from exports import (
     tree_motion,
 )
 from sessions import ROOT, blocks
-from support import assert_close
+from support import KINDS, assert_close
 
-CASES = [*catalogue(), *TOOLS, *COMPOSED]
+CASES = [*KINDS, *TOOLS, *COMPOSED]
 
 
 class Tree:

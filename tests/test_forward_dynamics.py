@@ -20,10 +20,10 @@ from deltaid.mechanism.user_code import use_mechanism
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from exports import states as exported_states
 from exports import subject
-from support import assert_close, random_states, random_twin
+from support import KINDS, assert_close, random_states, random_twin
 
 ANY_SEED = st.integers(0, 2**32 - 1)
 EVERY_TERM = Friction(
@@ -36,7 +36,7 @@ EVERY_TERM = Friction(
     load=0.15,
 )
 OFFSET = Friction(viscous=1.1, coulomb=2.3, offset=0.9)
-every_robot = pytest.mark.parametrize("name", catalogue())
+every_robot = pytest.mark.parametrize("name", KINDS)
 
 
 def states(kinematics: Kinematics, n: int = 30) -> tuple[np.ndarray, ...]:

@@ -21,10 +21,11 @@ from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
 from deltaid.report.torques import torque_blocks
 from deltaid.robot.joint_units import TURNING
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from deltaid.robot.shapes import HollowCylinder
 from html_page import HOSTILE, Document
 from logs import recorded, write
+from support import KINDS
 
 
 def test_hostile_text_in_every_part_of_a_page() -> None:
@@ -71,7 +72,7 @@ def test_a_long_recording_is_thinned_and_keeps_its_outlier(tmp_path: Path) -> No
     assert np.all(np.diff(c.time) > 0)
 
 
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", KINDS)
 def test_skeleton_has_the_robots_lengths(name: str) -> None:
     robot = load_robot(name)
     kinematics = Kinematics(robot)

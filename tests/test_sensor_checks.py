@@ -24,8 +24,9 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
+from support import KINDS
 
 PLATE = [f"plate.{kind}{axis}" for kind in "fm" for axis in "xyz"]
 OFF = np.array([0.1, -0.05, 0.08])
@@ -209,7 +210,7 @@ def test_a_tolerance_of_the_pose_allows_for_it() -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_good_recordings_of_all_robots_have_no_verdict(seed: int) -> None:
-    names = catalogue()
+    names = KINDS
     dynamics, frame = recorded(names[seed % len(names)], seed, tared=seed % 3 == 1)
     found = judged(dynamics, frame)
     assert [one.grade for one in found] == [Grade.GOOD] * 4, found

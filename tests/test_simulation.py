@@ -12,9 +12,10 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.kernel.batch import BatchKernel
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction import Friction, Stribeck
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
+from support import KINDS
 
-every_robot = pytest.mark.parametrize("name", catalogue())
+every_robot = pytest.mark.parametrize("name", KINDS)
 
 
 def poses(forward: ForwardDynamics, n: int) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import deltaid
+from support import KINDS
 
 DATA = Path(__file__).parent / "data" / "unchanged"
 FITTED = ("clavel-delta3", "irb360-6-1600", "h4", "par4-linear")
@@ -76,7 +77,7 @@ def fitted(name: str, recording: Path) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize("name", deltaid.catalogue())
+@pytest.mark.parametrize("name", KINDS)
 def test_dynamics_are_those_of_before(name: str) -> None:
     expected = np.load(DATA / "dynamics.npz")
     for key, value in evaluated(name).items():
@@ -106,7 +107,7 @@ def _write(folder: Path) -> None:
     from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 
     folder.mkdir(parents=True, exist_ok=True)
-    dynamics = {f"{n}/{k}": v for n in deltaid.catalogue() for k, v in evaluated(n).items()}
+    dynamics = {f"{n}/{k}": v for n in KINDS for k, v in evaluated(n).items()}
     np.savez_compressed(folder / "dynamics.npz", **dynamics)
     for name in FITTED:
         rng, model = np.random.default_rng(5), deltaid.Dynamics(deltaid.load_robot(name))

@@ -11,9 +11,10 @@ import numpy as np
 import polars as pl
 
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, load_robot
+from deltaid.robot.load import load_robot
 from oracle.tree import Array
 from plants import Plant, Truth, even_pace, random_plant
+from support import KINDS
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 
@@ -140,7 +141,7 @@ class Case:
 def clean(seed: int, robot: str | None = None) -> Case:
     """A recording without faults, of a random catalogue robot or of a given one."""
     rng = np.random.default_rng([seed, 0])
-    names = catalogue()
+    names = KINDS
     name = names[int(rng.integers(len(names)))]
     described = load_robot(robot or name)
     harmonics = int(rng.integers(4, 9))

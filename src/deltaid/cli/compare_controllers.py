@@ -1,5 +1,6 @@
 """`deltaid compare-controllers`: every controller with every model of a robot, on one plant."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,11 +48,13 @@ def compare_controllers(
     """Compare tracking with the prior, the base parameters and the identified model.
 
     Every controller runs with every model on the plant, all tuned alike: what differs is what they
-    know of the robot.
+    know of the robot. Runs at a limit, lost, or far from the motion are marked in the table, and
+    none of them is called best; the exit code stays 0.
     """
     from deltaid.cli.output import (
         print_json,
         print_origin,
+        print_problems,
         print_warnings,
         progress,
         require_report,
@@ -64,7 +67,9 @@ def compare_controllers(
         load_trajectory,
     )
     from deltaid.control.comparison import candidates, compare
+    from deltaid.control.infeasible import of_motion
     from deltaid.model.model import load
+    from deltaid.report.tracking_tables import infeasible_lines
 
     drives = drives_of(rate, bandwidth, encoder, delay)
     if report is not None:
@@ -75,6 +80,7 @@ def compare_controllers(
     with progress(as_json) as say:
         say(f"checking {trajectory}")
         motion, warnings = load_trajectory(trajectory, known.robot, columns)
+        problems = of_motion(runs_on, motion)
         runs = compare(runs_on, candidates(known), motion, drives, bandwidth, say)
         if report is not None:
             from deltaid.report.page import write_page
@@ -82,14 +88,16 @@ def compare_controllers(
 
             say(f"writing {report}")
             names = f"{Path(model).name} on {Path(plant).name} along {trajectory.name}"
-            page = comparison_page(known.robot, runs, names, drives, bandwidth)
+            page = comparison_page(known.robot, runs, names, drives, bandwidth, problems)
             write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
-        print_json(settings | {"runs": [_as_dictionary(run) for run in runs]})
+        told = {"infeasible": [asdict(problem) for problem in problems]}
+        print_json(settings | told | {"runs": [_as_dictionary(run) for run in runs]})
     else:
         _print(known.robot, runs, report)
+    print_problems(infeasible_lines(problems, runs))
 
 
 def _as_dictionary(run: "Run") -> dict[str, Any]:
@@ -100,7 +108,10 @@ def _as_dictionary(run: "Run") -> dict[str, Any]:
         "model": run.model or None,
         "why_not": run.why_not or None,
     }
-    return head | (error_dictionary(run.tracking) if run.tracking is not None else {})
+    if run.tracking is None:
+        return head
+    told = {"infeasible": [asdict(problem) for problem in run.problems]}
+    return head | error_dictionary(run.tracking) | told
 
 
 def _print(robot: "RobotDescription", runs: "tuple[Run, ...]", report: Path | None) -> None:

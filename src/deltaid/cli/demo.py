@@ -28,7 +28,8 @@ def demo(
 ) -> None:
     """Simulate a robot with known parameters, record it as a drive would, and identify it.
 
-    The truth is up to 30 % away from the prior; the log has encoder steps and torque noise.
+    The truth is up to 30 % away from the prior; the log has encoder steps and torque noise. The
+    motions keep the robot's limits.
     """
     from deltaid.cli.output import progress
     from deltaid.files import require_writable, together, write_bytes

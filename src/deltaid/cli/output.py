@@ -63,6 +63,12 @@ def print_warnings(warnings: Sequence[str]) -> None:
         error_console.print(styled("warning:", "yellow"), text)
 
 
+def print_problems(problems: Sequence[str]) -> None:
+    """What makes a result worthless, in red on standard error; the program did run."""
+    for text in problems:
+        error_console.print(styled("not feasible:", "bold red"), text)
+
+
 def print_origin(model: "Model") -> None:
     """Say on standard error that a robot stands for its prior, where a model is expected."""
     if model.identified is None:

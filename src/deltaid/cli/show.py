@@ -56,7 +56,7 @@ def show(
         at_rest = AtRest(model.dynamics, model.p)
     if report is not None or not live:
         known = "identified" if model.identified else "prior"
-        _survey(at_rest, report, f"Robot at rest, with its {known} parameters")
+        survey_of(at_rest, report, f"Robot at rest, with its {known} parameters")
     if live:
         _open(at_rest, port)
 
@@ -72,7 +72,8 @@ def _require_live(port: int | None) -> None:
         require_port(port)
 
 
-def _survey(robot: "AtRest", report: Path | None, origin: str) -> None:
+def survey_of(robot: "AtRest", report: Path | None, origin: str) -> None:
+    """A robot at rest, as a page or as tables."""
     from deltaid.cli.output import console, print_warnings, styled, table
     from deltaid.report.page import write_page
     from deltaid.show import page

@@ -1,5 +1,6 @@
 """`deltaid simulate`: a controller that knows a model, on a robot, along a motion."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -69,17 +70,20 @@ def simulate(
     """Follow a motion with a controller that knows MODEL, on a robot that may be another one.
 
     Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
-    its prior.
+    its prior. A motion that asks for more than the robot has, or that its controller does not
+    follow, is said in red; the exit code stays 0, and --json has it under "infeasible".
     """
     from deltaid.cli.output import (
         print_json,
         print_origin,
+        print_problems,
         print_warnings,
         progress,
         require_outputs,
     )
     from deltaid.control.comparison import gains
     from deltaid.control.control_model import ControlModel
+    from deltaid.control.infeasible import of_motion, of_tracking
     from deltaid.control.tracking import track
     from deltaid.files import together, written_whole
     from deltaid.model.model import load
@@ -95,7 +99,9 @@ def simulate(
         motion, warnings = load_trajectory(trajectory, subject.robot, columns)
         say("simulating")
         law = gains(controller, known, motion, bandwidth)
+        problems = of_motion(runs_on, motion)
         result = track(runs_on, law, known, motion, drives)
+        problems += of_tracking(runs_on, result)
         if output is not None:
             with written_whole(output) as file:
                 file.write(as_table(result, sensed(runs_on, result)).write_csv())
@@ -106,15 +112,17 @@ def simulate(
             say(f"writing {report}")
             title = f"{controller} with {Path(model).name} on {Path(plant or model).name}"
             title = f"{title} along {trajectory.name}"
-            page = tracking_page(runs_on.forward.robot, result, title, drives, bandwidth)
+            page = tracking_page(runs_on.forward.robot, result, title, drives, bandwidth, problems)
             write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"controller": controller, "model": model, "plant": plant or model}
         settings |= drives_dictionary(drives, bandwidth)
-        print_json(settings | error_dictionary(result))
+        told = {"infeasible": [asdict(problem) for problem in problems]}
+        print_json(settings | error_dictionary(result) | told)
     else:
         _print(subject.robot, result, [path for path in (output, report) if path])
+    print_problems([problem.text for problem in problems])
 
 
 def drives_of(rate: float, bandwidth: float, encoder: float | None, delay: int) -> "Drives":
@@ -250,7 +258,7 @@ def as_table(
 
 
 def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> None:
-    from deltaid.cli.output import console, shown, styled
+    from deltaid.cli.output import console, shown
     from deltaid.report.tracking_tables import drive_table
 
     error = result.error
@@ -264,10 +272,6 @@ def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> 
         console.print(
             f"tool {1e3 * error.turn_rms:.3g} mrad rms and {1e3 * error.turn_max:.3g} mrad at "
             "most from the turn it should have"
-        )
-    if result.ended is not None:
-        console.print(
-            styled("lost", "bold red"), f"after {result.ended:.4g} s: a limb was stretched"
         )
     for path in files:
         console.print(f"wrote {path}")

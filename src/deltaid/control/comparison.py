@@ -13,6 +13,7 @@ from deltaid.control.controllers import (
     Controller,
     tuned,
 )
+from deltaid.control.infeasible import Problem, of_tracking
 from deltaid.control.options import ControllerName
 from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import Trajectory
@@ -46,12 +47,14 @@ class Run:
         model: the model's name; empty for a controller that needs none.
         tracking: what became of it; None where it cannot run.
         why_not: why not, then.
+        problems: what no one would want on a robot: a limit that cuts, a robot that is lost.
     """
 
     controller: ControllerName
     model: str
     tracking: Tracking | None
     why_not: str = ""
+    problems: tuple[Problem, ...] = ()
 
 
 def candidates(model: ModelLike) -> tuple[Candidate, ...]:
@@ -126,7 +129,8 @@ def compare(
             done = (
                 None if why_not else track(plant, controller, candidate.model, trajectory, drives)
             )
-            runs.append(Run(name, label, done, why_not))
+            problems = of_tracking(plant, done) if done is not None else ()
+            runs.append(Run(name, label, done, why_not, problems))
     return tuple(runs)
 
 

@@ -19,6 +19,7 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
+from deltaid.motion.tamed import tamed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 
@@ -58,6 +59,9 @@ def demonstrate(
 ) -> Demonstration:
     """Simulate, record into `folder`, identify, compare.
 
+    The motions keep every limit of the description with the true parameters, torques with a fifth
+    to spare.
+
     Raises:
         DeltaidError: the folder cannot be written to, or the robot cannot be moved.
     """
@@ -65,7 +69,8 @@ def demonstrate(
     dynamics = compiled(robot)
     progress("simulating two recordings")
     truth = surrogate_parameters(robot, rng)
-    motions = [random_motion(dynamics.kinematics, rng) for _ in range(2)]
+    wild = [random_motion(dynamics.kinematics, rng) for _ in range(2)]
+    motions = [tamed(dynamics, truth, motion) for motion in wild]
     noise = SensorNoise(torque=torque_noise)
     save_yaml(robot, folder / "robot.yaml")
     save_yaml(

@@ -20,6 +20,8 @@ from deltaid.sensors.simulated import simulated_sensors
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
 _COULOMB = {"drive1": 4.0, "drive2": 4.0, "drive3": 4.0, "drive4": 1.0, "slide": 5.0}
+# Share of a drive's torque above which that friction is a larger robot's.
+_SMALL = 0.1
 
 
 @runtime_checkable
@@ -53,14 +55,15 @@ def surrogate_parameters(
 
     Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
     scales its masses and sizes by about ± spread and keeps its symmetry; viscous and Coulomb
-    friction of a rotary Delta as in Sec. VII, all else away from its prior by about the same.
+    friction of a rotary Delta of that size as in Sec. VII, all else away from its prior by about
+    the same.
     """
     p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
         p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
-    if not robot.platform_turns and not any(robot.is_linear(d) for d in robot.drives):
+    if _like_the_papers(robot):
         for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
             p[columns] = [values[joint] for joint in robot.friction_joints]
         more = slice(layout.coulomb.stop, layout.spring.stop)
@@ -69,6 +72,15 @@ def surrogate_parameters(
     p[more] *= np.exp(spread * rng.uniform(-1, 1, more.stop - more.start))
     p[layout.rotor] *= np.exp(spread * rng.uniform(-1, 1, len(robot.rotor_drives)))
     return p
+
+
+def _like_the_papers(robot: RobotDescription) -> bool:
+    """Whether friction of Sec. VII suits a robot: a rotary Delta with drives as strong."""
+    if robot.platform_turns or any(robot.is_linear(d) for d in robot.drives):
+        return False
+    limits = {i: robot.drive_limits.get(drive) for i, drive in enumerate(robot.drives)}
+    efforts = {robot.drives[i]: d.effort for i, d in limits.items() if d is not None and d.effort}
+    return all(_COULOMB[drive] <= _SMALL * effort for drive, effort in efforts.items())
 
 
 def simulate_recording(

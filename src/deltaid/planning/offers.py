@@ -30,7 +30,9 @@ class Weigh(Part):
     Its standard deviation is √(std² + (share · value)²) with the value at the prior.
     """
 
-    quantity: Literal["mass", "first_moment", "centre", "inertia"]
+    quantity: Literal["mass", "first_moment", "centre", "inertia"] = Field(
+        description="what is measured of it"
+    )
     of: str | dict[str, Count] | tuple[Placed, ...] = Field(
         default=EACH,
         description="a body, several, or where each was, as in `measured:`; or `each` body by "
@@ -70,12 +72,14 @@ class Weigh(Part):
 class Offer(Part):
     """One thing to buy, and what can be done with it: one of `weigh`, `measured`, `sensors`."""
 
-    title: str = Field(min_length=1)
+    title: str = Field(min_length=1, description="what it is, as in tables")
     price: NotNegative = Field(description="paid once, however often it is used")
     hours: NotNegative = Field(
         default=0.0, description="work of each use: a body that is weighed, sensors that are fitted"
     )
-    weigh: Weigh | tuple[Weigh, ...] = ()
+    weigh: Weigh | tuple[Weigh, ...] = Field(
+        default=(), description="values of bodies that could be measured with it"
+    )
     measured: tuple[MeasuredTogether, ...] = Field(
         default=(), description="as in a robot's file, where values are known already"
     )
@@ -114,10 +118,14 @@ class Offers(Shown, Part):
     `combinations` name uses that are tried together, such as [kitchen-scale:S, kitchen-scale:P].
     """
 
-    currency: str = Field(default="EUR", min_length=1)
+    currency: str = Field(default="EUR", min_length=1, description="of all prices")
     hourly: NotNegative = Field(default=50.0, description="what an hour of work costs")
-    offers: dict[Key, Offer] = Field(min_length=1)
-    combinations: tuple[tuple[str, ...], ...] = ()
+    offers: dict[Key, Offer] = Field(
+        min_length=1, description="what could be bought or done, by short names"
+    )
+    combinations: tuple[tuple[str, ...], ...] = Field(
+        default=(), description="uses that are tried together"
+    )
 
 
 def load_offers(path: str | Path) -> Offers:

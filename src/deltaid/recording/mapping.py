@@ -61,12 +61,22 @@ class AllDrives(Part):
     columns: tuple[Name, ...] | None = Field(
         default=None, description="in place of it: one column a drive"
     )
-    unit: str | tuple[str, ...]
-    gear: Positive | tuple[Positive, ...] = 1.0
-    lead: Positive | tuple[Positive, ...] | None = None
-    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = 1
-    zero: float | tuple[float, ...] = 0.0
-    torque_constant: Positive | tuple[Positive, ...] | None = None
+    unit: str | tuple[str, ...] = Field(description="such as deg, rpm, mN*m")
+    gear: Positive | tuple[Positive, ...] = Field(
+        default=1.0, description="motor revolutions per joint revolution"
+    )
+    lead: Positive | tuple[Positive, ...] | None = Field(
+        default=None, description="m per revolution of spindle or belt pulley"
+    )
+    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = Field(
+        default=1, description="-1 if the column counts the other way"
+    )
+    zero: float | tuple[float, ...] = Field(
+        default=0.0, description="the column's number where the joint value is 0"
+    )
+    torque_constant: Positive | tuple[Positive, ...] | None = Field(
+        default=None, description="N m per A at the motor"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "AllDrives":
@@ -149,17 +159,23 @@ class TemperatureColumn(Part):
     """The column of a temperature that friction may follow, of a motor, a gear or the oil."""
 
     column: Name
-    unit: Literal["degC", "K", "degF"] = "degC"
+    unit: Literal["degC", "K", "degF"] = Field(default="degC", description="of the column")
 
 
 class ColumnMapping(Shown, Part):
     """The user's mapping file: columns of a log by address, drives in order of q."""
 
-    time: TimeColumn = TimeColumn()
-    position: DriveColumns | None = None
-    velocity: DriveColumns | None = None
-    acceleration: DriveColumns | None = None
-    torque: DriveColumns | None = None
+    time: TimeColumn = Field(default=TimeColumn(), description="when each row was recorded")
+    position: DriveColumns | None = Field(default=None, description="of the drives")
+    velocity: DriveColumns | None = Field(
+        default=None, description="of the drives; made of positions where left out"
+    )
+    acceleration: DriveColumns | None = Field(
+        default=None, description="of the drives; made of positions where left out"
+    )
+    torque: DriveColumns | None = Field(
+        default=None, description="of the drives, as they drive the joints; forces of rails"
+    )
     load: Load | tuple[Load, ...] | None = Field(
         default=None, description="what the robot carries, and when; a list if there are several"
     )
@@ -175,7 +191,7 @@ class ColumnMapping(Shown, Part):
         default=1,
         description="line of a CSV file of the column names; searched if neither row is given",
     )
-    data_row: int | None = Field(
+    data_row: Annotated[int, Field(json_schema_extra={"minimum": 2})] | None = Field(
         default=None,
         description="line of a CSV file that holds the first numbers; after header_row by default",
     )

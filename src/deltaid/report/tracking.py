@@ -8,13 +8,19 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 
 from deltaid.control.comparison import Run
+from deltaid.control.infeasible import Problem
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.dynamics.limits import effort_limits
-from deltaid.errors import Doubt
 from deltaid.report import style
 from deltaid.report.numbers import percent
 from deltaid.report.page import Fact, Figure, Page, Section, Text
-from deltaid.report.tracking_tables import NO_MODEL, comparison_table, drive_table
+from deltaid.report.summary import Grade, Summary
+from deltaid.report.tracking_tables import (
+    NO_MODEL,
+    comparison_table,
+    drive_table,
+    infeasible_lines,
+)
 from deltaid.robot.description import RobotDescription
 
 # Points a line is drawn with.
@@ -31,7 +37,12 @@ Points = Float[np.ndarray, " points"]
 
 
 def tracking_page(
-    robot: RobotDescription, result: Tracking, title: str, drives: Drives, bandwidth: float
+    robot: RobotDescription,
+    result: Tracking,
+    title: str,
+    drives: Drives,
+    bandwidth: float,
+    problems: Sequence[Problem] = (),
 ) -> Page:
     """One controller on one plant, which is `robot`; bandwidth in Hz."""
     own = [(title, style.IDENTIFIED, result)]
@@ -45,17 +56,24 @@ def tracking_page(
             ),
             Section("Torques", (_torques(robot, result), drive_table(robot, result))),
         ),
-        warnings=_lost([(title, result)]),
+        verdict=_followed(result, problems),
     )
 
 
 def comparison_page(
-    robot: RobotDescription, runs: Sequence[Run], title: str, drives: Drives, bandwidth: float
+    robot: RobotDescription,
+    runs: Sequence[Run],
+    title: str,
+    drives: Drives,
+    bandwidth: float,
+    problems: Sequence[Problem] = (),
 ) -> Page:
-    """All controllers with all models on one plant; bandwidth in Hz."""
+    """All controllers with all models on one plant; bandwidth in Hz.
+
+    Nothing is praised on a motion that the robot cannot run (`problems`), and no run that stood at
+    a limit or was far off.
+    """
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
-    # Who was lost early may have been near until then.
-    best = min(done, key=lambda pair: (pair[1].ended is not None, pair[1].error.platform_rms))
     lines = [
         Section(controller, _errors(_of_controller(controller, done)))
         for controller in dict.fromkeys(run.controller for run, _ in done)
@@ -63,15 +81,7 @@ def comparison_page(
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
-        facts=(
-            Fact(
-                "least error of the platform",
-                f"{1e3 * best[1].error.platform_rms:.3g} mm",
-                f"rms; {best[0].controller}, {best[0].model or NO_MODEL}"
-                + (", until it was lost" if best[1].ended is not None else ""),
-            ),
-            *_gains(runs),
-        ),
+        facts=(_best(runs, problems), *(() if problems else _gains(runs))),
         sections=(
             Section(
                 "What identification buys",
@@ -79,7 +89,41 @@ def comparison_page(
             ),
             *lines,
         ),
-        warnings=_lost([(f"{run.controller}, {run.model or NO_MODEL}", t) for run, t in done]),
+        verdict=_compared(runs, problems),
+    )
+
+
+def _followed(result: Tracking, problems: Sequence[Problem]) -> Summary:
+    """Whether a simulated motion can be run, and how well it was followed."""
+    if problems:
+        first, *others = (problem.text for problem in problems)
+        return Summary(Grade.POOR, f"Not feasible: {first}.", tuple(others))
+    error = result.error
+    return Summary(
+        Grade.GOOD,
+        f"Good: the platform follows within {1e3 * error.platform_rms:.3g} mm (rms; "
+        f"{1e3 * error.platform_max:.3g} mm at most), and no drive stands at a limit.",
+    )
+
+
+def _compared(runs: Sequence[Run], problems: Sequence[Problem]) -> Summary:
+    """What a comparison came to; nothing on a motion that cannot be run."""
+    lines = infeasible_lines(problems, runs)
+    if problems:
+        return Summary(Grade.POOR, f"Not feasible: {lines[0]}.", lines[1:])
+    sound = _sound(runs)
+    if not sound:
+        return Summary(Grade.POOR, "Poor: no controller follows this motion.", lines)
+    run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
+    model = f"the {run.model} model" if run.model else NO_MODEL
+    if run.model == "base parameters":
+        model = run.model
+    error = tracking.error
+    return Summary(
+        Grade.GOOD,
+        f"Good: {run.controller} with {model} follows best, within "
+        f"{1e3 * error.platform_rms:.3g} mm (rms; {1e3 * error.platform_max:.3g} mm at most).",
+        lines,
     )
 
 
@@ -89,7 +133,7 @@ def _facts(result: Tracking) -> tuple[Fact, ...]:
         Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
         Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
         *(
-            [Fact("error of the tool's turn", f"{1e3 * error.turn_rms:.3g} mrad", "rms")]
+            [Fact("error of the tool's turn", f"{np.rad2deg(error.turn_rms):.3g}°", "rms")]
             if error.turn_rms is not None
             else []
         ),
@@ -97,13 +141,27 @@ def _facts(result: Tracking) -> tuple[Fact, ...]:
     )
 
 
+def _best(runs: Sequence[Run], problems: Sequence[Problem]) -> Fact:
+    """Who came nearest, of those that followed a motion that can be run."""
+    if problems:
+        return Fact("no comparison", "not feasible", "the motion is beyond the robot's limits")
+    sound = [(run, tracking.error) for run, tracking in _sound(runs)]
+    if not sound:
+        return Fact("no controller", "follows this motion", "each stood at a limit or was far off")
+    run, error = min(sound, key=lambda pair: pair[1].platform_rms)
+    note = f"rms; {run.controller}, {run.model or NO_MODEL}"
+    return Fact("least error of the platform", f"{1e3 * error.platform_rms:.3g} mm", note)
+
+
+def _sound(runs: Sequence[Run]) -> list[tuple[Run, Tracking]]:
+    """Runs that followed the motion, within the limits."""
+    done = [(run, run.tracking) for run in runs if run.tracking is not None]
+    return [(run, result) for run, result in done if result.ended is None and not run.problems]
+
+
 def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
     """How much smaller the error is with the identified model than with the prior."""
-    by_name = {
-        (r.controller, r.model): r.tracking
-        for r in runs
-        if r.tracking is not None and r.tracking.ended is None
-    }
+    by_name = {(run.controller, run.model): tracking for run, tracking in _sound(runs)}
     facts = []
     for controller in dict.fromkeys(run.controller for run in runs):
         prior, after = (by_name.get((controller, m)) for m in ("prior", "identified"))
@@ -114,18 +172,6 @@ def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
             times = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
             facts.append(Fact(controller, f"{times} times nearer", note))
     return tuple(facts)
-
-
-def _lost(runs: Sequence[tuple[str, Tracking]]) -> tuple[str, ...]:
-    return tuple(
-        Doubt(
-            f"{name}: lost after {run.ended:.4g} s, where a limb was stretched",
-            cause="its gains or its model do not hold the robot on this motion",
-            cure="lower the gains, or take a slower motion",
-        )
-        for name, run in runs
-        if run.ended is not None
-    )
 
 
 def _of_controller(
@@ -179,13 +225,13 @@ def _errors(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
     caption = "Distance of the platform point from where it should be."
     figures = [_over_time(platform, "platform error", "mm", caption)]
     turns = [
-        (name, color, run.time, 1e3 * run.turn_error)
+        (name, color, run.time, np.rad2deg(run.turn_error))
         for name, color, run in runs
         if run.turn_error is not None
     ]
     if turns:
         caption = "Turn ψ of the tool, actual less desired."
-        figures.append(_over_time(turns, "error of the turn", "mrad", caption))
+        figures.append(_over_time(turns, "error of the turn", "°", caption))
     return tuple(figures)
 
 
@@ -212,10 +258,11 @@ def _over_time(
 
 def _drives(robot: RobotDescription, result: Tracking) -> Figure:
     """q − q_d of each drive."""
-    units = {d: "mm" if robot.is_linear(d) else "mrad" for d in robot.drives}
+    units = {d: "mm" if robot.is_linear(d) else "°" for d in robot.drives}
     figure = _stack(robot, lambda drive: f"{drive} [{units[drive]}]")
     for i, drive in enumerate(robot.drives):
-        time, error = _peaks(result.time, 1e3 * result.drive_error[:, i])
+        scale = 1e3 if robot.is_linear(robot.drives[i]) else np.rad2deg(1.0)
+        time, error = _peaks(result.time, scale * result.drive_error[:, i])
         _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {units[drive]}")
     return Figure(figure, "Error of each drive, actual less desired coordinate.")
 

@@ -25,12 +25,12 @@ Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sx
 class InertiaTensor(Part):
     """Entries of the inertia tensor (5) about the link frame's origin, kg m²."""
 
-    xx: NotNegative
-    yy: NotNegative
-    zz: NotNegative
-    xy: Coordinate = 0.0
-    yz: Coordinate = 0.0
-    xz: Coordinate = 0.0
+    xx: NotNegative = Field(description="moment of inertia about x, kg m²")
+    yy: NotNegative = Field(description="moment of inertia about y, kg m²")
+    zz: NotNegative = Field(description="moment of inertia about z, kg m²")
+    xy: Coordinate = Field(default=0.0, description="−∫ x y dm, kg m²")
+    yz: Coordinate = Field(default=0.0, description="−∫ y z dm, kg m²")
+    xz: Coordinate = Field(default=0.0, description="−∫ x z dm, kg m²")
 
 
 class ExplicitInertia(Part):
@@ -38,7 +38,7 @@ class ExplicitInertia(Part):
 
     mass: Mass = Field(description="kg")
     first_moment: Vector = Field(description="mass times centre of mass in the link frame, kg m")
-    inertia: InertiaTensor
+    inertia: InertiaTensor = Field(description="about the link frame's origin")
 
     def parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten inertia parameters about the link frame."""
@@ -67,11 +67,14 @@ class Body(Part):
     list is a body that is known, such as a tool with CAD data (Sec. VI f): all ten stay as given.
     """
 
-    prior: ExplicitInertia | tuple[Shape, ...]
+    prior: ExplicitInertia | tuple[Shape, ...] = Field(
+        description="what is known before any recording: shapes, or numbers from CAD"
+    )
     free: tuple[Entry, ...] = Field(
         default=get_args(Entry),
         description="entries that the identification may change; all ten when left out; [] for a "
         "body that is known and keeps its prior",
+        json_schema_extra={"uniqueItems": True},
     )
     spread: Positive | dict[InertiaName, Positive] | None = Field(
         default=None,

@@ -63,17 +63,24 @@ _TURN_SPEED = float(np.deg2rad(1500.0))
 class RobotDescription(Shown, Plotted, Reported, Part):
     """A Delta robot as a user writes it in YAML."""
 
-    name: str = Field(min_length=1)
-    title: str = ""
+    name: str = Field(min_length=1, description="short, as in names of files")
+    title: str = Field(default="", description="what it is, as in headings")
     gravity: Gravity = Field(
         default=(0.0, 0.0, -9.81), description="gravity in the world frame, m/s²"
     )
-    limbs: Limbs | None = None
+    limbs: Limbs | None = Field(
+        default=None, description="drives and struts that hold the platform"
+    )
     mechanism: OwnMechanism | None = Field(
         default=None, description="in place of limbs and platform: a geometry in a Python file"
     )
-    platform: Platform = RigidPlatform()
-    telescope: Telescope | None = None
+    platform: Platform = Field(
+        default=RigidPlatform(),
+        description="what the struts hold: one part, or parts that turn a tool",
+    )
+    telescope: Telescope | None = Field(
+        default=None, description="a bar from base to platform that turns the tool"
+    )
     bodies: dict[str, Body] = Field(
         description="U (or C with linear drives) and S, then those of the platform: P; SB, MB, EE; "
         "MP, R, EE; or HP, EE; and with a telescope TU, TL, EE"
@@ -106,8 +113,10 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         default_factory=dict[str, Sensor],
         description="sensors beside the drives' torques, by names that mappings use too",
     )
-    workspace: Workspace
-    drive_limits: dict[str, DriveLimits] = Field(default_factory=dict)
+    workspace: Workspace = Field(description="where the platform point may go")
+    drive_limits: dict[str, DriveLimits] = Field(
+        default_factory=dict, description="what each drive can do: drive1, drive2, …"
+    )
     platform_speed: Speed = Field(default=5.0, description="largest speed along an axis, m/s")
     platform_acceleration: Positive = Field(
         default=50.0, description="largest acceleration along an axis, m/s²"

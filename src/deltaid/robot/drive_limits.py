@@ -13,15 +13,23 @@ class DriveLimits(Part):
     angle_deg: tuple[Coordinate, Coordinate] | None = Field(
         default=None, description="lowest and highest angle of a rotary drive, degrees"
     )
-    speed_deg_s: Positive | None = None
-    acceleration_deg_s2: Positive | None = None
-    torque: Positive | None = Field(default=None, description="N m")
+    speed_deg_s: Positive | None = Field(
+        default=None, description="largest speed of a rotary drive, degrees/s"
+    )
+    acceleration_deg_s2: Positive | None = Field(
+        default=None, description="largest acceleration of a rotary drive, degrees/s²"
+    )
+    torque: Positive | None = Field(
+        default=None, description="largest torque of a rotary drive, N m"
+    )
     position: tuple[Position, Position] | None = Field(
         default=None, description="lowest and highest position of a linear drive, m"
     )
-    speed: Speed | None = Field(default=None, description="of a linear drive, m/s")
-    acceleration: Positive | None = Field(default=None, description="of a linear drive, m/s²")
-    force: Positive | None = Field(default=None, description="of a linear drive, N")
+    speed: Speed | None = Field(default=None, description="largest speed of a linear drive, m/s")
+    acceleration: Positive | None = Field(
+        default=None, description="largest acceleration of a linear drive, m/s²"
+    )
+    force: Positive | None = Field(default=None, description="largest force of a linear drive, N")
 
     @model_validator(mode="after")
     def _check(self) -> "DriveLimits":

@@ -68,9 +68,13 @@ class Friction(Part):
         description="typical size of a constant torque of either sign, whose prior is zero, N m "
         "or N",
     )
-    power: PowerLaw | None = None
-    stribeck: Stribeck | None = None
-    hess_soom: HessSoom | None = None
+    power: PowerLaw | None = Field(
+        default=None, description="a term that grows slower, or faster, than speed"
+    )
+    stribeck: Stribeck | None = Field(default=None, description="more friction near rest")
+    hess_soom: HessSoom | None = Field(
+        default=None, description="more friction near rest, in the form of Hess and Soom"
+    )
     load: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="share of what the gear carries that is lost; drives only"
     )

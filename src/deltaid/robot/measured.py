@@ -71,8 +71,8 @@ class Measured(Part):
 class Placed(Part):
     """A body among those that were measured together, in axes of the measurement."""
 
-    body: str
-    count: Count = 1
+    body: str = Field(description="its name, as in bodies")
+    count: Count = Field(default=1, description="how many of it")
     at: Point = Field(default=(0.0, 0.0, 0.0), description="where its link frame was, m")
     turned_deg: Vector = Field(
         default=(0.0, 0.0, 0.0),

@@ -20,7 +20,9 @@ from pydantic import Field, model_validator
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Length, Point, Positive
 
-Ratio = Annotated[float, Field(ge=-1e3, le=1e3)]
+# What `_check` below refuses, for editors too.
+Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
+LimbNumber = Annotated[int, Field(json_schema_extra={"minimum": 1, "maximum": 4})]
 
 
 def _direction(angle: float) -> Float[np.ndarray, " 3"]:
@@ -31,14 +33,16 @@ def _direction(angle: float) -> Float[np.ndarray, " 3"]:
 class RigidPlatform(Part):
     """One body that all limbs hold; it only translates."""
 
-    kind: Literal["rigid"] = "rigid"
+    kind: Literal["rigid"] = Field(default="rigid", description="one body that translates")
     bodies: ClassVar[tuple[str, ...]] = ("P",)
     slides: ClassVar[bool] = False
 
 
 class _Articulated(Part, ABC):
-    first: tuple[int, ...] = Field(
-        default=(1, 2), description="numbers of the limbs that hold the first part"
+    first: tuple[LimbNumber, ...] = Field(
+        default=(1, 2),
+        description="numbers of the limbs that hold the first part",
+        json_schema_extra={"minItems": 2, "maxItems": 2, "uniqueItems": True},
     )
     ratio: Ratio = Field(
         default=1.0,
@@ -84,7 +88,7 @@ class _Articulated(Part, ABC):
 class H4Platform(_Articulated):
     """Two side bars, joined by a middle bar that turns by θ about z."""
 
-    kind: Literal["h4"]
+    kind: Literal["h4"] = Field(description="two side bars on a turning middle bar")
     bodies: ClassVar[tuple[str, ...]] = ("SB", "MB", "EE")
     slides: ClassVar[bool] = False
     half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
@@ -106,7 +110,7 @@ class H4Platform(_Articulated):
 class Par4Platform(_Articulated):
     """A planar parallelogram of two main parts and two rods that turn by θ about z."""
 
-    kind: Literal["par4"]
+    kind: Literal["par4"] = Field(description="two main parts and two turning rods")
     bodies: ClassVar[tuple[str, ...]] = ("MP", "R", "EE")
     slides: ClassVar[bool] = False
     length: Length = Field(description="L of the rods, m")
@@ -119,7 +123,7 @@ class Par4Platform(_Articulated):
 class I4Platform(_Articulated):
     """Two half platforms on a slide; their distance s turns the tool by a rack and a pinion."""
 
-    kind: Literal["i4"]
+    kind: Literal["i4"] = Field(description="two half platforms on a slide")
     bodies: ClassVar[tuple[str, ...]] = ("HP", "EE")
     slides: ClassVar[bool] = True
     direction_deg: Annotated[float, Field(ge=-360, le=360)] = Field(

@@ -5,7 +5,7 @@ would pass for a giant's, get a message of their own.
 """
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
@@ -52,14 +52,32 @@ def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
     return value
 
 
-Positive = Annotated[float, Field(gt=0, le=_LARGEST), AfterValidator(_not_tiny)]
+def _limits(**limits: Any) -> Any:
+    """What validators below refuse, for editors too, which know only the schema."""
+    return Field(json_schema_extra=limits)
+
+
+Positive = Annotated[
+    float, Field(gt=0, le=_LARGEST), AfterValidator(_not_tiny), _limits(minimum=_SMALLEST)
+]
 NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
 Coordinate = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
-Length = Annotated[float, Field(gt=0), AfterValidator(_length)]
-Radius = Annotated[float, Field(ge=0), AfterValidator(_length)]  # may be zero
-Mass = Annotated[float, Field(gt=0), AfterValidator(_mass)]
-Position = Annotated[float, AfterValidator(_position)]
-Speed = Annotated[Positive, AfterValidator(_speed)]
+Length = Annotated[
+    float, Field(gt=0), AfterValidator(_length), _limits(minimum=_SHORTEST, maximum=_LONGEST)
+]
+# May be zero.
+Radius = Annotated[
+    float,
+    Field(ge=0),
+    AfterValidator(_length),
+    _limits(maximum=_LONGEST, anyOf=[{"const": 0}, {"minimum": _SHORTEST}]),
+]
+Mass = Annotated[
+    float, Field(gt=0), AfterValidator(_mass), _limits(minimum=_LIGHTEST, maximum=_HEAVIEST)
+]
+Position = Annotated[float, AfterValidator(_position), _limits(minimum=-_LONGEST, maximum=_LONGEST)]
+Speed = Annotated[Positive, AfterValidator(_speed), _limits(minimum=_SMALLEST, maximum=_FASTEST)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
-Gravity = Annotated[Vector, AfterValidator(_gravity)]
+_Pull = Annotated[Coordinate, _limits(minimum=-_STRONGEST, maximum=_STRONGEST)]
+Gravity = Annotated[tuple[_Pull, _Pull, _Pull], AfterValidator(_gravity)]

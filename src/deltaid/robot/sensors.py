@@ -26,7 +26,7 @@ class BaseWrench(Part):
     weight as a force upwards.
     """
 
-    kind: Literal["base-wrench"]
+    kind: Literal["base-wrench"] = Field(description="six axes under the base")
     position: Point = Field(default=(0.0, 0.0, 0.0), description="its origin in the world, m")
     rotation_deg: Vector = Field(
         default=(0.0, 0.0, 0.0),
@@ -51,7 +51,7 @@ class BaseWrench(Part):
 class StrutForce(Part):
     """A gauge along a strut, or along both of a limb, whose sum it shows; a pull is positive."""
 
-    kind: Literal["strut-force"]
+    kind: Literal["strut-force"] = Field(description="a gauge along a strut")
     strut: str = Field(description="strut1a, strut1b, …; strut1 for the sum of a limb's")
     at: Literal["platform", "elbow", "middle"] = Field(
         default="middle", description="at a joint, or somewhere between both"
@@ -64,7 +64,7 @@ class StrutForce(Part):
 class JointTorque(Part):
     """A torque sensor between gear and arm (a force sensor, for a rail)."""
 
-    kind: Literal["joint-torque"]
+    kind: Literal["joint-torque"] = Field(description="torque between gear and arm")
     drive: str = Field(description="drive1, drive2, …")
     noise: Positive = Field(default=0.1, description="N m, or N for a rail")
     bias: Bias = None

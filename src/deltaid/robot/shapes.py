@@ -20,7 +20,7 @@ class HollowCylinder(Part):
     the axis is ½ m (R_o² + R_i²) and across it m (L² + 3 (R_o² + R_i²)) / 12.
     """
 
-    shape: Literal["hollow_cylinder"]
+    shape: Literal["hollow_cylinder"] = Field(description="a tube, or a solid cylinder")
     axis: Literal["x", "y", "z"] = Field(description="axis of the link frame along the cylinder")
     length: Length = Field(description="m")
     outer_radius: Length = Field(description="m")
@@ -53,7 +53,7 @@ class HollowCylinder(Part):
 class PointMass(Part):
     """A mass concentrated at one point."""
 
-    shape: Literal["point_mass"]
+    shape: Literal["point_mass"] = Field(description="a mass at one point")
     mass: Mass = Field(description="kg")
     centre: Point = Field(description="position in the link frame, m")
 

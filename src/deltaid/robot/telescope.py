@@ -1,9 +1,14 @@
 """The telescope bar of a 4-DOF Delta as a user writes it."""
 
+from typing import Annotated
+
 from pydantic import Field, model_validator
 
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Point
+
+# Positive, which `_check` says in its own words.
+Stroke = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0.0})]
 
 
 class Telescope(Part):
@@ -16,7 +21,7 @@ class Telescope(Part):
         default=(0.0, 0.0, 0.0),
         description="centre of the lower universal joint from the platform point, m",
     )
-    stroke: tuple[float, float] | None = Field(
+    stroke: tuple[Stroke, Stroke] | None = Field(
         default=None, description="shortest and longest distance of the two universal joints, m"
     )
 

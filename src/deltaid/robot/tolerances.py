@@ -3,7 +3,7 @@
 Every number is one standard deviation: about a third of all machines are further off.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
@@ -14,6 +14,11 @@ _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
 # What a well-made robot has: parts to a tenth of a millimetre, encoders set with a gauge, a base
 # levelled with a machinist's level [m; rad or m; rad].
 _LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
+
+
+def _within(most: float) -> Any:
+    """The same limits for editors, which know only the schema."""
+    return Field(json_schema_extra={"minimum": 0.0, "maximum": most})
 
 
 def _length(value: float) -> float:
@@ -28,8 +33,8 @@ def _angle(value: float) -> float:
     return value
 
 
-LengthTolerance = Annotated[float, AfterValidator(_length)]
-AngleTolerance = Annotated[float, AfterValidator(_angle)]
+LengthTolerance = Annotated[float, AfterValidator(_length), _within(_LONG)]
+AngleTolerance = Annotated[float, AfterValidator(_angle), _within(_WIDE)]
 
 
 def _share(value: float) -> float:
@@ -38,7 +43,7 @@ def _share(value: float) -> float:
     return value
 
 
-ShareTolerance = Annotated[float, AfterValidator(_share)]
+ShareTolerance = Annotated[float, AfterValidator(_share), _within(_UNSURE)]
 
 # Kinds of lengths that may have a tolerance of their own.
 LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "platform", "telescope")

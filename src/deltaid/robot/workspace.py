@@ -15,7 +15,7 @@ Range = tuple[Position, Position]
 class Cylinder(Part):
     """A cylinder about world z."""
 
-    shape: Literal["cylinder"]
+    shape: Literal["cylinder"] = Field(description="about world z")
     radius: Length = Field(description="m")
     z: Range = Field(description="lowest and highest platform point, m")
 
@@ -46,7 +46,7 @@ class Cylinder(Part):
 class Hemisphere(Part):
     """The lower half of a ball whose centre lies on world z at height `top`."""
 
-    shape: Literal["hemisphere"]
+    shape: Literal["hemisphere"] = Field(description="the lower half of a ball")
     radius: Length = Field(description="m")
     top: Position = Field(description="height of the flat side, m")
 
@@ -71,7 +71,7 @@ class Hemisphere(Part):
 class Box(Part):
     """A box along the world's axes; a mechanism of the user's own may not move along some."""
 
-    shape: Literal["box"]
+    shape: Literal["box"] = Field(description="along the world's axes")
     x: Range | None = Field(default=None, description="m; left out where the robot does not move")
     y: Range | None = Field(default=None, description="m; the same")
     z: Range | None = Field(default=None, description="m; the same")

@@ -1,0 +1,266 @@
+"""`deltaid new`: a description of one's own robot, from a few numbers."""
+
+import inspect
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltaid.cli.options import output_file
+from deltaid.drafting.kinds import KINDS
+from deltaid.drafting.questions import QUESTIONS, Question
+
+if TYPE_CHECKING:
+    from deltaid.drafting.draft import Draft
+    from deltaid.errors import DeltaidError
+
+_TITLES = {
+    "lengths": "Lengths and ends", "masses": "Masses", "motors": "Motors", "tool": "Tool",
+    "friction": "Friction", "workspace": "Workspace and speed",
+}  # fmt: skip
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command, with an option for every question."""
+    own = inspect.signature(new).parameters
+    options = [_option(question) for question in QUESTIONS]
+    parameters = [p for p in own.values() if p.kind is not p.VAR_KEYWORD] + options
+    new.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportFunctionMemberAccess]
+    app.command("new")(new)
+
+
+def _option(question: Question) -> inspect.Parameter:
+    unit = f" [{question.shown_unit}]" if question.unit else ""
+    option = typer.Option(
+        question.option,
+        help=f"{question.text}{unit}",
+        rich_help_panel=_TITLES[question.group],
+        metavar="NUMBER",
+    )
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(
+        question.key, kind, default=None, annotation=Annotated[str | None, option]
+    )
+
+
+def new(
+    file: Annotated[
+        Path, typer.Argument(help="Description to write (YAML).", show_default=True)
+    ] = Path("my-robot.yaml"),
+    kind: Annotated[
+        str | None, typer.Option(help=f"Kind of robot: {', '.join(KINDS)}.", metavar="KIND")
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="ROBOT", help="Robot whose numbers stand where none are given."
+        ),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the robot. Default: that of the file.")
+    ] = None,
+    title: Annotated[str | None, typer.Option(help="What the robot is, in words.")] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Ask nothing: assume what is not given.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the file if it is there.")
+    ] = False,
+    report: Annotated[
+        Path | None,
+        output_file(help="HTML page: picture, workspace, reach, condition; works offline."),
+    ] = None,
+    **given: str | None,
+) -> None:
+    """Describe a robot of one's own: asks for lengths, motors and masses, and writes a description.
+
+    Numbers may have units: 235mm, 0.235, "3 kg cm²", 400rpm. What nobody knows is assumed, and said
+    so in the file. Without a terminal nothing is asked.
+    """
+    from deltaid.cli.output import console, print_note, require_report
+    from deltaid.errors import DeltaidError
+    from deltaid.files import require_writable
+
+    if file.suffix.lower() not in (".yaml", ".yml"):
+        raise DeltaidError("must end in .yaml", where=str(file))
+    if not force and file.exists():
+        raise DeltaidError(
+            "is there already", where=str(file), cure="give another name, or --force to replace it"
+        )
+    require_writable(file)
+    if report is not None:
+        require_report(report, [file])
+    asker = None if yes or not (sys.stdin.isatty() and sys.stdout.isatty()) else _Terminal()
+    try:
+        draft = _draft(file, kind, start, name, title, given, asker)
+        from deltaid.drafting.interview import interview  # slow; the first question is not
+
+        draft = interview(draft, asker)
+    except (KeyboardInterrupt, EOFError):
+        console.print()
+        print_note("nothing was written")
+        raise typer.Exit(130) from None
+    _write(draft, file)
+    _show(draft, file, report)
+
+
+def _draft(
+    file: Path,
+    kind: str | None,
+    start: str | None,
+    name: str | None,
+    title: str | None,
+    given: Mapping[str, str | None],
+    asker: "_Terminal | None",
+) -> "Draft":
+    """What the options say."""
+    from deltaid.drafting.backwards import answers, kind_of
+    from deltaid.drafting.draft import GIVEN, Draft
+    from deltaid.drafting.quantity import quantity
+    from deltaid.errors import DeltaidError
+    from deltaid.robot.load import load_robot
+
+    offered: dict[str, float] = {}
+    if start is not None:
+        robot = load_robot(start)
+        offered, found = answers(robot), kind_of(robot)
+        if kind not in (None, found):
+            raise DeltaidError(
+                f"{start} is a {found}", where=f"--kind {kind}", cure="leave --kind out"
+            )
+        kind = found
+    if kind is None and asker is not None:
+        kind = asker.kind()
+    kind = _known(kind)
+    draft = Draft(
+        kind=kind,
+        name=name or file.stem,
+        title=title or KINDS[kind].split(",")[0],
+        offered=offered,
+        source=Path(start).stem if start else "",
+    )
+    for question in QUESTIONS:
+        text = given.get(question.key)
+        if text is None:
+            continue
+        if not question.of(kind):
+            raise DeltaidError(
+                f"a {kind} has none ({question.text})",
+                where=f"{question.option} {text}",
+                cure="leave it out, or choose another --kind",
+            )
+        value = quantity(text, question.unit, question.option)
+        draft = draft.answered(question.key, question.require(value), GIVEN)
+    return draft
+
+
+def _known(kind: str | None) -> str:
+    """A kind that there is.
+
+    Raises:
+        DeltaidError: there is none of that name.
+    """
+    from deltaid.errors import DeltaidError
+
+    if kind in KINDS:
+        return str(kind)
+    told = "is missing" if kind is None else f"{kind!r} is not known"
+    raise DeltaidError(told, where="--kind", cure=f"choose from {', '.join(KINDS)}")
+
+
+@dataclass
+class _Terminal:
+    """Asks in a terminal; `title` is of the group that is being asked."""
+
+    title: str = ""
+
+    def kind(self) -> str:
+        """Which kind of robot."""
+        from deltaid.cli.output import console
+        from deltaid.errors import DeltaidError
+
+        console.print("What kind of robot is it?")
+        names = list(KINDS)
+        for i, name in enumerate(names):
+            console.print(f"  {i + 1}  {name}: {KINDS[name]}")
+        console.print("A number may have a unit (235 mm, 3 kg cm²); ? tells how to find it out.")
+        while True:
+            text = console.input("number or name: ").strip()
+            if text.isdigit() and 1 <= int(text) <= len(names):
+                return names[int(text) - 1]
+            try:
+                return _known(text)
+            except DeltaidError as error:
+                self.tell(error)
+
+    def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
+        """One answer."""
+        from deltaid.cli.output import console, styled
+
+        if self.title != question.group:
+            self.title = question.group
+            console.print()
+            console.print(styled(_TITLES[question.group]))
+        unit = f" {question.shown_unit}".rstrip()
+        shown = f" ({offer[0]:g}{unit}, {offer[1]})" if offer else f" [{unit.strip()}]" * bool(unit)
+        while True:
+            text = console.input(f"{question.text}{shown}: ")
+            if text.strip() != "?":
+                return text
+            console.print(f"  {question.how}")
+
+    def tell(self, error: "DeltaidError") -> None:
+        """What is wrong."""
+        from deltaid.cli.output import print_error
+
+        print_error(error)
+
+
+def _write(draft: "Draft", file: Path) -> None:
+    """The description, and the schema that its first line names, if there is none beside it."""
+    from deltaid.drafting.text import SCHEMA_FILE, written
+    from deltaid.files import together, written_whole
+    from deltaid.robot.description import RobotDescription
+
+    schema = file.with_name(SCHEMA_FILE)
+    with together():
+        with written_whole(file) as out:
+            out.write(written(draft))
+        if not schema.exists():
+            with written_whole(schema) as out:
+                out.write(as_json(RobotDescription.model_json_schema()))
+
+
+def as_json(value: dict[str, Any]) -> str:
+    """As `deltaid schema` prints it."""
+    import json
+
+    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+
+
+def _show(draft: "Draft", file: Path, report: Path | None) -> None:
+    """What was written, how much of it is known, and the robot at rest."""
+    from deltaid.cli.output import console, print_warnings
+    from deltaid.cli.show import survey_of
+    from deltaid.drafting.draft import ASSUMED
+    from deltaid.drafting.drafts import unusual
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.model.model import load
+
+    doubts = unusual(draft)
+    print_warnings(doubts)
+    console.print(f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`")
+    assumed = [key for key, origin in draft.origins.items() if origin == ASSUMED]
+    console.print(
+        f"{len(draft.values) - len(assumed)} numbers are known, {len(assumed)} are assumed"
+        + (f": {', '.join(key.replace('_', ' ') for key in assumed)}" if assumed else "")
+    )
+    console.print()
+    model = load(str(file))
+    at_rest, origin = AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters"
+    survey_of(at_rest, None, origin)
+    if report is not None:
+        survey_of(at_rest, report, origin)
