@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 from command import run
+from deltaid.errors import DeltaidError
 from deltaid.model.model import load
+from deltaid.robot.load import load_robot
+from deltaid.studio.describe import drafted, new_step
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.steps import (
     Step,
@@ -86,3 +89,20 @@ def _data(folder: Path, step: Step) -> dict[Path, bytes]:
     places = [folder / name for name in step.writes if not name.endswith(".html")]
     files = [file for place in places for file in (place.iterdir() if place.is_dir() else [place])]
     return {path: path.read_bytes() for path in files if path.is_file()}
+
+
+def test_a_robot_of_a_form_is_that_of_the_command(folder: Path) -> None:
+    answers = {"base_radius": "200 mm", "platform_radius": "45mm", "arm": "0.235", "strut": "80 cm"}
+    answers |= {"unknown": "", "spacing": " "}
+    step = new_step("delta", "my-robot.yaml", answers)
+    with contextlib.chdir(folder):
+        assert run(*step.arguments).code == 0
+        text = Path("my-robot.yaml").read_text()
+        assert drafted("delta", "my-robot", answers) == text
+        Path("my-robot.yaml").unlink()
+        exec(compile(step.python, "new", "exec"), {})
+        assert Path("my-robot.yaml").read_text() == text
+    assert load_robot(folder / "my-robot.yaml").limbs.strut == pytest.approx(0.8)
+    for wrong in ({}, answers | {"strut": "long"}, answers | {"strut": "80 mm"}):
+        with pytest.raises(DeltaidError):
+            drafted("delta", "my-robot", wrong)

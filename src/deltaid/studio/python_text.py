@@ -101,7 +101,7 @@ def simulate_text(
 from pathlib import Path
 
 import deltaid
-from deltaid.cli.simulate import as_table, sensed
+import deltaid.cli.simulate as command
 from deltaid.control.comparison import gains
 from deltaid.control.control_model import ControlModel
 from deltaid.control.tracking import Drives, track
@@ -114,7 +114,7 @@ path, _ = open_trajectory(Path({motion!r}), kinematics{_mapping_place(mapping)})
 law = gains({controller!r}, known, path, 10.0)
 result = track(model, law, known, path, Drives())
 print("platform error rms [m]:", result.error.platform_rms)
-as_table(result, sensed(model, result)).write_csv({output!r})
+command.as_table(result, command.sensed(model, result)).write_csv({output!r})
 """
 
 

@@ -20,7 +20,7 @@ from deltaid.studio.python_text import (
     validate_text,
 )
 
-Kind = Literal["show", "check", "fit", "validate", "excite", "simulate", "forces", "export"]
+Kind = Literal["new", "show", "check", "fit", "validate", "excite", "simulate", "forces", "export"]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text, read_text
 from deltaid.studio.cures import own_copy
 from deltaid.studio.look import Problem, told
+from deltaid.studio.pages.describe import describe
 from deltaid.studio.pages.editor import editor
 from deltaid.studio.pages.live import live
 from deltaid.studio.pages.parts import attempt, commands, note, panel, problem, report
@@ -26,8 +27,8 @@ async def body(session: Session) -> None:
     _pick(session, robot)
     if robot is None:
         note(
-            "Begin with the robot of the catalogue that is most like yours; edit its lengths, "
-            "masses and limits then."
+            "Begin with the robot of the catalogue that is most like yours and edit a copy, "
+            "or describe your own by a few numbers."
         )
         return
     name = session.plan.robot or ""
@@ -58,6 +59,7 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
             if chosen in catalogue():
                 ui.button("Edit a copy of it", on_click=lambda: _copy(session)).props("no-caps")
         upload(session, "a robot file", _readable, lambda file: _take(session, file), _ENDINGS)
+        describe(session)
         if isinstance(robot, RobotDescription):
             with ui.element("div").classes("facts"):
                 for what, value in _facts(robot):
