@@ -30,6 +30,7 @@ from deltaid.cli import (
     sensors,
     show,
     simulate,
+    studio,
     torque,
     validate,
 )
@@ -47,6 +48,7 @@ app = typer.Typer(
 )
 for module in (
     demo,
+    studio,
     robots,
     new,
     schema,
