@@ -6,7 +6,6 @@ Imports nothing that is slow: the help of `deltaid new` is made of the questions
 import math
 from collections.abc import Mapping
 
-
 from deltaid.drafting.kinds import is_linear, limbs_of, platform_of
 
 _GRAVITY = 9.81
