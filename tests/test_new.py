@@ -173,6 +173,7 @@ def test_in_a_terminal_it_asks(tmp_path: Path) -> None:
 def test_leaving_writes_nothing(tmp_path: Path) -> None:
     shell = Terminal(tmp_path / "mine.yaml", "--kind", "delta")
     shell.until("elbow")
+    time.sleep(0.5)  # the line is printed before it can be typed in
     os.write(shell.handle, b"\x03")
     assert "nothing was written" in shell.until("nothing was written")
     assert shell.ended() == 128 + signal.SIGINT
