@@ -29,6 +29,7 @@ from deltaid.cli import (
     sensors,
     show,
     simulate,
+    studio,
     torque,
     validate,
 )
@@ -46,6 +47,7 @@ app = typer.Typer(
 )
 for module in (
     demo,
+    studio,
     robots,
     new,
     schema,

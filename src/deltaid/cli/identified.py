@@ -28,13 +28,17 @@ def write_report(
     write_page(identification_page(result, verification), path)
 
 
-def as_dictionary(result: "Identification", verification: "TorqueError | None") -> dict[str, Any]:
-    """The result as one JSON object."""
+def as_dictionary(
+    result: "Identification", verification: "TorqueError | None", log: "Log | None" = None
+) -> dict[str, Any]:
+    """The result as one JSON object; `log` is the recording of the verification."""
     from deltaid.cli.validate import error_dictionary
+    from deltaid.report.summary import summary as verdict
 
     model, layout = result.model, result.model.layout
     value = {
         "robot": model.robot.name,
+        "summary": asdict(verdict(result, verification, log)),
         "method": model.settings.method,
         "regularizer": model.settings.regularizer,
         "intervals": model.settings.intervals,

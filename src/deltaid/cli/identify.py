@@ -153,7 +153,7 @@ def identify(
         if report is not None:
             write_report(result, log, verification, report)
     if as_json:
-        print_json(as_dictionary(result, verification))
+        print_json(as_dictionary(result, verification, log))
     else:
         print_result(result, verification, output, log)
         if report is not None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -147,7 +148,13 @@ def verdicts_shown(finished: Finished) -> Table:
 
 @contextmanager
 def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
-    """A line on standard error that says what is being done; nothing when silent or not a tty."""
+    """A line on standard error that says what is being done; nothing when silent or not a tty.
+
+    For a program that watches, the variable DELTAID_PROGRESS=lines asks for a line each.
+    """
+    if os.environ.get("DELTAID_PROGRESS") == "lines":
+        yield lambda text: error_console.print(f"progress: {text}")
+        return
     if silent or not error_console.is_terminal:
         yield lambda _: None
         return

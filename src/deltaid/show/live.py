@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from jinja2 import Environment, PackageLoader
 
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.errors import DeltaidError
@@ -20,6 +19,7 @@ from deltaid.report.members import Member, members
 from deltaid.report.workspace import outline
 from deltaid.show.figures import limit_kinds, patches
 from deltaid.show.own_page import answering_own_page_only
+from deltaid.show.panel import panel
 from deltaid.show.reach import reach
 from deltaid.show.shapes import along, cylinder
 from deltaid.show.view import View, home_view, moved
@@ -27,11 +27,9 @@ from deltaid.show.view import View, home_view, moved
 # Only this machine can open the view.
 HOST = "127.0.0.1"
 DEFAULT_PORT = 8080
-_COLORS = {"good": style.RESIDUAL, "near": "#b59400", "over": style.LIMIT}
 # Radius of a part for each pixel of its width in figures, as a share of the robot's size.
 _THICK = 0.0013
 _SHADE = 0.7
-_DECIMALS = {"deg": 1, "m": 4, "N": 1}
 
 
 def require_viser() -> ModuleType:
@@ -95,7 +93,7 @@ class LiveView:
         self._add_surroundings()
         self._target = self._add_target()
         self._inputs = self._add_inputs()
-        self._panel = self.server.gui.add_html(self._readings())
+        self._panel = self.server.gui.add_html(panel(self.view))
 
     @property
     def url(self) -> str:
@@ -127,18 +125,7 @@ class LiveView:
             self._inputs["point"].value = tuple(np.round(self.view.z[:3], 4))
             if "turn" in self._inputs and not dragging:
                 self._inputs["turn"].value = round(float(np.rad2deg(self.view.z[3])), 2)
-            self._panel.content = self._readings()
-
-    def _readings(self) -> str:
-        return self._template.render(view=self.view, colors=_COLORS)
-
-    @cached_property
-    def _template(self) -> Any:
-        environment = Environment(
-            loader=PackageLoader("deltaid", "show"), autoescape=True, trim_blocks=True
-        )
-        environment.filters["reading"] = _reading
-        return environment.get_template("panel.html.jinja")
+            self._panel.content = panel(self.view)
 
     def _shapes(self) -> Float[np.ndarray, "segments 2 3"]:
         return self._skeleton.evaluate(self.view.z[None])[0]
@@ -258,12 +245,6 @@ def _silence() -> contextlib.redirect_stdout[io.StringIO]:
 
 def _home_turn(live: LiveView) -> float:
     return float(np.rad2deg(live.robot.home[3]))
-
-
-def _reading(value: float, unit: str = "") -> str:
-    """A number that does not jump: as many decimals whatever its size, and no zero with a sign."""
-    digits = _DECIMALS.get(unit, 2)
-    return f"{round(value, digits) + 0.0:.{digits}f} {unit}".rstrip()
 
 
 def _paint(color: str) -> tuple[int, int, int]:

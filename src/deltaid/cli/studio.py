@@ -1,0 +1,44 @@
+"""`deltaid studio`: a page that guides from a robot and its recordings to a model."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("studio")(studio)
+
+
+def studio(
+    folder: Annotated[
+        Path, typer.Argument(help="Where robot, recordings and models lie; made if missing.")
+    ] = Path(),
+    port: Annotated[
+        int | None,
+        typer.Option(
+            help="Port on this machine; 0 for any. Default: 8090, or the next one.",
+            min=0,
+            max=65535,
+        ),
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+) -> None:
+    """Work in a browser, on this machine only: robot, recording, check, fit, result, use.
+
+    Everything stays in FOLDER, in the files that the other commands read and write.
+    """
+    from deltaid.cli.output import console
+    from deltaid.studio.server import port_for, require_nicegui, serve
+
+    require_nicegui()
+
+    def say(address: str) -> None:
+        console.print(f"{folder.resolve()} at {address} until Ctrl-C")
+        console.file.flush()
+
+    try:
+        serve(folder, port_for(port), show=browser, say=say)
+    except KeyboardInterrupt:
+        console.print("closed")

@@ -1,0 +1,54 @@
+"""A robot of one's own from a few numbers: what `deltaid new` asks for, as data of a form."""
+
+from collections.abc import Mapping
+
+from deltaid.drafting.draft import GIVEN, Draft
+from deltaid.drafting.kinds import KINDS
+from deltaid.drafting.quantity import quantity
+from deltaid.drafting.questions import asked
+from deltaid.studio.steps import Step
+
+
+def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
+    """The description of a robot as YAML; what is not answered is assumed, and said so in it.
+
+    Args:
+        kind: a key of `KINDS`.
+        name: of the robot.
+        answers: texts such as '235 mm' by the keys of the questions.
+
+    Raises:
+        DeltaidError: an answer is none, something is missing, or they do not go together.
+    """
+    # The server knows this module and need not wait for those.
+    from deltaid.drafting.interview import interview
+    from deltaid.drafting.text import written
+
+    draft = Draft(kind, name, KINDS[kind].split(",")[0])
+    for question in asked(kind):
+        if text := answers.get(question.key, "").strip():
+            value = quantity(text, question.unit, question.text)
+            draft = draft.answered(question.key, question.require(value), GIVEN)
+    return written(interview(draft))
+
+
+def new_step(kind: str, file: str, answers: Mapping[str, str]) -> Step:
+    """The command that writes the same description."""
+    given = [
+        word
+        for question in asked(kind)
+        if (text := answers.get(question.key, "").strip())
+        for word in (question.option, text)
+    ]
+    known = {question.key: answers[question.key] for question in asked(kind)
+             if answers.get(question.key, "").strip()}  # fmt: skip
+    python = f"""\
+from pathlib import Path
+
+from deltaid.studio.describe import drafted
+
+text = drafted({kind!r}, {file.partition(".")[0]!r}, {known!r})
+Path({file!r}).write_text(text, encoding="utf-8")
+"""
+    arguments = ("new", file, "--kind", kind, *given, "--yes")
+    return Step("new", arguments, python, (), (file,))

@@ -1,0 +1,207 @@
+"""The folder that a studio works in: what lies there, and names that cannot lead out of it."""
+
+import hashlib
+import re
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from deltaid.errors import DeltaidError
+from deltaid.files import written_whole
+from deltaid.recording.formats import FORMATS
+from deltaid.robot.load import holds_a_model, read_text
+
+RUNS = "runs"
+# Bytes; what is much larger is no file that one edits.
+_LARGEST = 1 << 20
+_TEXT = (".yaml", ".yml")
+_PACKED = (".gz", ".zst", ".zstd")
+# Keys at the left edge of a file of each kind.
+_ROBOT = re.compile(r"^(limbs|mechanism)\s*:", re.MULTILINE)
+_MAPPING = re.compile(r"^(time|position|velocity|torque|load)\s*:", re.MULTILINE)
+# Letters of a name, and as many of its endings.
+_LONGEST = 60
+_SAFE = re.compile(r"[^\w.()+-]+")
+# Names that mean devices on one system or another.
+_DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+
+
+class ConflictError(DeltaidError):
+    """A file is no longer what it was when its change began."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder and what may be asked of it.
+
+    Attributes:
+        root: absolute, without links.
+    """
+
+    root: Path
+
+    @staticmethod
+    def at(path: Path) -> "Folder":
+        """A folder, made if there is none.
+
+        Raises:
+            DeltaidError: it cannot be made or written to, or is a file.
+        """
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=path):
+                pass
+        except OSError as error:
+            raise DeltaidError(
+                f"cannot be used: {error.strerror or error}",
+                where=str(path),
+                cure="give the name of a folder that you may write to",
+            ) from None
+        return Folder(path.resolve())
+
+    def path(self, name: str) -> Path:
+        """A name inside the folder as a path.
+
+        Raises:
+            DeltaidError: it leads out of the folder, or names what is hidden.
+        """
+        parts = Path(name).parts
+        plain = parts and not any(
+            part in ("..", "") or part.startswith(".") or "\\" in part or ":" in part
+            for part in parts
+        )
+        if plain and not Path(name).is_absolute() and "\0" not in name:
+            path = self.root / name
+            if path.resolve().is_relative_to(self.root):
+                return path
+        raise DeltaidError("is no file of this folder", where=name, cure="give a name inside it")
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name inside the folder."""
+        try:
+            return self.path(name).is_file()
+        except DeltaidError:
+            return False
+
+    def text(self, name: str) -> str:
+        """What a small file holds; empty if there is none.
+
+        Raises:
+            DeltaidError: it cannot be read.
+        """
+        path = self.path(name)
+        return read_text(path) if path.exists() else ""
+
+    def write(self, name: str, text: str, *, instead_of: str | None = None) -> None:
+        """Write a file whole.
+
+        Args:
+            name: inside the folder.
+            text: what it shall hold.
+            instead_of: what it held when the change began; None for a file that is new.
+
+        Raises:
+            ConflictError: it holds something else by now.
+            DeltaidError: it cannot be written.
+        """
+        path = self.path(name)
+        before = self.text(name) if path.exists() else None
+        if before != instead_of and before != text:
+            raise ConflictError(
+                "has been changed meanwhile, in another tab or by another program"
+                if before is not None and instead_of is not None
+                else "is there already"
+                if before is not None
+                else "has been removed meanwhile",
+                where=name,
+                cure="look at it as it is now, and make the change again",
+            )
+        if before != text:
+            with written_whole(path) as file:
+                file.write(text)
+
+    def free_name(self, wanted: str) -> str:
+        """A name like the one wanted that is safe and not taken."""
+        name = _SAFE.sub("-", Path(wanted.replace("\\", "/")).name).strip(".-") or "file"
+        if _DEVICES.fullmatch(name):
+            name = f"file-{name}"
+        stem, dot, suffix = name.partition(".")
+        stem, suffix = stem[:_LONGEST], suffix[-_LONGEST:]
+        name = f"{stem}{dot}{suffix}"
+        found, number = name, 2
+        while (self.root / found).exists():
+            found, number = f"{stem}-{number}{dot}{suffix}", number + 1
+        return found
+
+    def files(self) -> list[Path]:
+        """Files at the top of the folder, without hidden ones; none if it has been removed."""
+        if not self.is_there:
+            return []
+        found = (path for path in self.root.iterdir() if path.is_file())
+        return sorted(path for path in found if not path.name.startswith("."))
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it has not been removed or renamed."""
+        return self.root.is_dir()
+
+    def robots(self) -> list[str]:
+        """Files that describe a robot."""
+        return [name for name, text in self._texts() if _ROBOT.search(text) and not _model(text)]
+
+    def mappings(self) -> list[str]:
+        """Files that say which column is what."""
+        return [n for n, text in self._texts() if _MAPPING.search(text) and not _ROBOT.search(text)]
+
+    def recordings(self) -> list[str]:
+        """Files that may be recordings, by their names."""
+        endings = {suffix for one in FORMATS for suffix in one.suffixes} | {".csv", ".txt"}
+        packed = tuple(f"{ending}{pack}" for ending in endings for pack in _PACKED)
+        kinds = (*(endings - set(_TEXT)), *packed)
+        return [path.name for path in self.files() if path.name.lower().endswith(kinds)]
+
+    def _texts(self) -> list[tuple[str, str]]:
+        found = (path for path in self.files() if path.suffix.lower() in _TEXT)
+        return [
+            (path.name, path.read_text(encoding="utf-8", errors="replace"))
+            for path in found
+            if (size := stamp(path)) is not None and size[0] <= _LARGEST
+        ]
+
+
+def _model(text: str) -> bool:
+    return holds_a_model(text)
+
+
+def stamp(path: Path) -> tuple[int, int] | None:
+    """Length and time of the last change [ns] of a file; None if it has just been removed."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
+
+
+@contextmanager
+def refusing(where: str) -> Generator[None, None, None]:
+    """What the system refuses, as an error of the program.
+
+    Raises:
+        DeltaidError: a file or folder could not be made, read or copied.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DeltaidError(
+            f"cannot be used: {error.strerror or error}",
+            where=where,
+            cure="see whether the folder is still there, may be written to, and has room",
+        ) from None
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file of any length."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

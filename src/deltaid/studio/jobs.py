@@ -1,0 +1,168 @@
+"""Long work in a process of its own: the command line itself, which can be watched and ended."""
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Literal
+
+from deltaid.errors import DeltaidError, visible
+from deltaid.studio.folder import Folder
+from deltaid.studio.runs import Run, inputs_of, keep_inputs, write_record
+from deltaid.studio.steps import Step
+
+State = Literal["running", "done", "failed", "cancelled"]
+
+# Set for a command whose progress is read by a program: one line a stage on standard error.
+PROGRESS = "DELTAID_PROGRESS"
+_MARK = "progress: "
+# Prints JSON when asked to, for the studio to read.
+_WITH_JSON = ("check", "fit", "validate", "excite", "simulate", "forces")
+# Pages say by which command they were made: the one that is shown.
+_ENTRY = "import sys; sys.argv[0] = 'deltaid'; from deltaid.cli import main; main()"
+# Seconds that a command has to leave by itself when it is told to end.
+_GRACE = 2.0
+_WINDOWS = sys.platform == "win32"
+
+
+@dataclass
+class Job:
+    """A step that runs, or has run.
+
+    Attributes:
+        stages: what it has said it is doing, the newest last.
+        said: its warnings and errors.
+        run: what it left behind, once it has ended.
+    """
+
+    step: Step
+    folder: Folder
+    place: str
+    of: str = ""
+    robot: str = ""
+    state: State = "running"
+    stages: list[str] = field(default_factory=list[str])
+    said: str = ""
+    out: str = ""
+    began: datetime = field(default_factory=lambda: datetime.now(UTC))
+    run: Run | None = None
+    _process: asyncio.subprocess.Process | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Since it began."""
+        return (datetime.now(UTC) - self.began).total_seconds()
+
+    @property
+    def error(self) -> str:
+        """Its message if it failed: what, where and how to mend it."""
+        if self.state == "cancelled":
+            return "cancelled"
+        if self.state != "failed":
+            return ""
+        return error_in(self.said)
+
+    def fail(self, error: DeltaidError) -> None:
+        """End with an error of the studio's own."""
+        if self.state != "cancelled":
+            self.state = "failed"
+        self.said += f"error: {error}\n"
+
+    async def go(self) -> None:
+        """Run it to its end.
+
+        Raises:
+            DeltaidError: its files cannot be kept beside it.
+        """
+        keep_inputs(self.folder, self.place, self.step)
+        inputs = await asyncio.to_thread(inputs_of, self.folder, self.step)
+        more = ("--json",) if self.step.kind in _WITH_JSON else ()
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable, "-P", "-c", _ENTRY, *self.step.arguments, *more,
+            cwd=self.folder.root,
+            env=_environment(),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=not _WINDOWS,
+            limit=1 << 24,
+        )  # fmt: skip
+        if self.state == "cancelled":
+            self._tell(signal.SIGTERM)
+        assert self._process.stdout is not None
+        assert self._process.stderr is not None
+        reading = asyncio.create_task(self._process.stdout.read())
+        async for line in self._process.stderr:
+            self._hear(line.decode("utf-8", "replace"))
+        self.out = (await reading).decode("utf-8", "replace")
+        code = await self._process.wait()
+        if self.state != "cancelled":
+            right = code == 0 or (self.step.kind == "check" and code in (3, 4))
+            self.state = "done" if right else "failed"
+        self.run = await asyncio.to_thread(
+            write_record, self.folder, self.place, self.step, inputs,
+            began=self.began, code=code, out=self.out, messages=self.said, of=self.of,
+            robot=self.robot,
+        )  # fmt: skip
+
+    async def cancel(self) -> None:
+        """End it and all that it has started; files that it was writing do not appear."""
+        if self.state != "running":
+            return
+        self.state = "cancelled"
+        process = self._process
+        if process is None:
+            return
+        self._tell(signal.SIGTERM)
+        try:
+            await asyncio.wait_for(process.wait(), _GRACE)
+        except TimeoutError:
+            self._tell(signal.SIGTERM if _WINDOWS else signal.SIGKILL)
+
+    def _tell(self, number: signal.Signals) -> None:
+        assert self._process is not None
+        with contextlib.suppress(ProcessLookupError):
+            if _WINDOWS:
+                self._process.kill()
+            else:
+                os.killpg(self._process.pid, number)
+
+    def _hear(self, line: str) -> None:
+        line = visible(line.rstrip("\r\n"))
+        if line.startswith(_MARK):
+            self.stages.append(line.removeprefix(_MARK))
+        else:
+            self.said += line + "\n"
+
+    @property
+    def found(self) -> dict[str, object]:
+        """What it printed as JSON."""
+        try:
+            value = json.loads(self.out)
+        except ValueError:
+            return {}
+        return value if isinstance(value, dict) else {}
+
+
+def _environment() -> dict[str, str]:
+    """This process's, for one that works in another folder."""
+    found = os.environ | {PROGRESS: "lines", "PYTHONIOENCODING": "utf-8"}
+    if given := os.environ.get("PYTHONPATH"):
+        places = (os.path.abspath(place) for place in given.split(os.pathsep) if place)
+        found["PYTHONPATH"] = os.pathsep.join(places)
+    return found
+
+
+def error_in(said: str) -> str:
+    """The error among what a command has said; a defect of the program as one sentence."""
+    start = said.rfind("error: ")
+    if start >= 0 and (start == 0 or said[start - 1] == "\n"):
+        return said[start + len("error: ") :].strip()
+    if "Traceback" in said:
+        last = said.strip().splitlines()[-1]
+        return f"a defect of deltaid ({last})\n  → please report it, with messages.txt of this run"
+    return said.strip() or "it was ended from outside"

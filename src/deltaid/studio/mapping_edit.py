@@ -1,0 +1,132 @@
+"""A mapping as a form edits it: plain data in, plain data out; what is not edited stays."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+from deltaid.recording.mapping import AllDrives, ColumnMapping, Quantity
+from deltaid.robot.load import parse, plain_data, yaml_text
+
+Data = dict[str, Any]
+
+# What an entry has if it is left out.
+DEFAULTS: Data = {"sign": 1, "zero": 0.0, "gear": 1.0, "lead": None, "torque_constant": None}
+# Keys that drives of one make share.
+ALIKE = ("unit", "gear", "lead", "torque_constant")
+UNITS: dict[Quantity, tuple[str, ...]] = {
+    "position": ("rad", "deg", "rev", "360/65536 deg", "m", "mm"),
+    "velocity": ("rad/s", "deg/s", "rpm", "rev/s", "m/s", "mm/s"),
+    "acceleration": ("rad/s^2", "deg/s^2", "m/s^2", "mm/s^2"),
+    "torque": ("N m", "mN*m", "A", "mA", "N", "lbf*in", "0.01 N*m"),
+}
+TIME_UNITS = ("s", "ms", "us", "ns", "100 ns")
+
+
+def read(text: str, name: str) -> Data:
+    """The data of a mapping file.
+
+    Raises:
+        DescriptionError: it is none.
+    """
+    if not text.strip():
+        return {}
+    parse(text, ColumnMapping, where=name)
+    return plain_data(text, name)
+
+
+def written(data: Data, name: str) -> str:
+    """The text of a mapping file.
+
+    Raises:
+        DescriptionError: a mapping may not be like this.
+    """
+    text = yaml_text(data)
+    parse(text, ColumnMapping, where=name)
+    return text
+
+
+def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
+    """One entry a drive; empty ones if the quantity is not mapped."""
+    given = data.get(quantity)
+    if isinstance(given, dict):
+        listed = AllDrives.model_validate(_tuples(given)).entries(dof, quantity)
+        return [one.model_dump(mode="json", exclude_unset=True) for one in listed]
+    found = [dict(one) for one in given or ()]
+    return found + [{} for _ in range(dof - len(found))]
+
+
+def named(data: Data, dof: int) -> set[str]:
+    """All columns that a mapping names for time and drives."""
+    listed = [
+        data.get("time", {}),
+        *(e for quantity in UNITS for e in entries(data, quantity, dof)),
+    ]
+    return {str(entry["column"]) for entry in listed if "column" in entry}
+
+
+def with_value(
+    data: Data, quantity: Quantity, drive: int, key: str, value: object, dof: int, *, alike: bool
+) -> Data:
+    """The data with one value of one drive's entry, or of all drives if they are to be alike.
+
+    A default value takes the key out; no column takes the whole entry out.
+    """
+    data, listed = copy.deepcopy(data), entries(data, quantity, dof)
+    for k, entry in enumerate(listed):
+        if k != drive and not (alike and key in ALIKE and entry):
+            continue
+        if value in (None, "") or (key in DEFAULTS and value == DEFAULTS[key]):
+            entry.pop(key, None)
+        else:
+            entry[key] = value
+    if not any("column" in entry for entry in listed):
+        data.pop(quantity, None)
+    else:
+        data[quantity] = listed
+    return data
+
+
+def with_columns(data: Data, quantity: Quantity, columns: Sequence[str | None], unit: str) -> Data:
+    """The data with the columns of all drives; other keys of their entries stay."""
+    data, listed = copy.deepcopy(data), entries(data, quantity, len(columns))
+    for entry, column in zip(listed, columns, strict=True):
+        if column is None:
+            entry.clear()
+            continue
+        entry["column"] = column
+        entry.setdefault("unit", unit)
+    if any(listed):
+        data[quantity] = listed
+    else:
+        data.pop(quantity, None)
+    return data
+
+
+def with_time(data: Data, column: str | None, unit: str | None, rate: float | None) -> Data:
+    """The data with a time column, or with a rate in its place."""
+    given: Data = {}
+    if column:
+        given["column"] = column
+    if rate is not None:
+        given["rate"] = rate
+    elif unit and column:
+        given["unit"] = unit
+    data = copy.deepcopy(data)
+    data.pop("time", None)
+    return {"time": given} | data if given else data
+
+
+def incomplete(data: Data, dof: int) -> str:
+    """What is missing before the file can be one; empty if nothing is."""
+    for quantity in UNITS:
+        listed = entries(data, quantity, dof) if quantity in data else []
+        for k, entry in enumerate(listed, 1):
+            if "column" not in entry:
+                return f"{quantity}: drive {k} has no column yet"
+            if "unit" not in entry:
+                return f"{quantity}: drive {k} has no unit yet"
+    return ""
+
+
+def _tuples(given: Data) -> Data:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}

@@ -1,0 +1,1 @@
+"""What the studio shows: a frame, and one module a stage."""

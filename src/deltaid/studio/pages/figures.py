@@ -1,0 +1,114 @@
+"""Figures of the studio: curves over one time axis, legible on light and dark ground."""
+
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any, Literal
+
+import plotly.graph_objects as go
+from nicegui import events, ui
+from plotly.subplots import make_subplots
+
+from deltaid.studio.look import Preview
+from deltaid.studio.torques import Beside
+
+Options = dict[str, Any]
+Span = tuple[float, float]
+
+_COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
+_MEASURED = "#8a949e"
+_GRID = "rgba(128,128,128,.25)"
+_HEIGHT = 190
+
+
+def curves(seen: Preview) -> Options:
+    """Curves of all drives, one row a quantity, over one time axis."""
+    quantities = list(dict.fromkeys(one.quantity for one in seen.curves))
+    plot = make_subplots(rows=len(quantities), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    for one in seen.curves:
+        row = quantities.index(one.quantity) + 1
+        plot.add_trace(
+            go.Scatter(
+                x=one.time,
+                y=one.values,
+                name=f"drive {one.drive + 1}",
+                legendgroup=str(one.drive),
+                showlegend=row == 1,
+                line={"color": _COLOURS[one.drive % len(_COLOURS)], "width": 1},
+            ),
+            row=row,
+            col=1,
+        )
+        plot.update_yaxes(title_text=f"{one.quantity} [{one.unit}]", row=row, col=1)
+    return _dressed(plot, len(quantities))
+
+
+def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
+    """Torques or errors, a row a drive; the time axes move together.
+
+    Args:
+        found: measured and predicted torques.
+        names: of the models.
+        shown: 'torques' or 'errors'.
+    """
+    plot = make_subplots(rows=len(found.drives), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    for line in found.torques if shown == "torques" else found.errors:
+        measured = line.model is None
+        name = "measured" if line.model is None else names[line.model]
+        color = _MEASURED if line.model is None else _COLOURS[line.model % len(_COLOURS)]
+        trace = go.Scatter(
+            x=line.time,
+            y=line.values,
+            name=name,
+            legendgroup=name,
+            showlegend=line.drive == 0,
+            line={"color": color, "width": 2.5 if measured else 1.2},
+        )
+        plot.add_trace(trace, row=line.drive + 1, col=1)
+    for i, (drive, unit) in enumerate(zip(found.drives, found.units, strict=True)):
+        plot.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
+    return _dressed(plot, len(found.drives))
+
+
+def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options | None]]) -> None:
+    """Draw a figure in more detail when one looks at a part of its time.
+
+    Args:
+        plot: with one time axis for all rows.
+        again: gives the figure of a span [s], or of all time for None.
+    """
+
+    async def looked(event: events.GenericEventArguments) -> None:
+        asked = _span(event.args)
+        if asked is not False:
+            figure = await again(asked)
+            if figure is not None:
+                plot.update_figure(figure)
+
+    plot.on("plotly_relayout", looked)
+
+
+def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
+    """The time that is looked at after a change of view; False if it has not changed."""
+    for key, value in said.items():
+        if key.startswith("xaxis") and key.endswith(".autorange"):
+            return None
+        if key.startswith("xaxis") and key.endswith(".range[0]"):
+            return float(value), float(said[key.replace("[0]", "[1]")])
+    return False
+
+
+def _dressed(plot: go.Figure, rows: int) -> Options:
+    plot.update_xaxes(title_text="time [s]", row=rows, col=1)
+    plot.update_xaxes(gridcolor=_GRID, zeroline=False)
+    plot.update_yaxes(gridcolor=_GRID, zeroline=False)
+    plot.update_layout(
+        height=_HEIGHT * rows + 60,
+        margin={"l": 60, "r": 10, "t": 10, "b": 40},
+        legend={"orientation": "h", "y": 1.08},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"color": "#7a8691"},
+        hovermode="x unified",
+        hoversubplots="axis",
+        uirevision="same",  # what one looks at stays when curves come in more detail
+    )
+    return plot.to_plotly_json() | {"config": {"displaylogo": False}}

@@ -1,0 +1,193 @@
+"""Stage 4: the fit. Settings with their defaults, progress, and an end before its end."""
+
+from collections.abc import Callable
+from typing import Any, get_args
+
+from nicegui import ui
+
+from deltaid.errors import DeltaidError
+from deltaid.model.options import (
+    ComplianceChoice,
+    FrictionLaws,
+    IntervalChoice,
+    Method,
+    RegularizerName,
+)
+from deltaid.model.record import Settings
+from deltaid.studio.pages import parts
+from deltaid.studio.runs import next_run
+from deltaid.studio.session import Session
+from deltaid.studio.steps import fit_step
+
+_CHOICES: dict[str, tuple[str, Any]] = {
+    "friction": ("Friction laws: choose further terms, or as described", FrictionLaws),
+    "intervals": ("Intervals of parameters", IntervalChoice),
+    "method": ("Method", Method),
+    "regularizer": ("Distance to the prior", RegularizerName),
+    "compliance": ("Gears that wind up", ComplianceChoice),
+}
+_NUMBERS = {
+    "cutoff": "Cut-off of the low-pass [Hz]; empty: from the data",
+    "gamma": "Weight γ of the prior; empty: from the noise",
+    "prior_spread": "How far the prior may be off, as a share",
+}
+_SWITCHES = {
+    "events": "Look for contacts, stops and spikes, and leave them out",
+    "keep_all": "Leave nothing else out (rest, brakes, reversals)",
+}
+
+
+async def body(session: Session) -> None:
+    """The whole stage."""
+    plan = session.plan
+    if plan.robot is None or not plan.fitted:
+        parts.note("Pick a robot and a recording first.")
+        return
+    with parts.panel():
+        names = ", ".join(one.file for one in plan.fitted)
+        verify = f", tested on {plan.verified.file}" if plan.verified else ""
+        ui.label(f"{plan.robot} from {names}{verify}")
+        if not plan.verified:
+            ui.label(
+                "A second recording of another motion, marked “test” under Recording, would tell "
+                "how well the model predicts what it has not seen."
+            ).classes("dim")
+        ready = _gate(session)
+        button = ui.button("Fit", on_click=lambda: _run(session)).props("no-caps")
+        button.set_enabled(ready and not session.busy)
+        parts.progress(session, "fit")
+        job = session.job
+        if job is not None and job.step.kind == "fit" and job.state == "done":
+            parts.note("The model is fitted.", "good")
+            ui.button("See the result", on_click=lambda: ui.navigate.to("/result")).props("no-caps")
+        parts.commands(lambda: fit_step(plan, next_run(session.folder, "fit")))
+    _settings(session)
+
+
+def _gate(session: Session) -> bool:
+    """Whether a fit may begin, and why not."""
+    plan = session.plan
+    if not parts.all_mapped(session):
+        return False
+    if not session.store.is_checked:
+        again = "has changed since the check" if plan.checked else "has not been checked yet"
+        parts.note(f"What is to be fitted {again}: run the check first.", "doubt")
+        ui.button("Go to the check", on_click=lambda: ui.navigate.to("/check")).props(
+            "outline no-caps"
+        )
+        return False
+    if plan.checked is not None and plan.checked.grade == "wrong":
+        parts.note("The check calls something wrong, and a fit would refuse it.", "bad")
+
+        def force(value: bool) -> None:
+            parts.attempt(lambda: session.store.change(lambda p: p.changed(force=value)))
+
+        ui.switch(
+            "Go on with what is wrong (--force)",
+            value=plan.force,
+            on_change=lambda event: force(bool(event.value)),
+        )
+        return plan.force
+    return True
+
+
+def _run(session: Session) -> None:
+    def do() -> None:
+        if not session.store.is_checked:
+            raise DeltaidError("it has changed since the check", cure="check again")
+        session.begin("fit", lambda at: fit_step(session.plan, at))
+
+    parts.attempt(do)
+
+
+def _settings(session: Session) -> None:
+    """What a user may choose; each change is kept at once."""
+    settings, default = session.plan.settings, Settings()
+    with parts.panel("Settings"):
+        changed = settings != default
+        ui.label(
+            "Defaults are right for most recordings."
+            if not changed
+            else "Changed from the defaults."
+        ).classes("dim")
+        with ui.element("div").classes("columns"):
+            for key, (label, kind) in _CHOICES.items():
+                select = ui.select(
+                    list(get_args(kind)), value=getattr(settings, key), label=label
+                ).props("outlined dense")
+                select.on_value_change(_setter(session, key))
+            for key, label in _NUMBERS.items():
+                value = getattr(settings, key)
+                field = ui.input(label, value="" if value is None else f"{value:.10g}")
+                field.props("outlined dense")
+                _on_leaving(field, _number_setter(session, key))
+            lag = ui.input(
+                "Lag of torques: estimate, none, or ms", value=_lag_text(settings.lag)
+            ).props("outlined dense")
+            _on_leaving(lag, lambda text: _set(session, "lag", _lag(text)))
+            for key, label in _SWITCHES.items():
+                switch = ui.switch(label, value=getattr(settings, key))
+                switch.on_value_change(_setter(session, key))
+        if changed:
+            ui.button("Back to the defaults", on_click=lambda: _reset(session)).props(
+                "flat no-caps"
+            )
+
+
+def _on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
+    """Take what is written when the field is left, or at Enter."""
+    before = field.value
+
+    def do() -> None:
+        nonlocal before
+        if field.value != before:
+            before = field.value
+            parts.attempt(lambda: take(str(field.value)))
+
+    field.on("blur", do)
+    field.on("keydown.enter", do)
+
+
+def _setter(session: Session, key: str) -> Callable[[Any], None]:
+    return lambda event: parts.attempt(lambda: _set(session, key, event.value))
+
+
+def _number_setter(session: Session, key: str) -> Callable[[str], None]:
+    def take(text: str) -> None:
+        if not text.strip():
+            _set(session, key, getattr(Settings(), key))
+            return
+        try:
+            value = float(text)
+        except ValueError:
+            raise DeltaidError(f"'{text}' is no number", where=key, cure="such as 30") from None
+        _set(session, key, value)
+
+    return take
+
+
+def _set(session: Session, key: str, value: Any) -> None:
+    session.store.change(lambda plan: plan.changed(settings=plan.settings.changed(**{key: value})))
+
+
+def _reset(session: Session) -> None:
+    parts.attempt(lambda: session.store.change(lambda plan: plan.changed(settings=Settings())))
+
+
+def _lag_text(lag: Any) -> str:
+    return lag if isinstance(lag, str) else ",".join(f"{1e3 * one:.10g}" for one in lag)
+
+
+def _lag(text: str) -> Any:
+    """What the option --lag would make of it."""
+    text = text.strip()
+    if text in ("estimate", "none"):
+        return text
+    try:
+        return tuple(1e-3 * float(one) for one in text.split(","))
+    except ValueError:
+        raise DeltaidError(
+            f"'{text}' is no lag",
+            where="lag",
+            cure="write estimate, none, or ms such as 2 or 2,2,1",
+        ) from None

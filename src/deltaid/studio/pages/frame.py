@@ -1,0 +1,194 @@
+"""The frame of all stages: header, stepper, content that follows the folder, files."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from importlib import resources
+
+from nicegui import app, background_tasks, ui
+from nicegui.client import Client
+from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+
+from deltaid.errors import DeltaidError
+from deltaid.studio.look import Problem
+from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
+from deltaid.studio.pages.parts import warn
+from deltaid.studio.session import STAGES, Session, standing
+
+# Seconds between looks at files that other programs may change.
+_LOOK = 1.0
+_TITLES = {
+    "robot": ("Robot", "Which machine is it?"),
+    "recording": ("Recording", "What was recorded, and which column is what?"),
+    "check": ("Check", "Is anything wrong with them?"),
+    "fit": ("Fit", "Which masses, inertias and friction explain the torques?"),
+    "result": ("Result", "How good is the model, and what was found?"),
+    "use": ("Use", "Put the model to work."),
+}
+_MARKS = {"done": "check_circle", "wrong": "error", "open": "radio_button_unchecked", "later": ""}
+_WORDS = {"done": "done", "wrong": "to mend", "open": "open", "later": "later"}
+_BODIES: dict[str, Callable[[Session], Awaitable[None]]] = {
+    "robot": robot.body,
+    "recording": recording.body,
+    "check": check.body,
+    "fit": fit.body,
+    "result": result.body,
+    "use": use.body,
+}
+_THEMES: dict[bool | None, str] = {None: "system", False: "light", True: "dark"}
+_NEXT: dict[bool | None, bool | None] = {None: True, True: False, False: None}
+_SCRIPT: dict[bool | None, str] = {None: "null", False: "false", True: "true"}
+# A page of the folder may hold anything: it gets no say in the studio.
+_OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
+
+
+def build(session: Session) -> None:
+    """Add all pages and routes."""
+    for stage in STAGES:
+        _add(session, stage)
+
+    @app.get("/")
+    def _first() -> Response:
+        found = standing(session)
+        stage = next((s for s in STAGES if found[s] in ("open", "wrong")), STAGES[0])
+        return RedirectResponse(f"/{stage}", status_code=303)
+
+    @app.get("/files/{name:path}")
+    def _file(name: str, download: bool = False) -> Response:
+        try:
+            path = session.folder.path(name)
+        except DeltaidError as error:
+            return PlainTextResponse(str(error), status_code=404)
+        if not path.is_file():
+            return PlainTextResponse("no such file\n", status_code=404)
+        headers = {"Content-Security-Policy": _OF_FILES, "Cache-Control": "no-cache"}
+        page = path.suffix == ".html" and not download
+        kind = "attachment" if not page else "inline"
+        return FileResponse(
+            path, headers=headers, filename=path.name, content_disposition_type=kind
+        )
+
+
+def _add(session: Session, stage: str) -> None:
+    @ui.page(f"/{stage}", title=f"{_TITLES[stage][0]} · deltaid studio")
+    def _page(client: Client) -> None:
+        _stage(session, stage, client)
+
+
+def _stage(session: Session, stage: str, client: Client) -> None:
+    style = resources.files("deltaid.studio.pages") / "studio.css"
+    script = resources.files("deltaid.studio.pages") / "studio.js"
+    ui.add_css(style.read_text(encoding="utf-8"))
+    ui.add_body_html(f"<script>{script.read_text(encoding='utf-8')}</script>")
+    ui.colors(primary="#1f5fa8", positive="#2c7a4b", negative="#b3261e", warning="#8a6100")
+    _header(session)
+    nav = ui.refreshable(lambda: _stepper(session, stage))
+    title, question = _TITLES[stage]
+    nav()
+    with ui.element("main").classes("stage").props("id=main"):
+        with ui.element("h1").classes("title"):
+            ui.label(title)
+        ui.label(question).classes("question")
+        content = ui.column().classes("body")
+        _ways(stage)
+    seen, drawing = -1, False
+
+    async def draw() -> None:
+        """Draw what has changed, once after the other; two at once would show it twice."""
+        nonlocal seen, drawing
+        drawing = True
+        try:
+            while seen != session.store.revision and not client.is_deleted:
+                seen = session.store.revision
+                nav.refresh()
+                content.clear()
+                with content:
+                    await _body(session, stage)
+        finally:
+            drawing = False
+
+    def again() -> None:
+        nonlocal task
+        if not drawing:
+            task = background_tasks.create(draw(), name="draw", context=client)
+
+    def gone() -> None:
+        session.store.listeners.remove(again)
+        if task is not None:
+            task.cancel()
+
+    task: asyncio.Task[None] | None = None
+    session.store.listeners.append(again)
+    client.on_delete(gone)
+    client.on_exception(_told)
+    ui.timer(_LOOK, session.store.look)
+    again()
+
+
+async def _body(session: Session, stage: str) -> None:
+    """A stage, or why it cannot be shown."""
+    if not session.folder.is_there:
+        parts.problem(Problem("is no longer there", str(session.folder.root), "put it back"))
+        return
+    try:
+        await _BODIES[stage](session)
+    except DeltaidError as error:
+        parts.problem(error)
+
+
+def _told(error: Exception) -> None:
+    """An error of the program where the user sees it; a defect stays one."""
+    if not isinstance(error, DeltaidError):
+        raise error
+    warn(error)
+
+
+def _header(session: Session) -> None:
+    with ui.header().classes("top"):
+        ui.link("Skip to content", "#main").classes("skip")
+        ui.label("deltaid studio").classes("brand")
+        ui.label(str(session.folder.root)).classes("folder").tooltip("All files lie here")
+        dark = ui.dark_mode(session.dark)
+        button = ui.button(f"Theme: {_THEMES[session.dark]}").props(
+            "flat dense no-caps color=white"
+        )
+
+        def turn() -> None:
+            session.dark = _NEXT[session.dark]
+            dark.set_value(session.dark)
+            button.set_text(f"Theme: {_THEMES[session.dark]}")
+            ui.run_javascript(f"studioTheme({_SCRIPT[session.dark]})")
+
+        button.on_click(turn)
+    ui.add_body_html(f"<script>studioTheme({_SCRIPT[session.dark]})</script>")
+
+
+def _stepper(session: Session, here: str) -> None:
+    found = standing(session)
+    with ui.element("nav").classes("steps").props('aria-label="Stages"'):
+        for number, stage in enumerate(STAGES, 1):
+            state = found[stage]
+            with ui.link(target=f"/{stage}").classes(f"step {state}") as link:
+                if stage == here:
+                    link.classes("here").props('aria-current="step"')
+                link.props(f'aria-label="{number} {_TITLES[stage][0]}, {_WORDS[state]}"')
+                if _MARKS[state]:
+                    ui.icon(_MARKS[state]).props('aria-hidden="true"')
+                else:
+                    ui.label(str(number)).classes("number")
+                ui.label(_TITLES[stage][0]).classes("name")
+
+
+def _ways(stage: str) -> None:
+    place = STAGES.index(stage)
+    with ui.row().classes("ways"):
+        if place:
+            before = STAGES[place - 1]
+            ui.button(
+                f"← {_TITLES[before][0]}", on_click=lambda: ui.navigate.to(f"/{before}")
+            ).props("flat no-caps")
+        ui.space()
+        if place + 1 < len(STAGES):
+            after = STAGES[place + 1]
+            ui.button(f"{_TITLES[after][0]} →", on_click=lambda: ui.navigate.to(f"/{after}")).props(
+                "outline no-caps"
+            )

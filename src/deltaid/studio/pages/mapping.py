@@ -1,0 +1,202 @@
+"""The form of a mapping file: time, and for each quantity and drive its column, unit and sign."""
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+from deltaid.errors import DeltaidError
+from deltaid.recording.mapping import QUANTITIES, Quantity
+from deltaid.robot.description import RobotDescription
+from deltaid.studio.folder import ConflictError
+from deltaid.studio.look import Held
+from deltaid.studio.mapping_edit import (
+    DEFAULTS,
+    TIME_UNITS,
+    UNITS,
+    Data,
+    entries,
+    incomplete,
+    with_time,
+    with_value,
+    written,
+)
+from deltaid.studio.pages import parts
+from deltaid.studio.plan import Used
+from deltaid.studio.session import Draft, Session
+
+_NEEDED = ("position", "torque")
+
+
+class _Form:
+    """A form and the data behind it; what is complete and valid is saved at once."""
+
+    def __init__(self, session: Session, used: Used, data: Data, dof: int) -> None:
+        assert used.mapping is not None
+        self.session, self.name, self.dof = session, used.mapping, dof
+        self.data = data
+        self.before = session.folder.text(self.name)
+        draft = session.drafts.get(self.name)
+        if draft is not None and draft.before == self.before:
+            self.data = draft.after
+        else:
+            session.drafts.pop(self.name, None)
+        self.alike = True
+        self.said = ui.column().classes("w-full")
+
+    def take(self, data: Data) -> None:
+        """Keep changed data, in the file if it can be."""
+        self.data = data
+        self.said.clear()
+        missing = incomplete(data, self.dof)
+        with self.said:
+            self.session.drafts[self.name] = Draft(self.before, data)
+            if missing:
+                parts.note(f"{missing}: {self.name} is not changed as long as it is so.", "doubt")
+                return
+            try:
+                text = written(data, self.name)
+                self.session.folder.write(self.name, text, instead_of=self.before)
+            except ConflictError as error:
+                parts.warn(error)
+                self.session.store.tell()
+                return
+            except DeltaidError as error:
+                parts.problem(error)
+                return
+        self.before = text
+        del self.session.drafts[self.name]
+        self.session.store.tell()
+
+    def set(self, quantity: Quantity, drive: int, key: str, value: object) -> None:
+        """Take one value."""
+        self.take(with_value(self.data, quantity, drive, key, value, self.dof, alike=self.alike))
+
+
+def form(session: Session, used: Used, held: Held, robot: RobotDescription, data: Data) -> None:
+    """All fields of a mapping."""
+    ui.label(f"Kept in {used.mapping}. joint value = sign · unit · (number − zero) / gear").classes(
+        "dim"
+    )
+    state = _Form(session, used, data, len(robot.drives))
+    columns, data = [one.address for one in held.columns], state.data
+    if session.drafts.get(state.name) is not None:
+        state.take(data)
+    _time(state, columns)
+    ui.switch(
+        "All drives have the same unit and gear",
+        value=True,
+        on_change=lambda event: setattr(state, "alike", bool(event.value)),
+    )
+    for quantity in QUANTITIES:
+        mapped = quantity in data
+        title = quantity if quantity in _NEEDED else f"{quantity} (if recorded)"
+        open_now = mapped or quantity in _NEEDED
+        with ui.expansion(title, value=open_now).classes("w-full").props("dense"):
+            _quantity(state, quantity, robot, columns)
+
+
+def _time(state: _Form, columns: list[str]) -> None:
+    given = state.data.get("time", {})
+    with ui.row().classes("items-center w-full"):
+        column = ui.select(
+            columns, value=_known(given.get("column"), columns), label="Time column", clearable=True
+        ).props("outlined dense")
+        unit = ui.select(
+            _with(TIME_UNITS, given.get("unit", "s")), value=given.get("unit", "s"), label="Unit",
+            new_value_mode="add-unique", with_input=True,
+        ).props("outlined dense").classes("w-32")  # fmt: skip
+        rate = ui.input("or samples a second", value=_text(given.get("rate")))
+        rate.props("outlined dense").classes("w-48")
+
+    def take() -> None:
+        def do() -> None:
+            each = _number(rate.value, "rate")
+            state.take(with_time(state.data, column.value, unit.value, each))
+
+        parts.attempt(do)
+
+    column.on_value_change(take)
+    unit.on_value_change(take)
+    _left(rate, lambda _: take())
+
+
+def _quantity(
+    state: _Form, quantity: Quantity, robot: RobotDescription, columns: list[str]
+) -> None:
+    with ui.element("div").classes("grid drives"):
+        for drive, (name, entry) in enumerate(
+            zip(robot.drives, entries(state.data, quantity, state.dof), strict=True)
+        ):
+            _row(state, quantity, drive, name, entry, columns)
+
+
+def _row(
+    state: _Form, quantity: Quantity, drive: int, name: str, entry: Data, columns: list[str]
+) -> None:
+    def label(of: str) -> str:
+        return f'outlined dense stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
+
+    def setter(key: str) -> Callable[[Any], None]:
+        return lambda event: parts.attempt(lambda: state.set(quantity, drive, key, event.value))
+
+    def numbers(key: str) -> Callable[[str], None]:
+        return lambda text: state.set(quantity, drive, key, _number(text, key, DEFAULTS[key]))
+
+    ui.label(name).classes("drive")
+    column = ui.select(
+        columns, value=_known(entry.get("column"), columns), with_input=True, clearable=True
+    )
+    column.props(label("column")).classes("of").on_value_change(setter("column"))
+    unit = ui.select(
+        _with(UNITS[quantity], entry.get("unit")), value=entry.get("unit"),
+        new_value_mode="add-unique", with_input=True,
+    )  # fmt: skip
+    unit.props(label("unit")).on_value_change(setter("unit"))
+    sign = ui.select({1: "+", -1: "−"}, value=entry.get("sign", 1))
+    sign.props(label("sign")).on_value_change(setter("sign"))
+    for key, shown in (("zero", "zero"), ("gear", "gear"), ("torque_constant", "N m per A")):
+        if key == "torque_constant" and quantity != "torque":
+            ui.label("")
+            continue
+        field = ui.input(value=_text(entry.get(key, DEFAULTS[key])))
+        field.props(label(shown))
+        _left(field, numbers(key))
+
+
+def _left(field: ui.input, take: Callable[[str], None]) -> None:
+    """Take what is written when the field is left, or at Enter."""
+    before = field.value
+
+    def do() -> None:
+        nonlocal before
+        if field.value != before:
+            before = field.value
+            parts.attempt(lambda: take(str(field.value)))
+
+    field.on("blur", do)
+    field.on("keydown.enter", do)
+
+
+def _number(text: object, key: str, default: float | None = None) -> float | None:
+    if not str(text or "").strip():
+        return default
+    try:
+        return float(str(text))
+    except ValueError:
+        raise DeltaidError(f"'{text}' is no number", where=key, cure="such as 1.5") from None
+
+
+def _text(value: float | None) -> str:
+    return "" if value is None else f"{value:.10g}"
+
+
+def _known(value: Any, columns: list[str]) -> Any:
+    """A column that the recording has; else it is added, for it stands in the file."""
+    if value is not None and value not in columns:
+        columns.append(value)
+    return value
+
+
+def _with(units: tuple[str, ...], own: str | None) -> list[str]:
+    return [*units, *([own] if own and own not in units else [])]

@@ -1,0 +1,197 @@
+"""What several stages show: errors with their cures, commands to copy, progress, reports."""
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from html import escape
+from typing import Any, TypeVar
+
+from nicegui import ui
+from nicegui.elements.mixins.value_element import ValueElement
+
+from deltaid.errors import DeltaidError
+from deltaid.studio.jobs import Job
+from deltaid.studio.look import Problem
+from deltaid.studio.session import Session, unmapped
+from deltaid.studio.steps import Step
+
+_Field = TypeVar("_Field", bound=ValueElement[Any])
+
+_GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong": "wrong"}
+
+
+@contextmanager
+def panel(title: str = "") -> Generator[None, None, None]:
+    """A part of a stage, with a heading."""
+    with ui.element("section").classes("panel"):
+        if title:
+            with ui.element("h2"):
+                ui.label(title)
+        yield
+
+
+def note(text: str, kind: str = "") -> None:
+    """A remark that stays; kind is '', 'good', 'doubt' or 'bad'."""
+    role = "alert" if kind == "bad" else "note"
+    with ui.element("div").classes(f"note {kind}").props(f"role={role}"):
+        ui.label(text)
+
+
+def problem(error: Problem | DeltaidError) -> None:
+    """What is wrong, where, and how to mend it."""
+    with ui.element("div").classes("note bad").props("role=alert"):
+        ui.label(f"{error.where}: {error.what}" if error.where else error.what)
+        if error.cure:
+            ui.label(f"→ {error.cure}").classes("cure")
+
+
+def warn(error: Problem | DeltaidError) -> None:
+    """The same as a message that goes away by itself."""
+    place = f"{error.where}: " if error.where else ""
+    cure = f" → {error.cure}" if error.cure else ""
+    ui.notify(f"{place}{error.what}{cure}", type="negative", multi_line=True,
+              timeout=20_000, close_button="Close")  # fmt: skip
+
+
+@contextmanager
+def waiting() -> Generator[None, None, None]:
+    """A sign that something is on its way."""
+    sign = ui.spinner().props('aria-label="reading"')
+    yield
+    if not sign.is_deleted:
+        sign.delete()
+
+
+def attempt(action: Callable[[], Any]) -> Any:
+    """Do something that may be refused, and say why it was."""
+    try:
+        return action()
+    except DeltaidError as error:
+        warn(error)
+        return None
+
+
+def grade(word: str) -> None:
+    """A grade as a mark."""
+    ui.label(word).classes(f"grade {_GRADES.get(word, 'tell')}")
+
+
+def remembered(session: Session, key: str, field: _Field) -> _Field:
+    """A field that keeps its value when the page is drawn anew; the field itself."""
+    value = session.choices.get(key)
+    known = getattr(field, "options", None)
+    if value is not None and (known is None or value in known):
+        field.set_value(value)
+    field.on_value_change(lambda event: session.choices.update({key: event.value}))
+    return field
+
+
+def all_mapped(session: Session) -> bool:
+    """Whether columns are named of all recordings in use; says of which they are not."""
+    missing = unmapped(session)
+    gone = [name for name in missing if not session.folder.has(name)]
+    if missing:
+        what = (
+            f"{', '.join(gone)}: no longer in the folder. Put it back, or forget it."
+            if gone
+            else f"Say first which column is what in {', '.join(missing)}."
+        )
+        note(what, "bad" if gone else "doubt")
+        ui.button("Go to the recordings", on_click=lambda: ui.navigate.to("/recording")).props(
+            "outline no-caps"
+        )
+    return not missing
+
+
+def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
+    """The command line of a step and the Python that does the same, to be copied.
+
+    Args:
+        make: the step as it would begin now.
+        fields: it follows from; when one changes, so does what is shown.
+    """
+
+    def text() -> None:
+        step = make()
+        ui.label("In the studio's folder:").classes("dim")
+        code(step.command, "Copy command", "command")
+        code(step.python, "Copy Python", "python")
+
+    with ui.expansion("Command line and Python of this step").classes("w-full").props("dense"):
+        shown = ui.refreshable(text)
+        shown()
+    for field in fields:
+        field.on_value_change(lambda: shown.refresh())
+
+
+def code(text: str, label: str, kind: str = "") -> None:
+    """Text as it stands, with a button that copies it."""
+    ui.html(f'<pre class="code {kind}" tabindex="0">{escape(text)}</pre>', sanitize=False).classes(
+        "w-full"
+    )
+    ui.button(label, on_click=lambda: ui.clipboard.write(text)).props("flat dense no-caps")
+
+
+def difference(text: str) -> None:
+    """A unified diff in colours."""
+    marks = {"+": "plus", "-": "minus"}
+    lines = [
+        f'<span class="{marks.get(line[:1], "")}">{escape(line)}</span>'
+        for line in text.splitlines()
+    ]
+    body = "\n".join(lines)
+    ui.html(f'<div class="diff" tabindex="0">{body}</div>', sanitize=False).classes("w-full")
+
+
+def progress(session: Session, kind: str) -> None:
+    """What the step of this kind is doing, with a button that ends it; nothing if none runs."""
+    job = session.job
+    if job is None or job.step.kind != kind:
+        return
+    if job.state == "running":
+        _running(job)
+    elif job.state == "cancelled":
+        note("Cancelled: nothing was written.", "doubt")
+    elif job.state == "failed":
+        what, _, cure = job.error.partition("\n  → ")
+        problem(Problem(what, cure=cure))
+
+
+def _running(job: Job) -> None:
+    with ui.element("div").classes("note").props("role=status aria-live=polite"):
+        with ui.row().classes("items-center w-full no-wrap"):
+            ui.spinner(size="22px").props('aria-hidden="true"')
+            stage = ui.label().classes("grow")
+            seconds = ui.label().classes("dim")
+            ui.button("Cancel", on_click=job.cancel).props("outline no-caps color=negative")
+        before = ui.label().classes("dim")
+
+    def tick() -> None:
+        stage.set_text(job.stages[-1] if job.stages else "starting")
+        before.set_text(" · ".join(job.stages[-5:-1]))
+        seconds.set_text(f"{job.seconds:.0f} s")
+
+    tick()
+    ui.timer(0.3, tick)
+
+
+def report(session: Session, name: str, label: str) -> None:
+    """A page of the folder, inside this one."""
+    if not session.folder.has(name):
+        return
+    stamp = session.folder.path(name).stat().st_mtime_ns
+    ui.element("iframe").classes("frame").props(
+        f'src="/files/{name}?v={stamp}" title="{escape(label)}" loading=lazy'
+    )
+    with ui.row():
+        ui.link("Open in a tab of its own", f"/files/{name}", new_tab=True)
+        ui.link("Download", f"/files/{name}?download=true")
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A plain table that scrolls by itself if it is too wide."""
+    head = "".join(f"<th scope=col>{escape(one)}</th>" for one in columns)
+    lines = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    text = f'<div class="wide"><table class="plain"><thead><tr>{head}</tr></thead><tbody>{lines}'
+    ui.html(f"{text}</tbody></table></div>", sanitize=False).classes("w-full")

@@ -1,0 +1,174 @@
+"""Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
+
+from collections.abc import Callable
+from typing import Any, get_args
+
+from nicegui import ui
+from nicegui.elements.mixins.value_element import ValueElement
+
+from deltaid.control.options import ControllerName
+from deltaid.studio.pages import parts
+from deltaid.studio.runs import messages, next_run, runs
+from deltaid.studio.session import Session
+from deltaid.studio.steps import (
+    Step,
+    excite_step,
+    export_step,
+    forces_step,
+    simulate_step,
+)
+
+_FORMS = {
+    "c": "C code (.c, .h)",
+    "mjcf": "MuJoCo (MJCF)",
+    "urdf": "URDF and loop closures",
+    "fmu": "FMU, forward dynamics",
+    "fmu-inverse": "FMU, inverse dynamics",
+    "casadi": "CasADi function",
+    "npz": "NumPy arrays (.npz)",
+}
+
+
+async def body(session: Session) -> None:
+    """The whole stage."""
+    model = _subject(session)
+    if model is None:
+        parts.note("Pick a robot first; a fitted model is better.")
+        return
+    if session.plan.model is None:
+        parts.note("There is no fitted model yet: what is here goes by the robot's prior.", "doubt")
+    else:
+        _model(session, model)
+    motions = _motions(session)
+    _excite(session, model)
+    _along(session, "simulate", "Simulate a controller", model, motions)
+    _along(session, "forces", "Forces in struts, joints and bearings", model, motions)
+    _export(session, model)
+    _files(session)
+
+
+def _subject(session: Session) -> str | None:
+    model = session.plan.model
+    if model is not None and session.folder.has(model):
+        return model
+    return session.plan.robot
+
+
+def _model(session: Session, model: str) -> None:
+    """Which model it is, and the file itself."""
+    name = session.plan.names.get(model.rpartition("/")[0], "")
+    with parts.panel():
+        ui.label(f"Everything here is made with {model}{f' ({name})' if name else ''}.")
+        with ui.row():
+            ui.button(
+                "Download the model", on_click=lambda: ui.download(f"/files/{model}?download=true")
+            ).props("outline no-caps")
+
+
+def _motions(session: Session) -> list[str]:
+    """Files with a motion: planned ones first, then recordings."""
+    planned = [
+        name
+        for run in runs(session.folder)
+        if run.record.kind == "excite" and run.succeeded
+        for name in (run.file("motion.csv"),)
+        if session.folder.has(name)
+    ]
+    return [*planned, *(one.file for one in session.plan.recordings)]
+
+
+def _begin(session: Session, kind: str, make: Callable[[str], Step]) -> None:
+    parts.attempt(lambda: session.begin(kind, make))
+
+
+def _last(session: Session, kind: str) -> None:
+    """Progress of a step of this kind, and what the last one made."""
+    parts.progress(session, kind)
+    run = next((r for r in runs(session.folder) if r.record.kind == kind and r.succeeded), None)
+    if run is None:
+        return
+    if said := messages(session.folder, run).strip():
+        parts.note(said, "doubt" if "warning:" in said else "")
+    with ui.row():
+        ui.label(f"{run.name}:").classes("dim")
+        for path in sorted((session.folder.root / run.folder).iterdir()):
+            if path.is_file() and path.name not in ("run.yaml", "messages.txt", "output.json"):
+                ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
+
+
+def _excite(session: Session, model: str) -> None:
+    def make(at: str) -> Step:
+        seconds, starts = float(duration.value or 10), int(count.value or 4)
+        return excite_step(model, f"{at}/motion.csv", at, duration=seconds, starts=starts)
+
+    with parts.panel("A motion for the next recording"):
+        with ui.row().classes("items-center"):
+            duration = ui.number("Seconds", value=10, min=0.1, max=3600).props("outlined dense")
+            count = ui.number("Starts", value=4, min=1, max=100).props("outlined dense")
+            parts.remembered(session, "excite seconds", duration)
+            parts.remembered(session, "excite starts", count)
+            ui.button("Excite", on_click=lambda: _begin(session, "excite", make)).props(
+                "outline no-caps"
+            ).set_enabled(not session.busy)
+        _last(session, "excite")
+        parts.commands(lambda: make(next_run(session.folder, "excite")), duration, count)
+
+
+def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
+    """Simulation, or forces, along a motion."""
+    with parts.panel(title):
+        if not motions:
+            parts.note("There is no motion yet: take one from above, or add a recording.")
+            return
+        used = {one.file: one.mapping for one in session.plan.recordings}
+        with ui.row().classes("items-center"):
+            motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
+            motion.props(f'aria-label="Motion: {kind}"')
+            option = _law() if kind == "simulate" else _spacing()
+            parts.remembered(session, f"{kind} motion", motion)
+            parts.remembered(session, f"{kind} option", option)
+
+            def make(at: str) -> Step:
+                path, asked = str(motion.value), option.value
+                if kind == "simulate":
+                    return simulate_step(model, path, used.get(path), at, str(asked))
+                return forces_step(model, path, used.get(path), at, asked)
+
+            ui.button(kind.capitalize(), on_click=lambda: _begin(session, kind, make)).props(
+                "outline no-caps"
+            ).set_enabled(not session.busy)
+        _last(session, kind)
+        parts.commands(lambda: make(next_run(session.folder, kind)), motion, option)
+
+
+def _law() -> ValueElement[Any]:
+    names = list(get_args(ControllerName))
+    return ui.select(names, value="computed-torque", label="Controller").props("outlined dense")
+
+
+def _spacing() -> ValueElement[Any]:
+    field = ui.number("Distance of a limb's struts [m], if not described")
+    return field.props("outlined dense").classes("w-96")
+
+
+def _export(session: Session, model: str) -> None:
+    def make(at: str) -> Step:
+        return export_step(model, str(form.value), f"{at}/")
+
+    with parts.panel("Export"):
+        with ui.row().classes("items-center"):
+            form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
+            parts.remembered(session, "export form", form)
+            ui.button("Export", on_click=lambda: _begin(session, "export", make)).props(
+                "outline no-caps"
+            ).set_enabled(not session.busy)
+        _last(session, "export")
+        parts.commands(lambda: make(next_run(session.folder, "export")), form)
+
+
+def _files(session: Session) -> None:
+    with parts.panel("Files of the folder"), ui.row():
+        model = session.plan.model
+        names = [path.name for path in session.folder.files()]
+        for name in ([model] if model and session.folder.has(model) else []) + names:
+            ui.link(name, f"/files/{name}?download=true")

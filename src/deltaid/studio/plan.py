@@ -1,0 +1,174 @@
+"""What a studio remembers of its folder: `studio.yaml`, small and readable."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any, Literal
+
+from pydantic import Field
+
+from deltaid.errors import DeltaidError
+from deltaid.model.record import Settings
+from deltaid.robot.load import catalogue, parse, yaml_text
+from deltaid.robot.part import Part
+from deltaid.studio.folder import Folder, stamp
+
+FILE = "studio.yaml"
+
+
+class Used(Part):
+    """A recording and what it is for."""
+
+    file: str
+    mapping: str | None = Field(default=None, description="file that says which column is what")
+    use: Literal["fit", "verify", "aside"] = "fit"
+
+
+class Checked(Part):
+    """The last check: of what, and how it ended."""
+
+    of: str = Field(description="digest of all that the check saw")
+    grade: str
+    run: str
+
+
+class Plan(Part):
+    """Everything that a studio remembers beside the files themselves."""
+
+    robot: str | None = Field(default=None, description="catalogue name, or a file of the folder")
+    recordings: tuple[Used, ...] = ()
+    settings: Settings = Settings()
+    force: bool = False
+    checked: Checked | None = None
+    model: str | None = Field(default=None, description="the model file that is put to use")
+    names: dict[str, str] = Field(
+        default_factory=dict[str, str], description="what runs are called"
+    )
+
+    @property
+    def fitted(self) -> tuple[Used, ...]:
+        """Recordings that a model is fitted to."""
+        return tuple(one for one in self.recordings if one.use == "fit")
+
+    @property
+    def verified(self) -> Used | None:
+        """The recording that it is tested on."""
+        return next((one for one in self.recordings if one.use == "verify"), None)
+
+    @property
+    def used(self) -> tuple[Used, ...]:
+        """Those that it is fitted to, then the one that it is tested on."""
+        return (*self.fitted, *((self.verified,) if self.verified else ()))
+
+    def recording(self, file: str) -> Used | None:
+        """One recording by its file."""
+        return next((one for one in self.recordings if one.file == file), None)
+
+    def with_recording(self, used: Used) -> "Plan":
+        """The same with a recording, new or in place of itself; at most one verifies."""
+        others = [
+            one.changed(use="fit") if used.use == one.use == "verify" else one
+            for one in self.recordings
+        ]
+        if self.recording(used.file) is None:
+            return self.changed(recordings=(*others, used))
+        placed = (used if one.file == used.file else one for one in others)
+        return self.changed(recordings=tuple(placed))
+
+    def without_recording(self, file: str) -> "Plan":
+        """The same without a recording."""
+        return self.changed(recordings=tuple(o for o in self.recordings if o.file != file))
+
+
+class Store:
+    """The plan of a folder on disk: read before each change, so that none is lost.
+
+    All tabs of a server share one. Changes by other programs are seen by `look`.
+
+    Raises:
+        DeltaidError: studio.yaml is none.
+    """
+
+    def __init__(self, folder: Folder) -> None:
+        self.folder = folder
+        self.listeners: list[Callable[[], None]] = []
+        self.revision = 0
+        self._seen = self._stamp()
+        self._plan = self._read()
+
+    @property
+    def plan(self) -> Plan:
+        """As it is."""
+        return self._plan
+
+    def change(self, edit: Callable[[Plan], Plan]) -> Plan:
+        """Change the plan as it is on disk, write it, and tell everyone.
+
+        Raises:
+            DeltaidError: the change is not valid, or cannot be written.
+        """
+        text = self.folder.text(FILE) if self.folder.has(FILE) else None
+        before = _parsed(text or "")
+        after = edit(before)
+        if after != before or text is None:
+            data = after.model_dump(mode="json", exclude_defaults=True)
+            self.folder.write(FILE, _HEADER + (yaml_text(data) if data else ""), instead_of=text)
+        self._plan = after
+        self.tell()
+        return after
+
+    def tell(self) -> None:
+        """Have everything drawn anew."""
+        self._seen = self._stamp()
+        self.revision += 1
+        for listener in list(self.listeners):
+            listener()
+
+    def look(self) -> bool:
+        """See whether another program has changed a file; tell everyone if one has."""
+        if self._stamp() == self._seen:
+            return False
+        try:
+            self._plan = self._read()
+        except DeltaidError:  # half edited by hand: what was read last holds until it is whole
+            self._seen = self._stamp()
+            return False
+        self.tell()
+        return True
+
+    def checked_of(self) -> str:
+        """Digest of all that a check of the plan sees: files, mappings and settings."""
+        return digest(self.folder, self.plan)
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether the check has run for exactly what the plan says now."""
+        checked = self.plan.checked
+        return checked is not None and checked.of == self.checked_of()
+
+    def _read(self) -> Plan:
+        return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")
+
+    def _stamp(self) -> tuple[object, ...]:
+        files = self.folder.files()
+        return self.folder.is_there, *((path.name, stamp(path)) for path in files)
+
+
+_HEADER = "# What `deltaid studio` remembers of this folder. It may be edited, or deleted.\n"
+
+
+def _parsed(text: str) -> Plan:
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    return parse(text, Plan, where=FILE) if lines else Plan()
+
+
+def digest(folder: Folder, plan: Plan) -> str:
+    """Digest of all that `deltaid check` is given."""
+    used = [(one.file, one.mapping) for one in plan.used]
+    seen: list[Any] = [plan.robot, plan.settings.cutoff, plan.settings.keep_all, used]
+    robot = [plan.robot] if plan.robot and plan.robot not in catalogue() else []
+    texts = (*robot, *(mapping for _, mapping in used if mapping))
+    seen += [folder.text(name) if folder.has(name) else None for name in texts]
+    for file, _ in used:
+        seen.append(stamp(folder.path(file)) if folder.has(file) else None)
+    return hashlib.sha256(json.dumps(seen).encode()).hexdigest()[:16]

@@ -1,0 +1,206 @@
+"""Runs of a studio: one folder each below `runs/`, with what it made and where it comes from."""
+
+import json
+import re
+import shutil
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from deltaid.errors import DeltaidError
+from deltaid.files import written_whole
+from deltaid.robot.load import catalogue, parse, yaml_text
+from deltaid.robot.part import Part
+from deltaid.studio.folder import RUNS, Folder, refusing, sha256
+from deltaid.studio.steps import Kind, Step
+
+RECORD, OUTPUT, MESSAGES = "run.yaml", "output.json", "messages.txt"
+_NAME = re.compile(r"(\d{4,})-(\w+)")
+# Inputs of this many bytes at most are kept beside what was made of them.
+_KEPT = 1 << 18
+
+
+class Input(Part):
+    """A file that went into a run."""
+
+    file: str
+    sha256: str
+
+
+class Record(Part):
+    """Provenance of a run: `run.yaml` in its folder."""
+
+    kind: Kind
+    command: str
+    python: str
+    version: str
+    began: str
+    seconds: float
+    exit: int
+    inputs: tuple[Input, ...] = ()
+    of: str = ""
+    robot: str = ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run.
+
+    Attributes:
+        folder: its name below the studio's folder, such as `runs/0003-fit`.
+        record: where it comes from.
+    """
+
+    folder: str
+    record: Record
+
+    @property
+    def name(self) -> str:
+        """Short name."""
+        return self.folder.rpartition("/")[2]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it did what it was asked for; checks end with what they found."""
+        return self.record.exit == 0 or (self.record.kind == "check" and self.record.exit in (3, 4))
+
+    def file(self, name: str) -> str:
+        """One of its files by a name inside the studio's folder."""
+        return f"{self.folder}/{name}"
+
+
+def new_run(folder: Folder, kind: str) -> str:
+    """Make the folder of a run that begins, numbered on; its name inside the studio's folder.
+
+    Raises:
+        DeltaidError: it cannot be made.
+    """
+    number = _last(folder) + 1
+    with refusing(RUNS):
+        (folder.root / RUNS).mkdir(exist_ok=True)
+        while True:
+            name = f"{RUNS}/{number:04d}-{kind}"
+            try:
+                (folder.root / name).mkdir()
+            except FileExistsError:  # another server works in the same folder
+                number += 1
+                continue
+            return name
+
+
+def next_run(folder: Folder, kind: str) -> str:
+    """What the next run's folder will be called; nothing is made."""
+    return f"{RUNS}/{_last(folder) + 1:04d}-{kind}"
+
+
+def _last(folder: Folder) -> int:
+    runs = folder.root / RUNS
+    names = [path.name for path in runs.iterdir()] if runs.is_dir() else []
+    return max((int(match[1]) for name in names if (match := _NAME.fullmatch(name))), default=0)
+
+
+def inputs_of(folder: Folder, step: Step) -> tuple[Input, ...]:
+    """Checksums of a step's files as they are now.
+
+    Raises:
+        DeltaidError: one cannot be read.
+    """
+    names = [name for name in step.reads if name not in catalogue()]
+    with refusing(", ".join(names)):
+        return tuple(
+            Input(file=name, sha256=sha256(folder.path(name))) for name in names if folder.has(name)
+        )
+
+
+def keep_inputs(folder: Folder, run: str, step: Step) -> None:
+    """Copies of the small files that a step reads: descriptions and mappings change later.
+
+    Raises:
+        DeltaidError: they cannot be made.
+    """
+    for name in step.reads:
+        if folder.has(name) and name.endswith((".yaml", ".yml")) and "/" not in name:
+            path = folder.path(name)
+            kept = folder.root / run / "inputs" / name
+            with refusing(name):
+                if path.stat().st_size <= _KEPT:
+                    kept.parent.mkdir(exist_ok=True)
+                    shutil.copyfile(path, kept)
+
+
+def write_record(
+    folder: Folder,
+    run: str,
+    step: Step,
+    inputs: tuple[Input, ...],
+    *,
+    began: datetime,
+    code: int,
+    out: str,
+    messages: str,
+    of: str,
+    robot: str,
+) -> Run:
+    """Write down how a run ended: its record last, so that what has one is complete."""
+    for name, text in ((OUTPUT, out), (MESSAGES, messages)):
+        if text:
+            with written_whole(folder.root / run / name) as file:
+                file.write(text)
+    record = Record(
+        kind=step.kind,
+        command=step.command,
+        python=step.python,
+        version=version("deltaid"),
+        began=began.isoformat(timespec="seconds"),
+        seconds=round((datetime.now(UTC) - began).total_seconds(), 1),
+        exit=code,
+        inputs=inputs,
+        of=of,
+        robot=robot,
+    )
+    with written_whole(folder.root / run / RECORD) as file:
+        file.write(yaml_text(record.model_dump(mode="json")))
+    return Run(run, record)
+
+
+def runs(folder: Folder) -> list[Run]:
+    """All runs that came to their end, the last one first."""
+    base = folder.root / RUNS
+    found: list[Run] = []
+    for path in base.iterdir() if base.is_dir() else ():
+        if not _NAME.fullmatch(path.name) or not (path / RECORD).is_file():
+            continue
+        record = _record(path / RECORD, (path / RECORD).stat().st_mtime_ns)
+        if record is not None:
+            found.append(Run(f"{RUNS}/{path.name}", record))
+    return sorted(found, key=lambda run: run.folder, reverse=True)
+
+
+@lru_cache(512)
+def _record(path: Path, changed: int) -> Record | None:
+    """A run's record, read once as long as it is not changed; None if it is of another version."""
+    try:
+        return parse(path.read_text(encoding="utf-8"), Record, where=str(path))
+    except (DeltaidError, OSError):
+        return None
+
+
+def output(folder: Folder, run: Run) -> dict[str, Any]:
+    """What a run printed as JSON; empty if nothing."""
+    return _json(folder.root / run.folder / OUTPUT)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def messages(folder: Folder, run: Run) -> str:
+    """What a run said on standard error."""
+    path = folder.root / run.folder / MESSAGES
+    return path.read_text(encoding="utf-8") if path.is_file() else ""

@@ -1,0 +1,125 @@
+"""The studio's server: NiceGUI on this machine only, behind a guard."""
+
+import asyncio
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from deltaid.errors import DeltaidError
+from deltaid.studio.folder import Folder
+from deltaid.studio.guard import HOST, Guard
+from deltaid.studio.session import Session
+
+DEFAULT_PORT = 8090
+# Seconds a page may be away, as while it is reloaded, before its state in the server is dropped.
+_AWAY = 10.0
+# Seconds that open pages have when the server ends.
+_LEAVE = 1
+
+
+def require_nicegui() -> None:
+    """Find out whether the library behind the studio is there.
+
+    Raises:
+        DeltaidError: it is not installed.
+    """
+    try:
+        import nicegui  # noqa: F401  # pyright: ignore[reportUnusedImport]
+    except ImportError:
+        raise DeltaidError(
+            "needs NiceGUI, which is not installed",
+            where="deltaid studio",
+            cure="pip install '.[studio]' in a clone of deltaid, or pip install 'nicegui>=3'",
+        ) from None
+
+
+def port_for(wanted: int | None) -> int:
+    """A free port of this machine: the one wanted, or from the default one on.
+
+    Raises:
+        DeltaidError: it cannot be had.
+    """
+    candidates = (wanted,) if wanted is not None else (*range(DEFAULT_PORT, DEFAULT_PORT + 20), 0)
+    reason = ""
+    for port in candidates:
+        with socket.socket() as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind((HOST, port))
+            except OSError as error:
+                reason = error.strerror or str(error)
+                continue
+            return int(trial.getsockname()[1])
+    raise DeltaidError(
+        f"cannot be used: {reason}", where=f"--port {wanted}", cure="give another one, or 0 for any"
+    )
+
+
+async def _tell(port: int, address: str, say: Callable[[str], None], *, show: bool) -> None:
+    """Say the address, and show it, once something answers there."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(HOST, port)
+        except OSError:
+            await asyncio.sleep(0.02)
+            continue
+        writer.close()
+        say(address)
+        if show:
+            await asyncio.to_thread(webbrowser.open, address)
+        return
+
+
+def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> None:
+    """Serve a folder until Ctrl-C.
+
+    Args:
+        path: of the folder; made if there is none.
+        port: a free one.
+        show: whether to open a browser.
+        say: called with the address once it answers.
+
+    Raises:
+        DeltaidError: the folder cannot be used.
+    """
+    import uvicorn
+    from fastapi import FastAPI
+    from nicegui import app, background_tasks, ui
+
+    from deltaid.studio.pages.frame import build
+
+    session = Session(Folder.at(path))
+    token = secrets.token_urlsafe(16)
+    address = f"http://{HOST}:{port}/?token={token}"
+    build(session)
+    app.on_startup(session.warm)
+    app.on_shutdown(session.close)
+    telling = partial(_tell, port, address, say, show=show)
+    app.on_startup(lambda: background_tasks.create(telling(), name="tell"))
+    whole = FastAPI(openapi_url=None)
+    ui.run_with(
+        whole,
+        title="deltaid studio",
+        favicon=_FAVICON,
+        dark=None,
+        reconnect_timeout=_AWAY,
+        show_welcome_message=False,
+    )
+    uvicorn.run(
+        Guard(whole, port, token),  # before everything else, whatever the library adds
+        host=HOST,
+        port=port,
+        log_level="error",
+        proxy_headers=False,
+        timeout_graceful_shutdown=_LEAVE,
+    )
+
+
+_FAVICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
+    'rx="7" fill="#1f5fa8"/><path d="M6 8h20L16 25z" fill="none" stroke="#fff" stroke-width="3" '
+    'stroke-linejoin="round"/></svg>'
+)

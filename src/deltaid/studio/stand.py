@@ -1,0 +1,156 @@
+"""A robot standing at a pose that is asked for, in a process of its own: what a picture needs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.model.model import load
+from deltaid.report.members import members
+from deltaid.report.workspace import outline
+
+if TYPE_CHECKING:
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.mechanism.skeleton import Skeleton
+    from deltaid.show.view import View
+
+# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
+_THICK = 0.0013
+# How far beyond its workspace a robot may be asked to go, as a share of that.
+_BEYOND = 0.3
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A coordinate of the platform: its name, unit, and how far it may be asked to go."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What does not move in a picture of a robot.
+
+    Attributes:
+        axes: of the platform, in the order of z; angles in degrees.
+        colors, radii: of each segment [m].
+        legend: what each colour is.
+        edges: of the workspace [m].
+        size: of the robot at home [m].
+        home: where it stands at first, in the units of the axes.
+    """
+
+    axes: tuple[Axis, ...]
+    colors: tuple[str, ...]
+    radii: tuple[float, ...]
+    legend: dict[str, str]
+    edges: Float[np.ndarray, "edges 2 3"]
+    size: float
+    home: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A robot at a pose: readings, and where each segment is.
+
+    Attributes:
+        middles: of the segments [m].
+        turns: rotations that take z along them.
+        lengths: [m].
+    """
+
+    view: "View"
+    middles: Float[np.ndarray, "segments 3"]
+    turns: Float[np.ndarray, "segments 3 3"]
+    lengths: Float[np.ndarray, " segments"]
+
+
+def stage(robot: str, changed: str) -> Stage:
+    """A robot's picture without the robot.
+
+    Args:
+        robot: name or file.
+        changed: something else whenever the file is.
+
+    Raises:
+        DeltaidError: it cannot be read, cannot stand in its workspace, or moves in a plane only.
+    """
+    rest, skeleton = _built(robot, changed)
+    segments = skeleton.evaluate(rest.home[None])[0]
+    size = float(np.ptp(segments.reshape(-1, 3), axis=0).max())
+    known = members(skeleton.bodies)
+    lines = outline(rest.robot.workspace)
+    pairs = np.stack([lines[:-1], lines[1:]], axis=1)
+    shown = [known[segment.body] for segment in skeleton.segments]
+    return Stage(
+        axes=_axes(rest, lines),
+        colors=tuple(one.color for one in shown),
+        radii=tuple(_THICK * size * one.width for one in shown),
+        legend={one.label: one.color for one in known.values()},
+        edges=pairs[~np.isnan(pairs).any(axis=(1, 2))],
+        size=size,
+        home=tuple((rest.home * _units(rest)).tolist()),
+    )
+
+
+def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[float]) -> Stand:
+    """A robot at a pose; out of reach it stays where it was, and says why.
+
+    Args:
+        robot: name or file.
+        changed: something else whenever the file is.
+        wanted: the pose in the units of the axes.
+        before: the pose where it stood last.
+
+    Raises:
+        DeltaidError: as `stage`.
+    """
+    from scipy.spatial.transform import Rotation
+
+    from deltaid.show.shapes import along
+    from deltaid.show.view import home_view, moved
+
+    rest, skeleton = _built(robot, changed)
+    units = _units(rest)
+    view = moved(rest, home_view(rest), np.asarray(before, dtype=float) / units)
+    view = moved(rest, view, np.asarray(wanted, dtype=float) / units)
+    placed = along(skeleton.evaluate(view.z[None])[0], 1.0)
+    turns = Rotation.from_quat(placed.wxyz[:, [1, 2, 3, 0]]).as_matrix()
+    return Stand(view, placed.positions, turns, placed.scales[:, 2])
+
+
+@lru_cache(2)
+def _built(robot: str, _changed: str) -> "tuple[AtRest, Skeleton]":
+    # The server knows this module and need not wait for those.
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.mechanism.skeleton import Skeleton
+    from deltaid.show.reach import require_space
+
+    model = load(robot)
+    require_space(model.robot)
+    rest = AtRest(model.dynamics, model.p)
+    return rest, Skeleton(rest.robot, rest.dynamics.kinematics.mechanism)
+
+
+def _units(rest: "AtRest") -> Float[np.ndarray, " dof"]:
+    """What coordinates are multiplied with to be shown: m stay, rad become degrees."""
+    return np.array([1.0, 1.0, 1.0, *(np.rad2deg(1.0) for _ in range(rest.dynamics.dof - 3))])
+
+
+def _axes(rest: "AtRest", lines: Float[np.ndarray, "points 3"]) -> tuple[Axis, ...]:
+    low, high = np.nanmin(lines, axis=0), np.nanmax(lines, axis=0)
+    beyond = _BEYOND * (high - low)
+    axes = [
+        Axis(name, "m", float(a), float(b))
+        for name, a, b in zip("xyz", low - beyond, high + beyond, strict=True)
+    ]
+    if rest.dynamics.dof > 3:
+        turn = rest.robot.turn
+        axes.append(Axis("ψ", "deg", float(np.rad2deg(turn.low)), float(np.rad2deg(turn.high))))
+    return tuple(axes)

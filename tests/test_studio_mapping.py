@@ -1,0 +1,157 @@
+"""Columns of foreign recordings: what is proposed, and a mapping as the form edits it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltaid.errors import DeltaidError
+from deltaid.recording.mapping import ColumnMapping, load_mapping
+from deltaid.robot.load import parse
+from deltaid.studio.columns import Column, proposed
+from deltaid.studio.look import Problem, held, mapping_cured, preview, told
+from deltaid.studio.mapping_edit import entries, incomplete, read, with_time, with_value, written
+from logs import recorded
+from studios import foreign
+
+TURNING = (False, False, False)
+
+
+def columns(*names: str, low: float = -1.0, high: float = 1.0, drives: int = 3) -> list[Column]:
+    """A time and numbered columns, drive by drive."""
+    numbered = [name.replace("#", str(i + 1)) for i in range(drives) for name in names]
+    return [Column("time"), *(Column(name, low=low, high=high) for name in numbered)]
+
+
+@pytest.mark.parametrize(
+    ("position", "torque", "unit"),
+    [
+        ("Axis#.ActPos", "Axis#.ActTorque", "N m"),
+        ("q_meas_#", "tau_meas_#", "N m"),
+        ("J#_angle_rad", "J#_current_A", "A"),
+        ("winkel# [rad]", "drehmoment# [mN*m]", "mN*m"),
+        ("/drives/motor#/position", "/drives/motor#/effort", "N m"),
+        ("actualPosition#", "actualTorque#", "N m"),
+    ],
+)
+def test_columns_are_found_by_their_names(position: str, torque: str, unit: str) -> None:
+    found = proposed(columns(position, torque), TURNING)
+    assert found.complete
+    for quantity, name, of in (("position", position, "rad"), ("torque", torque, unit)):
+        names = [name.replace("#", str(i + 1)) for i in range(3)]
+        assert found.data[quantity] == [{"column": one, "unit": of} for one in names]
+
+
+def test_what_was_asked_for_is_not_what_was_measured() -> None:
+    found = proposed(columns("q#_desired", "tau#_cmd", "pos_error#"), TURNING)
+    assert set(found.data) == {"time"}
+    assert found.missing == ("position", "torque")
+    found = proposed(columns("pos#_set", "pos#_act", "pos#", "torque#"), TURNING)
+    assert [one["column"] for one in found.data["position"]] == ["pos1_act", "pos2_act", "pos3_act"]
+
+
+def test_numbers_of_another_count_of_drives_are_not_guessed() -> None:
+    assert "position" not in proposed(columns("q#", drives=2), TURNING).data
+    assert len(proposed(columns("q#", drives=4), TURNING).data["position"]) == 3
+
+
+def test_degrees_are_told_by_their_size_and_the_reason_says_so() -> None:
+    found = proposed(columns("pos#", "vel#", "torque#", low=-50.0, high=60.0), TURNING)
+    assert found.data["position"][0]["unit"] == "deg"
+    assert found.data["velocity"][0]["unit"] == "deg/s"  # as positions are
+    assert any("up to 60, so degrees are assumed" in reason for reason in found.reasons)
+    assert proposed(columns("pos#", high=6.2), TURNING).data["position"][0]["unit"] == "rad"
+
+
+def test_a_stated_unit_is_taken() -> None:
+    given = [Column("t", unit="ms"), *(Column(f"q{i}", unit="deg", high=1.0) for i in (1, 2, 3))]
+    found = proposed(given, TURNING)
+    assert found.data["time"] == {"column": "t", "unit": "ms"}
+    assert found.data["position"][2] == {"column": "q3", "unit": "deg"}
+
+
+def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
+    log = recorded(1500)
+    path = str(foreign(tmp_path / "axes.csv", log))
+    found = held(path, TURNING)
+    assert found.rows == 1500
+    assert found.guess.complete
+    parse(written(found.guess.data, "x"), ColumnMapping, where="x")
+    seen = preview(path, "clavel-delta3", found.guess.data, points=10_000)
+    assert [(one.quantity, one.unit) for one in seen.curves] == 3 * [("position", "deg")] + 3 * [
+        ("torque", "N m")
+    ]
+    np.testing.assert_allclose(seen.curves[1].values, np.rad2deg(log["q2"]), atol=1e-9)
+    np.testing.assert_allclose(seen.curves[5].values, log["tau3"], atol=1e-9)
+    np.testing.assert_allclose(seen.curves[0].time, log["t"], atol=1e-9)
+
+
+def test_a_file_that_cannot_be_read_is_a_value(tmp_path: Path) -> None:
+    found = told(held, str(tmp_path / "none.csv"), TURNING)
+    assert isinstance(found, Problem)
+    assert "no such file" in found.what
+    (tmp_path / "words.csv").write_text("a,b\n1,x\n2,y\n")
+    partly = held(str(tmp_path / "words.csv"), TURNING)
+    assert [(one.address, one.high) for one in partly.columns] == [("a", 2.0), ("b", None)]
+
+
+def test_a_cure_goes_into_a_mapping_that_is_there_or_not(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    recorded(300).write_csv(path)
+    wanted = [("torque[1].sign", -1)]
+    text = mapping_cured(str(path), "clavel-delta3", None, wanted)
+    data = read(text, "mapping.yaml")
+    assert [one.get("sign", 1) for one in data["torque"]] == [1, -1, 1]
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(text)
+    again = mapping_cured(str(path), "clavel-delta3", str(mapping), [("position[0].zero", 1.5)])
+    mapping.write_text(again)
+    read_back = load_mapping(mapping)
+    assert isinstance(read_back.torque, tuple)
+    assert isinstance(read_back.position, tuple)
+    assert read_back.torque[1].sign == -1
+    assert read_back.position[0].zero == 1.5
+
+
+def test_one_value_changes_nothing_else() -> None:
+    text = (
+        "load: {column: held, name: box}\n"
+        "position: {columns: [a, b, c], unit: deg, sign: [1, -1, 1], gear: 10}\n"
+    )
+    data = read(text, "mapping.yaml")
+    changed = with_value(data, "position", 2, "sign", -1, 3, alike=True)
+    assert changed["load"] == data["load"]
+    assert [one.get("sign", 1) for one in changed["position"]] == [1, -1, -1]
+    assert [one["gear"] for one in changed["position"]] == [10, 10, 10]
+    changed = with_value(changed, "position", 0, "unit", "rad", 3, alike=True)
+    assert [one["unit"] for one in changed["position"]] == ["rad", "rad", "rad"]
+    changed = with_value(changed, "position", 0, "gear", 1.0, 3, alike=False)
+    assert [one.get("gear", 1) for one in changed["position"]] == [1, 10, 10]
+    assert data == read(text, "mapping.yaml")
+    written(changed, "mapping.yaml")
+
+
+def test_a_mapping_that_is_half_written_is_no_file_yet() -> None:
+    data = with_value({}, "torque", 1, "column", "i2", 3, alike=True)
+    assert incomplete(data, 3) == "torque: drive 1 has no column yet"
+    for drive in (0, 2):
+        data = with_value(data, "torque", drive, "column", f"i{drive + 1}", 3, alike=True)
+    assert incomplete(data, 3) == "torque: drive 1 has no unit yet"
+    data = with_value(data, "torque", 0, "unit", "A", 3, alike=True)
+    assert incomplete(data, 3) == ""
+    for drive in range(3):
+        data = with_value(data, "torque", drive, "column", None, 3, alike=True)
+    assert "torque" not in data
+
+
+def test_time_is_a_column_with_a_unit_or_a_rate() -> None:
+    assert with_time({}, "t", "ms", None) == {"time": {"column": "t", "unit": "ms"}}
+    assert with_time({}, "count", "ms", 1000.0) == {"time": {"column": "count", "rate": 1000.0}}
+    assert with_time({"time": {"column": "t"}}, None, "s", 500.0) == {"time": {"rate": 500.0}}
+    assert with_time({"time": {"column": "t"}}, None, "s", None) == {}
+    assert entries({}, "torque", 2) == [{}, {}]
+
+
+def test_a_mapping_that_may_not_be_is_refused_with_its_place() -> None:
+    with pytest.raises(DeltaidError, match="gear"):
+        written({"position": [{"column": "a", "unit": "deg", "gear": -1.0}]}, "mapping.yaml")

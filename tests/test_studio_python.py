@@ -1,0 +1,108 @@
+"""The Python that the studio shows for a step: run, it makes the files that the command makes."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from command import run
+from deltaid.errors import DeltaidError
+from deltaid.model.model import load
+from deltaid.robot.load import load_robot
+from deltaid.studio.describe import drafted, new_step
+from deltaid.studio.plan import Plan, Used
+from deltaid.studio.steps import (
+    Step,
+    check_step,
+    excite_step,
+    export_step,
+    fit_step,
+    forces_step,
+    show_step,
+    simulate_step,
+    validate_step,
+)
+from logs import recorded
+from studios import foreign
+
+ROBOT, MOTION, MAPPING = "clavel-delta3", "at/motion.csv", "mapping.yaml"
+LOG = Used(file="log.csv", mapping=MAPPING)
+PLAN = Plan(robot=ROBOT, recordings=(LOG, Used(file="test.csv", mapping=MAPPING, use="verify")))
+_MAPPING = """\
+time: {column: 'Timestamp [ms]', unit: ms}
+position: {columns: [Axis1.ActPos, Axis2.ActPos, Axis3.ActPos], unit: deg}
+torque: {columns: [Axis1.ActTorque, Axis2.ActTorque, Axis3.ActTorque], unit: N m}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings with their mapping, and a motion."""
+    place = tmp_path_factory.mktemp("python")
+    (place / "at").mkdir()
+    foreign(place / "log.csv", recorded(1500))
+    foreign(place / "test.csv", recorded(900))
+    (place / MAPPING).write_text(_MAPPING)
+    step = excite_step(ROBOT, MOTION, "at", duration=2.0, starts=1)
+    with contextlib.chdir(place):
+        assert run(*step.arguments).code == 0
+    return place
+
+
+def _steps() -> Iterator[Step]:
+    yield show_step(ROBOT, "at/robot.html")
+    yield check_step(PLAN, "at")
+    yield fit_step(PLAN, "at")
+    yield validate_step(ROBOT, LOG, "at")
+    yield excite_step(ROBOT, "at/again.csv", "at", duration=2.0, starts=1)
+    yield simulate_step(ROBOT, MOTION, None, "at", "pd")
+    yield simulate_step(ROBOT, "log.csv", MAPPING, "at")
+    yield forces_step(ROBOT, MOTION, None, "at", 0.1)
+    yield forces_step(ROBOT, "log.csv", MAPPING, "at")
+    for form in ("c", "mjcf", "urdf", "casadi", "npz"):
+        yield export_step(ROBOT, form, f"at/{form}/")
+
+
+@pytest.mark.parametrize("step", list(_steps()), ids=lambda step: " ".join(step.arguments[:3]))
+def test_the_python_of_a_step_makes_what_its_command_makes(folder: Path, step: Step) -> None:
+    with contextlib.chdir(folder):
+        assert run(*step.arguments).code in (0, 3, 4)
+    made = _data(folder, step)
+    assert made or step.kind in ("show", "check", "validate")
+    for path in made:
+        path.unlink()
+    with contextlib.chdir(folder):
+        exec(compile(step.python, step.kind, "exec"), {})
+    again = _data(folder, step)
+    assert set(again) == set(made)
+    for path, data in made.items():
+        if step.kind == "fit":
+            path.with_suffix(".first.yaml").write_bytes(data)
+            assert load(path).p == pytest.approx(load(path.with_suffix(".first.yaml")).p, rel=1e-9)
+        else:
+            assert again[path] == data, path
+
+
+def _data(folder: Path, step: Step) -> dict[Path, bytes]:
+    """What a step has written, without pages, which hold the time."""
+    places = [folder / name for name in step.writes if not name.endswith(".html")]
+    files = [file for place in places for file in (place.iterdir() if place.is_dir() else [place])]
+    return {path: path.read_bytes() for path in files if path.is_file()}
+
+
+def test_a_robot_of_a_form_is_that_of_the_command(folder: Path) -> None:
+    answers = {"base_radius": "200 mm", "platform_radius": "45mm", "arm": "0.235", "strut": "80 cm"}
+    answers |= {"unknown": "", "spacing": " "}
+    step = new_step("delta", "my-robot.yaml", answers)
+    with contextlib.chdir(folder):
+        assert run(*step.arguments).code == 0
+        text = Path("my-robot.yaml").read_text()
+        assert drafted("delta", "my-robot", answers) == text
+        Path("my-robot.yaml").unlink()
+        exec(compile(step.python, "new", "exec"), {})
+        assert Path("my-robot.yaml").read_text() == text
+    assert load_robot(folder / "my-robot.yaml").limbs.strut == pytest.approx(0.8)
+    for wrong in ({}, answers | {"strut": "long"}, answers | {"strut": "80 mm"}):
+        with pytest.raises(DeltaidError):
+            drafted("delta", "my-robot", wrong)

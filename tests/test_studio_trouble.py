@@ -1,0 +1,196 @@
+"""The studio when something goes wrong around it: each time one message, and nothing is lost."""
+
+import asyncio
+import os
+import shutil
+import signal
+import socket
+from pathlib import Path
+
+import pytest
+
+from command import refused
+from deltaid.errors import DeltaidError
+from deltaid.robot.load import catalogue_text
+from deltaid.studio.folder import Folder
+from deltaid.studio.jobs import Job
+from deltaid.studio.look import Problem, opened, told
+from deltaid.studio.plan import Plan, Used
+from deltaid.studio.runs import new_run, runs
+from deltaid.studio.session import Session, standing, unmapped
+from deltaid.studio.stand import stage, stand
+from deltaid.studio.steps import check_step, excite_step
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Session(Folder.at(tmp_path / "work"))
+
+
+def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session: Session) -> None:
+    async def scenario() -> tuple[object, object, object]:
+        try:
+            killed = await session.glance(os._exit, 9)
+            gone = await session.look(opened, "none.csv")
+            alive = await session.glance(opened, "none.csv")
+        finally:
+            await session.close()
+        return killed, gone, alive
+
+    killed, gone, alive = asyncio.run(scenario())
+    assert isinstance(killed, Problem)
+    assert killed.passes
+    assert "process that reads files was ended" in killed.what
+    for found in (gone, alive):
+        assert isinstance(found, Problem)
+        assert found.what.startswith("no such file")
+        assert not found.passes
+
+
+def test_a_step_that_is_killed_is_one_message_and_another_may_begin(session: Session) -> None:
+    async def scenario() -> None:
+        job = session.begin(
+            "excite", lambda at: excite_step("irb360-6-1600", f"{at}/m.csv", at, starts=100)
+        )
+        with pytest.raises(DeltaidError, match="still running"):
+            session.begin("check", lambda at: check_step(Plan(robot="h4"), at))
+        while not job.stages:
+            await asyncio.sleep(0.05)
+        assert job._process is not None
+        os.killpg(job._process.pid, signal.SIGKILL)
+        while session.busy:
+            await asyncio.sleep(0.05)
+        assert job.state == "failed"
+        assert job.error == "it was ended from outside"
+        assert not session.busy
+        await session.close()
+
+    asyncio.run(scenario())
+    (run,) = runs(session.folder)
+    assert not run.succeeded
+    assert not (session.folder.root / run.folder / "m.csv").exists()
+
+
+def test_a_folder_that_is_removed_while_a_step_runs(session: Session) -> None:
+    async def scenario() -> Job:
+        job = session.begin("check", lambda at: check_step(Plan(robot="clavel-delta3"), at))
+        while not job.stages:
+            await asyncio.sleep(0.05)
+        shutil.rmtree(session.folder.root)
+        while session.busy:
+            await asyncio.sleep(0.05)
+        await session.close()
+        return job
+
+    job = asyncio.run(scenario())
+    assert job.state == "failed"
+    assert job.error
+    assert "Traceback" not in job.error
+
+
+def test_a_folder_that_is_gone_is_said(session: Session) -> None:
+    shutil.rmtree(session.folder.root)
+    assert session.store.look()
+    assert not session.folder.is_there
+    assert session.folder.files() == []
+    with pytest.raises(DeltaidError, match="runs: cannot be used: No such file"):
+        new_run(session.folder, "fit")
+
+
+def test_a_recording_that_vanishes_is_missing(session: Session) -> None:
+    used = Used(file="log.csv", mapping="mapping.yaml")
+    (session.folder.root / "log.csv").write_text("t,q1\n0,1\n")
+    session.store.change(lambda plan: plan.changed(robot="h4").with_recording(used))
+    assert unmapped(session) == []
+    assert standing(session)["recording"] == "done"
+    (session.folder.root / "log.csv").unlink()
+    assert session.store.look()
+    assert unmapped(session) == ["log.csv"]
+    assert standing(session)["recording"] == "open"
+
+
+def test_the_recording_that_is_tested_on_needs_a_mapping_too(session: Session) -> None:
+    for name in ("log.csv", "test.csv"):
+        (session.folder.root / name).write_text("t,q1\n0,1\n")
+    fit = Used(file="log.csv", mapping="mapping.yaml")
+    verify = Used(file="test.csv", use="verify")
+    session.store.change(lambda p: p.changed(robot="h4").with_recording(fit).with_recording(verify))
+    assert unmapped(session) == ["test.csv"]
+    session.store.change(lambda plan: plan.with_recording(verify.changed(use="aside")))
+    assert unmapped(session) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("picture.csv", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "no column of numbers"),
+        ("empty.csv", b"", "is empty"),
+        ("header.csv", b"t,q1,q2\n", "no column of numbers"),
+        ("words.csv", b"t,q1\nmorning,high\nnoon,low\n", "no column of numbers"),
+        ("noise.mat", b"\0" * 400, "damaged MATLAB file"),
+        ("noise.parquet", b"PAR0" * 40, "no Parquet file"),
+    ],
+)
+def test_what_is_no_recording_is_told_at_once(
+    tmp_path: Path, name: str, data: bytes, said: str
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    found = told(opened, str(tmp_path / name))
+    assert isinstance(found, Problem)
+    assert said in found.what
+    assert found.cure
+    assert found.inside(tmp_path).where.startswith(name)
+
+
+def test_a_recording_of_any_names_may_be_one(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("when,a,b\nmorning,1,2\nnoon,3,4\n")
+    assert opened(str(tmp_path / "log.csv")) == 3
+
+
+def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        said = refused("studio", tmp_path, "--port", port, folder=tmp_path)
+    assert f"--port {port}: cannot be used" in said
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that nobody writes to")
+def test_a_folder_that_may_not_be_written_to_is_said(tmp_path: Path) -> None:
+    said = refused("studio", "/proc/self", "--no-browser", folder=tmp_path)
+    assert "/proc/self: cannot be used" in said
+
+
+def test_a_robot_that_does_not_reach_stays_and_says_why(tmp_path: Path) -> None:
+    found = stage("clavel-delta3", "")
+    assert [axis.name for axis in found.axes] == ["x", "y", "z"]
+    home = stand("clavel-delta3", "", found.home, found.home)
+    assert home.view.arrived
+    assert home.middles.shape == (len(found.colors), 3)
+    struts = [k for k, color in enumerate(found.colors) if color == found.legend["struts"]]
+    assert home.lengths[struts] == pytest.approx(1.055)
+    far = stand("clavel-delta3", "", (5.0, 0.0, -1.0), found.home)
+    assert not far.view.arrived
+    assert "stays where it was" in far.view.message
+    assert far.middles == pytest.approx(home.middles)
+    low = stand("clavel-delta3", "", (0.0, 0.0, found.axes[2].low), found.home)
+    assert "workspace height" in low.view.message
+
+
+def test_a_robot_file_that_changes_is_shown_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(catalogue_text("clavel-delta3"))
+    before = stage(str(path), "1")
+    path.write_text(catalogue_text("clavel-delta3").replace("strut: 1.055", "strut: 1.155"))
+    after = stage(str(path), "2")
+    assert after.size > before.size + 0.01
+    path.write_text("name: none\n")
+    assert isinstance(told(stage, str(path), "3"), Problem)
+
+
+def test_turns_are_asked_for_in_degrees() -> None:
+    found = stage("irb360-6-1600", "")
+    assert found.axes[3].unit == "deg"
+    turned = stand("irb360-6-1600", "", (*found.home[:3], 30.0), found.home)
+    assert turned.view.z[3] == pytest.approx(0.5236, abs=1e-4)
