@@ -1,6 +1,6 @@
 """Microseconds a call of the exported C code, beside MuJoCo and Pinocchio on the same robot.
 
-    pip install deltaid[test,benchmark]
+    pip install '.[test,benchmark]'
     python benchmarks/c_code.py
 
 One thread, processor time for all. Every function is called with states of a motion through the

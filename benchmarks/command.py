@@ -1,6 +1,6 @@
 """Time and memory of the whole `deltaid identify` command on logs of 10⁴ to 10⁶ or 10⁷ samples.
 
-    pip install deltaid
+    pip install .
     python benchmarks/command.py [--largest 10000000] [--before ../old/src]
 
 The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,

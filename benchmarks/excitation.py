@@ -1,6 +1,6 @@
 """Excitation motions: deltaid's optimiser against two usual ones, and what its motions are worth.
 
-    pip install deltaid
+    pip install .
     python benchmarks/excitation.py [--quick]
 
 One robot, one series, one set of limits, the default criterion, one thread a solver. Four parts:

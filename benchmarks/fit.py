@@ -1,6 +1,6 @@
 """From the information to the parameters: deltaid's two solvers and CVXPY on the same problem.
 
-    pip install deltaid[benchmark]
+    pip install '.[benchmark]'
     python benchmarks/fit.py
 
 A surrogate robot with known truth is recorded twice: as a drive would log it (encoder steps, 2 %

@@ -1,6 +1,6 @@
 """How often ranges of constraint forces hold the truth, over many recordings.
 
-    pip install deltaid
+    pip install .
     python benchmarks/force_ranges.py
 
 Each recording is of another surrogate of the 4-DOF Delta (parameters up to 30 % from the prior, as

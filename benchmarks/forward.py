@@ -1,6 +1,6 @@
 """µs a forward dynamics: deltaid, MuJoCo's constrained simulation, Pinocchio's constraintDynamics.
 
-    pip install deltaid[test,benchmark]
+    pip install '.[test,benchmark]'
     python benchmarks/forward.py
 
 Everything is measured in one run on one core, for one 4-DOF Delta with telescope bar. The tool and

@@ -1,6 +1,6 @@
 """Whether optimised motions keep all limits between the points that they were optimised on.
 
-    pip install deltaid
+    pip install .
     python benchmarks/limits_held.py [SEEDS]
 
 Two studies: one start of every seed at a robot's own limits, on a grid ten times finer; and

@@ -1,6 +1,6 @@
 """Nanoseconds a sample of every kernel for every mechanism of the catalogue, on one core.
 
-    pip install deltaid[benchmark]
+    pip install '.[benchmark]'
     python benchmarks/mechanisms.py
 
 Counted are the kernels of the regressor's nonzero entries, of inverse dynamics, of the mass matrix

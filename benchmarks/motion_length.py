@@ -1,6 +1,6 @@
 """How long a motion has to be for the bounds that Sec. VII of the paper is held to.
 
-    pip install deltaid
+    pip install .
     python benchmarks/motion_length.py
 
 The surrogate of `deltaid reproduce surrogate` with 2 % torque noise. For each length: a few

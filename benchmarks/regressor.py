@@ -1,6 +1,6 @@
 """Regressor evaluations a second on one core: deltaid, CasADi's map, Pinocchio's route.
 
-    pip install deltaid[benchmark]
+    pip install '.[benchmark]'
     python benchmarks/regressor.py
 
 Everything is measured in one run, at the same random motions of one 4-DOF Delta. Counted is:

@@ -1,6 +1,6 @@
 """What scales, a force plate and gauges make of true values of bodies, as one table.
 
-    pip install deltaid
+    pip install .
     python benchmarks/scales_and_sensors.py [ROBOT]
 
 Standard deviation of some entries in per cent of their prior (prior 50 %, 20 s, 2 % of each drive's

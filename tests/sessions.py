@@ -6,8 +6,11 @@ says what no longer agrees; with --renew it rewrites the quoted outputs and says
 mend by hand. In a page, a block marked `console` holds lines `$ command` and below each what it
 prints; a line `…` stands for lines left out. A quoted line must occur in what the command prints,
 in the order of quoting; numbers and spaces do not count, because they may differ between machines.
-A page that runs a command with --json must name all keys of its result. Blocks marked `python` are
-executed, one namespace a page. All pages run in one folder, with deltaid inside this process.
+A page that runs a command with --json must name all keys of its result. Blocks marked `sh` hold
+commands alone. Blocks marked `python` are executed, one namespace a page. A comment `<!-- before`
+(or `<!-- before python`) holds lines that have to run first and that a page does not show. All
+pages run in one folder, with deltaid inside this process. What `NOT_RUN` matches stays out, and
+except for --renew a search for a motion has one start.
 """
 
 import contextlib
@@ -20,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +34,15 @@ from deltaid.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[1]
 SKIPPED = "…"
-_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# These need a network, a new environment or minutes, a recording that is not ours to give, or they
+# serve until they are stopped; .ci/run and tests of their own run most of them.
+NOT_RUN = re.compile(
+    r"\b(pip|venv|ruff|twine|zensical|(pictures|sessions|links|notebook_page)\.py|DATA_EMPS)\b"
+    r"|\bdeltaid (compare-controllers|reproduce|studio)\b|--live\b"
+    r"|\bbenchmarks/|\b(surrogate|irb360)/|^cd "
+)
+_BEFORE = re.compile(r"<!-- before( python)?\n(.*?)-->", re.DOTALL)
+_FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 for console in (output.console, output.error_console):
     console.width = 100  # whatever the terminal
@@ -46,8 +58,9 @@ class Command:
 
     @property
     def expected_code(self) -> int:
-        """2 where an error is quoted, else 0."""
-        return 2 if any(line.startswith("error:") for line in self.quoted) else 0
+        """2 where an error is quoted, 4 where a check finds something wrong, else 0."""
+        starts = {line.partition(" ")[0] for line in self.quoted}
+        return 2 if "error:" in starts else 4 if "wrong" in starts else 0
 
 
 @dataclass(frozen=True)
@@ -59,32 +72,53 @@ class Code:
 
 
 def blocks(page: str, language: str) -> Iterator[tuple[int, str]]:
-    """Line number and text of all fenced blocks in a language."""
+    """Line number and text of all fenced blocks in a language, those in tabs too."""
     for match in _FENCE.finditer(page):
-        if match[1] == language:
-            yield page.count("\n", 0, match.start()) + 2, match[2]
+        if match[2] == language:
+            yield page.count("\n", 0, match.start()) + 2, textwrap.dedent(match[3])
+
+
+def shell_lines(text: str) -> Iterator[str]:
+    """Commands of a block without outputs: one a line, or several with `\\` at their ends."""
+    for line in text.replace("\\\n", " ").splitlines():
+        bare = re.sub(r"\s+#.*$", "", line).strip()
+        if bare and not NOT_RUN.search(bare):
+            yield bare
 
 
 def steps(page: str) -> list[Command | Code]:
     """Everything in a page that runs, in its order."""
-    found: list[Command | Code] = [Code(*block) for block in blocks(page, "python")]
+    found: list[Command | Code] = [
+        Code(line, text) for line, text in blocks(page, "python") if not text.startswith("--8<--")
+    ]
+    for match in _BEFORE.finditer(page):
+        line = page.count("\n", 0, match.start()) + 1
+        here = [Command(line, text) for text in shell_lines(match[2])]
+        found += [Code(line, match[2])] if match[1] else here
+    for first, text in blocks(page, "sh"):
+        found += [Command(first, line) for line in shell_lines(text)]
     for first, text in blocks(page, "console"):
         command = None
         for i, line in enumerate(text.splitlines()):
             if line.startswith("$ "):
                 command = Command(first + i, line[2:])
-                found.append(command)
+                found += [] if NOT_RUN.search(line) else [command]
             else:
                 assert command, f"line {first + i}: output without a command"
                 command.quoted.append(line)
     return sorted(found, key=lambda step: step.line)
 
 
+def quicker(command: str) -> str:
+    """The same with one start of each search for a motion, where the page names no number."""
+    return command if "--starts" in command else command.replace(" excite ", " excite --starts 1 ")
+
+
 def run(command: str, folder: Path) -> tuple[int, list[str]]:
     """Exit code and printed lines of a command in a folder; deltaid and examples in-process."""
     text, _, target = command.partition(" > ")
     argv = shlex.split(text)
-    if argv[0] not in ("deltaid", "python"):
+    if argv[0] not in ("deltaid", "python"):  # head, sed, …
         done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True)
         return done.returncode, (done.stdout + done.stderr).splitlines()
     printed = io.StringIO()
@@ -148,7 +182,7 @@ def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
             execute(step, namespace, folder)
             continue
         where = f"{path.name}:{step.line}: {step.text}"
-        code, printed = run(step.text, folder)
+        code, printed = run(step.text if renew else quicker(step.text), folder)
         if code != step.expected_code:
             complaints.append("\n  ".join([f"{where}\n  exit code {code}", *printed[-5:]]))
         if "--json" in step.text and code == 0:

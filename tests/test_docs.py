@@ -17,28 +17,23 @@ from deltaid.cli.app import app
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
-from sessions import ROOT, SKIPPED, blocks
+from sessions import NOT_RUN, ROOT, SKIPPED, blocks, steps
 
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
-PAGES = sorted(DOCS.glob("*.md"))
-_RUN = (
-    "tutorial",
-    "recordings",
-    "mechanisms",
-    "conventions",
-    "theory",
-    "cli",
-    "api",
-    "forces",
-    "posterior",
-    "sensors",
-    "simulation",
-)
-RUNNABLE = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in _RUN)]
+PAGES = sorted(DOCS.rglob("*.md"))
+_API = (DOCS / "api.md", *sorted((DOCS / "api").glob("*.md")))
+API = "".join(path.read_text(encoding="utf-8") for path in _API)
+RUNNABLE = [ROOT / "README.md"]
+RUNNABLE += [  # a notebook's page is made by running the notebook
+    path
+    for path in PAGES
+    if steps(path.read_text(encoding="utf-8")) and not path.with_suffix(".ipynb").exists()
+]
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 _INLINE = re.compile(r"`(deltaid [^`]+)`")
-_SHELL = ("", "console", "bash", "sh", "shell")
+_SHELL = ("", "console", "sh", "powershell")
+_NO_COMMANDS = ("python", "text", "yaml", "matlab", "c", "json")
 
 
 def section(heading: str) -> str:
@@ -66,8 +61,7 @@ def command_lines(path: Path) -> list[str]:
 @pytest.mark.parametrize("name", deltaid.__all__)
 def test_public_names_are_what_the_api_page_shows(name: str) -> None:
     assert getattr(deltaid, name).__name__ == name
-    page = (DOCS / "api.md").read_text(encoding="utf-8")
-    assert re.search(rf"^::: deltaid\.{name}$", page, re.M)
+    assert re.search(rf"^::: deltaid\.{name}$", API, re.M)
 
 
 @pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)
@@ -84,6 +78,19 @@ def test_command_lines_parse(path: Path) -> None:
         for word in words:
             if word.startswith("-"):
                 assert word.partition("=")[0] in options, f"{path.name}: {line}"
+
+
+@pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)
+def test_blocks_are_of_a_kind_that_is_run_or_read(path: Path) -> None:
+    page = path.read_text(encoding="utf-8")
+    kinds = set(re.findall(r"^ *```(\w*)[^\n]*\n.*?^ *```$", page, re.M | re.S))
+    kinds -= {"py"} if path.with_suffix(".ipynb").exists() else set()
+    assert kinds <= {*_SHELL, *_NO_COMMANDS}
+
+
+def test_little_is_not_run() -> None:
+    lines = [line for path in RUNNABLE for line in command_lines(path)]
+    assert sum(bool(NOT_RUN.search(line)) for line in lines) < 0.1 * len(lines)
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))

@@ -270,7 +270,7 @@ def test_a_library_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "h5py", None)
     message = refusal(read, path)
     assert "is an HDF5 file, and the library h5py that reads it is not installed" in message
-    assert "pip install 'deltaid[formats]'" in message
+    assert "pip install h5py" in message
 
 
 def test_libraries_are_loaded_when_they_are_needed(tmp_path: Path) -> None:

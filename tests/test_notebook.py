@@ -170,6 +170,8 @@ def test_names_cannot_become_markup(result) -> None:
         assert not document.scripts
         assert "img" not in {tag for tag, _ in document.tags}
         assert "onerror=alert(1)" in " ".join(document.texts)
+    names = [curve.name for curve in deltaid.Recording.from_table(log).plot().data]
+    assert names[-1].startswith("&lt;/script&gt;")
     assert "\x1b" not in repr(deltaid.load_robot(NAME).changed(title="red \x1b[31m"))
 
 
@@ -233,10 +235,8 @@ def test_pages(values: dict[str, object], tmp_path: Path) -> None:
         assert word in text, what
         assert "Content-Security-Policy" in text, what
     result, proof = values["an identification"], values["a comparison"]
-    alone = result.report(tmp_path / "alone.html").read_text(encoding="utf-8")
     proved = result.report(str(tmp_path / "proved.html"), proof).read_text(encoding="utf-8")
-    assert "predicts torques of an unseen motion" in proved
-    assert "predicts torques of an unseen motion" not in alone
+    assert "Good: predicts torques of an unseen motion" in proved
     with pytest.raises(deltaid.DeltaidError, match=r"must end in \.html"):
         result.report(tmp_path / "x.pdf")
     assert not (tmp_path / "x.pdf").exists()

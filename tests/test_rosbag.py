@@ -179,4 +179,4 @@ def test_a_bag_without_joint_states(tmp_path: Path) -> None:
 def test_the_library_may_be_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = KINDS["mcap"](tmp_path, MESSAGES[:5])
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
-    assert "pip install 'deltaid[formats]'" in refused(path, ["t"])
+    assert "pip install rosbags" in refused(path, ["t"])

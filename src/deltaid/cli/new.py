@@ -1,6 +1,7 @@
 """`deltaid new`: a description of one's own robot, from a few numbers."""
 
 import inspect
+import signal
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -188,7 +189,7 @@ class _Terminal:
             console.print(f"  {i + 1}  {name}: {KINDS[name]}")
         console.print("A number may have a unit (235 mm, 3 kg cm²); ? tells how to find it out.")
         while True:
-            text = console.input("number or name: ").strip()
+            text = _line("number or name: ").strip()
             if text.isdigit() and 1 <= int(text) <= len(names):
                 return names[int(text) - 1]
             try:
@@ -207,7 +208,7 @@ class _Terminal:
         unit = f" {question.shown_unit}".rstrip()
         shown = f" ({offer[0]:g}{unit}, {offer[1]})" if offer else f" [{unit.strip()}]" * bool(unit)
         while True:
-            text = console.input(f"{question.text}{shown}: ")
+            text = _line(f"{question.text}{shown}: ")
             if text.strip() != "?":
                 return text
             console.print(f"  {question.how}")
@@ -217,6 +218,18 @@ class _Terminal:
         from deltaid.cli.output import print_error
 
         print_error(error)
+
+
+def _line(prompt: str) -> str:
+    """A line that is typed.
+
+    A library that takes Ctrl-C for itself lets reading go on after it; it must end.
+    """
+    from deltaid.cli.output import console
+
+    if hasattr(signal, "siginterrupt"):
+        signal.siginterrupt(signal.SIGINT, True)
+    return console.input(prompt)
 
 
 def _write(draft: "Draft", file: Path) -> None:

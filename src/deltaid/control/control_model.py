@@ -50,7 +50,8 @@ class ControlModel:
 
         Args:
             near: task coordinates near those of q, from which forward kinematics iterates.
-            q, qd: where M, C and g are taken.
+            q: where M, C and g are taken; with
+            qd: q̇ of C.
             along: v.
             acceleration: a.
             rubbing: w.

@@ -27,8 +27,7 @@ def require_matplotlib() -> None:
         raise DeltaidError(
             "the picture needs matplotlib, which is not installed",
             where="--plot",
-            cure="pip install 'deltaid[plot]', or pip install matplotlib; --report needs nothing "
-            "more",
+            cure="pip install matplotlib; --report needs nothing more",
         )
 
 

@@ -76,8 +76,10 @@ def figure(value: Recording) -> "go.Figure":
             values = table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
             x, y = _condensed(time, values)
             line = {"color": style.SERIES[k % len(style.SERIES)], "width": 1.2}
-            figure.add_scatter(x=x, y=y, name=name, mode="lines", line=line, row=row, col=1)
-        figure.update_yaxes(title_text=title, row=row, col=1)
+            figure.add_scatter(
+                x=x, y=y, name=style.label(name), mode="lines", line=line, row=row, col=1
+            )
+        figure.update_yaxes(title_text=style.label(title), row=row, col=1)
     figure.update_xaxes(title_text="time [s]" if clock is not None else "row", row=len(shown))
     figure.update_layout(height=150 * len(shown) + 110)
     return figure

@@ -116,7 +116,10 @@ class Recording(Shown, Plotted, Tabled):
         numbers are in s and rad, rad/s, rad/s², N m at the joint, or m, m/s, m/s², N.
 
         Args:
-            q, qd, qdd, tau: position, velocity, acceleration and torque, (samples, drives).
+            q: positions, (samples, drives).
+            qd: velocities, the same shape.
+            qdd: accelerations, the same shape.
+            tau: torques or forces, the same shape.
             t: time, (samples,); or
             rate: the sampling rate in its place [Hz].
             extra: what was recorded beside the drives, such as the state of a gripper, by the names

@@ -44,7 +44,7 @@ def require_viser() -> ModuleType:
         raise DeltaidError(
             "the live view needs viser, which is not installed",
             where="--live",
-            cure="pip install 'deltaid[live]', or pip install viser; --report needs nothing more",
+            cure="pip install viser; --report needs nothing more",
         ) from None
     return viser
 

@@ -48,7 +48,7 @@ def answering_own_page_only() -> Generator[None, None, None]:
         raise DeltaidError(
             "this version of viser cannot be kept from talking to other pages of the web",
             where="--live",
-            cure="install another one: pip install 'viser==1.1.1'",
+            cure="install another one: pip install viser==1.1.1",
         )
 
 

@@ -20,5 +20,5 @@ def library(name: str, kind: str, path: Path) -> Any:
         raise RecordingError(
             f"is {kind}, and the library {package} that reads it is not installed",
             where=str(path),
-            cure="pip install 'deltaid[formats]'",
+            cure=f"pip install {package}",
         ) from None

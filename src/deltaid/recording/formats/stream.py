@@ -150,7 +150,7 @@ def _zstd(path: Path) -> tuple[Callable[[], _Unpacker], type[Exception]]:
         raise RecordingError(
             "is compressed by zstd, and the library zstandard is not installed",
             where=str(path),
-            cure="pip install 'deltaid[formats]', or unpack it by `zstd -d`",
+            cure="pip install zstandard, or unpack it by `zstd -d`",
         ) from None
     return zstandard.ZstdDecompressor().decompressobj, zstandard.ZstdError
 

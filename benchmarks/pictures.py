@@ -1,0 +1,92 @@
+"""The pictures of README and of docs/gallery.md, made by the program itself.
+
+    pip install -e '.[test]'
+    python benchmarks/pictures.py
+
+writes into docs/images. Pages are photographed in Chromium, in light and in dark colours; the
+terminal is an SVG that plays by itself, written by `recorded_terminal`.
+"""
+
+import io
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from playwright import sync_api
+
+sys.path.insert(0, str(Path(__file__).parent))
+from terminal_svg import Shown, recorded_terminal
+
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+ROBOTS = ("irb360-6-1600", "h4", "par4-linear", "linear-delta")
+SESSION = (
+    Shown(
+        "deltaid check demo/robot.yaml log.csv --columns columns.yaml --write mended.yaml",
+        first=5,
+        last=9,
+    ),
+    Shown(
+        "deltaid identify demo/robot.yaml log.csv --columns mended.yaml "
+        "--verify other-log.csv -o model.yaml --report report.html",
+        last=15,
+    ),
+    Shown(
+        "deltaid forces model.yaml planned.csv --columns planned.yaml --strut-spacing 0.1", first=8
+    ),
+    Shown("deltaid torque model.yaml planned.csv --columns planned.yaml -o feed-forward.csv"),
+)
+
+
+def prepare(folder: Path) -> None:
+    """The demonstration's robot and recordings, and the logs of a foreign controller."""
+    for path in (ROOT / "examples" / "foreign_log").iterdir():
+        shutil.copy(path, folder)
+    for command in (
+        ["deltaid", "demo", "--keep", "demo"],
+        [sys.executable, "make.py"],
+        [sys.executable, "planned.py"],
+    ):
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+
+
+def photograph(browser: sync_api.Browser, page: Path, name: str, *, part: str | None) -> None:
+    """The first screen of a page, or one part of it, as NAME.png and NAME-dark.png."""
+    for scheme, ending in (("light", ""), ("dark", "-dark")):
+        tab = browser.new_page(viewport={"width": 1200, "height": 800}, color_scheme=scheme)
+        tab.goto(page.as_uri())
+        tab.wait_for_timeout(3000)  # figures draw themselves
+        png = (tab.locator(part).first if part else tab).screenshot()
+        tab.close()
+        # 256 colours are enough for lines and text, and take a third of the room.
+        picture = Image.open(io.BytesIO(png)).convert("RGB").quantize(256)
+        picture.save(IMAGES / f"{name}{ending}.png", optimize=True)
+
+
+def main() -> None:
+    """Make all of them."""
+    with tempfile.TemporaryDirectory() as temporary, sync_api.sync_playwright() as playwright:
+        folder = Path(temporary)
+        prepare(folder)
+        svg = recorded_terminal(SESSION, folder)
+        (IMAGES / "terminal.svg").write_text(svg, encoding="utf-8")
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--enable-unsafe-swiftshader"],
+        )
+        for name in ROBOTS:
+            page = folder / f"{name}.html"
+            subprocess.run(["deltaid", "show", name, "-o", page], check=True, capture_output=True)
+            photograph(browser, page, name, part=".js-plotly-plot")
+        excited = ["deltaid", "excite", "demo/robot.yaml", "-o", "m.csv", "--starts", "1"]
+        subprocess.run([*excited, "--report", "excitation.html"], cwd=folder, check=True)
+        for name in ("report", "excitation"):
+            photograph(browser, folder / f"{name}.html", name, part=None)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()

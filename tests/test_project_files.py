@@ -1,0 +1,100 @@
+"""Files that others than users read: package metadata, citation, forms of issues, installation."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+from ruamel.yaml import YAML
+
+import deltaid
+from links import PAGES, ROOT
+
+FORMS = sorted(
+    path for path in (ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml") if path.stem != "config"
+)
+SCHEMAS = {
+    "citation-file-format": [ROOT / "CITATION.cff"],
+    "github-issue-config": [ROOT / ".github" / "ISSUE_TEMPLATE" / "config.yml"],
+    "github-issue-forms": FORMS,
+}
+URL = "https://example.org/deltaid"
+
+
+@pytest.fixture(scope="module")
+def hook() -> ModuleType:
+    """What writes the project's address into a package."""
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("schema", SCHEMAS)
+def test_files_keep_their_schema(schema: str) -> None:
+    assert SCHEMAS[schema]
+    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", f"vendor.{schema}"]
+    done = subprocess.run([*command, *SCHEMAS[schema]], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_citation_and_package_agree() -> None:
+    citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    for name, value in (
+        ("version", citation["version"]),
+        ("license", citation["license"]),
+        ("authors", citation["authors"][0]["name"]),
+    ):
+        assert re.search(rf'^{name} = .*"{re.escape(str(value))}"', project, re.M), name
+
+
+def test_project_address_is_one_variable(hook: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    build = hook.ProjectUrl(str(ROOT), {})
+    monkeypatch.delenv(hook.VARIABLE, raising=False)
+    build.update(without := {})
+    assert without["urls"] == {}
+    assert without["readme"]["text"] == (ROOT / "README.md").read_text(encoding="utf-8")
+    monkeypatch.setenv(hook.VARIABLE, URL + "/")
+    build.update(given := {})
+    assert set(given["urls"]) == {"Source", "Documentation", "Issues", "Changelog"}
+    assert all(address.startswith(URL) for address in given["urls"].values())
+    text = given["readme"]["text"]
+    targets = re.findall(r'\]\(([^)]+)\)|(?:src|srcset)="([^"]+)"', text)
+    assert len(targets) > 20
+    for target in map("".join, targets):
+        assert target.startswith("https://"), target
+    assert f"({URL}/raw/main/docs/images/terminal.svg)" in text
+    assert f"({URL}/blob/main/docs/tutorial.md)" in text
+
+
+def test_no_other_file_names_an_address() -> None:
+    for name in ("pyproject.toml", "mkdocs.yml", "CITATION.cff", "hatch_build.py"):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        assert not re.findall(r"https?://\S", text), name
+
+
+# A line that installs names what is in the folder ('.'), or a package that an index has.
+ELSEWHERE = {
+    "build", "twine",
+    "h5py", "matplotlib", "nicegui", "pandas", "rosbags", "viser", "viser==1.1.1", "zstandard",
+}  # fmt: skip
+
+
+def test_lines_that_install_work_today() -> None:
+    sources = [*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")]
+    found = 0
+    for path in sources:
+        for line in re.findall(r"\bpip install ([^`\n]+)", path.read_text(encoding="utf-8")):
+            words = re.split(r"\s*(?:&&|;|,|#|\||\)|\")", line.replace('".', "'."))[0].split()
+            for word in (word.strip("'\"") for word in words):
+                if word in ("or", "and", "in"):
+                    break
+                own = word.startswith((".", "-", "{"))
+                assert own or word in ELSEWHERE, f"{path.name}: pip install {line}"
+                found += 1
+    assert found > 20
+    assert deltaid.__name__ not in ELSEWHERE
