@@ -32,7 +32,8 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
     ]
     if missing:
         raise DeltaidError(
-            f"{'; '.join(missing)}: still missing",
+            "still missing",
+            where="; ".join(missing),
             cure="measure it, or look it up: nobody can guess",
         )
     draft = Draft(kind, name, KINDS[kind].split(",")[0])
