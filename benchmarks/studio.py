@@ -171,8 +171,7 @@ def visit(page: sync_api.Page, studio: Studio, log: Path, table: list[tuple[str,
     keys.go("Use")
     for step in ("Export", "Excite", "Simulate", "Forces"):
         keys.press(step)
-        page.get_by_role("button", name="Cancel").wait_for()
-        page.get_by_role("button", name="Cancel").wait_for(state="detached", timeout=300_000)
+        page.get_by_text(f"-{step.lower()}:").wait_for(timeout=300_000)  # what it made
         page.wait_for_timeout(500)
     table.append(("keys pressed to get about", f"{keys.steps} Tabs"))
     table.append(("focus not visible on", ", ".join(sorted(keys.unseen)) or "nothing"))

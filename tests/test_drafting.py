@@ -18,6 +18,7 @@ from deltaid.drafting.questions import QUESTIONS, Question, asked
 from deltaid.drafting.text import written
 from deltaid.errors import DeltaidError
 from deltaid.robot.load import load_robot
+from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
 from support import KINDS
 from test_catalogue import number_paths
 
@@ -113,6 +114,8 @@ def test_every_number_comes_back(kind: str) -> None:
     made = Draft(kind, "odd", "Odd", made.values, dict.fromkeys(made.values, GIVEN))
     back = answers(description(made))
     assert kind_of(description(made)) == kind
+    if isinstance(platform := description(made).platform, H4Platform | Par4Platform | I4Platform):
+        assert platform.angle_deg == (-made.values["tool_turn"], made.values["tool_turn"])
     behind = {"torque": 3.0, "speed": 1 / 3, "rotor": 9.0, "gear": 1 / 3}
     for question in asked(kind):
         key = question.key

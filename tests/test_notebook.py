@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 
 import deltaid
+from deltaid.check.verdict import Grade
 from deltaid.notebook.card import Card, text
 from deltaid.notebook.show import _KINDS
 from html_page import HOSTILE, Document
@@ -151,6 +152,19 @@ def test_a_notebook_shows_a_card(values: dict[str, object]) -> None:
         assert page.count("<tr") == page.count("</tr>"), what
     wrong = values["checks"]._repr_html_()
     assert re.search(r'background:#b42318[^>]*">wrong</span>', wrong)
+
+
+def test_verdicts_are_told_the_worst_first() -> None:
+    grades = (Grade.DOUBTFUL, Grade.GOOD, Grade.WRONG, Grade.CANNOT_TELL)
+    found = deltaid.Verdicts(
+        deltaid.Verdict(f"key{k}", grade, "seen", cause="cause", cure="cure")
+        for k, grade in enumerate(grades)
+    )
+    assert found.grade == "wrong"
+    assert found.poor[0].key == "key2"
+    assert {one.key for one in found.poor} == {"key0", "key2", "key3"}
+    assert repr(found).index("key2") < repr(found).index("key0")
+    assert "key1" not in repr(found)
 
 
 def test_names_cannot_become_markup(result) -> None:

@@ -32,6 +32,8 @@ HOLE = np.where(np.arange(1200)[:, None] == 7, np.nan, ARRAYS["q"])
 MISTAKES: dict[str, tuple[Callable[[], object], str, str]] = {
     "a parameter's usual name": (
         lambda: deltaid.load(NAME)["P.mass"], "has no parameter 'P.mass'", "did you mean P.m?"),
+    "a parameter's name elsewhere": (
+        lambda: deltaid.load(NAME)["S.inertia"], "no parameter 'S.inertia'", "did you mean S.Izz?"),
     "a parameter": (
         lambda: deltaid.load(NAME).value("viscos.drive1"), "no parameter", "viscous.drive1?"),
     "a drive": (
@@ -107,6 +109,12 @@ def test_the_errors_are_also_those_that_python_knows() -> None:
     assert not hasattr(deltaid, "_repr_html_")
     error = UnknownNameError("has no x", where="here", cure="there are: y")
     assert str(pickle.loads(pickle.dumps(error))) == str(copy.copy(error)) == str(error)
+
+
+def test_a_column_that_is_asked_for_itself_is_not_meant() -> None:
+    with pytest.raises(deltaid.DeltaidError, match="has no column tau2") as caught:
+        deltaid.validate(NAME, FRAME.rename({"tau2": "torque2"}))
+    assert "did you mean" not in str(caught.value)
 
 
 def test_the_nearest_name() -> None:

@@ -155,6 +155,10 @@ def test_a_model_stands_for_its_robot_and_brings_its_parameters(tmp_path: Path) 
     at = deltaid.load(result).dynamics.inverse_dynamics(q, q, q, expected)
     for model in (result, result.model, tmp_path / "model.yaml", deltaid.load(result)):
         np.testing.assert_array_equal(deltaid.Dynamics(model).inverse_dynamics(q, q, q), at)
+    forward = deltaid.load(result).forward
+    found = forward.drive_acceleration(q, q, q)
+    np.testing.assert_array_equal(found, forward.drive_acceleration(q, q, q, expected))
+    assert not np.allclose(found, deltaid.load(NAME).forward.drive_acceleration(q, q, q))
     prior = deltaid.Dynamics(NAME).inverse_dynamics(q, q, q)
     assert not np.allclose(prior, at)
     np.testing.assert_array_equal(result["P.m"], deltaid.load(result)["P.m"])

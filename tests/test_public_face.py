@@ -111,7 +111,7 @@ def test_a_name_a_robot_file_and_a_model_file_are_taken_alike(
 def test_the_block_of_the_readme_runs(
     truth: np.ndarray, log: Path, robot_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ((_, code),) = blocks((ROOT / "README.md").read_text(encoding="utf-8"), "py")
+    ((_, code),) = blocks((ROOT / "README.md").read_text(encoding="utf-8"), "python")
     (tmp_path / "my-robot.yaml").write_bytes(robot_file.read_bytes())
     (tmp_path / "log.csv").write_bytes(log.read_bytes())
     monkeypatch.chdir(tmp_path)

@@ -27,10 +27,20 @@ def session(tmp_path: Path) -> Session:
     return Session(Folder.at(tmp_path / "work"))
 
 
+def _dies_once(mark: Path) -> str:
+    if not mark.exists():
+        mark.touch()
+        os._exit(9)
+    return "alive"
+
+
 def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session: Session) -> None:
+    mark = session.folder.root / "mark"
+
     async def scenario() -> tuple[object, object, object]:
         try:
-            killed = await session.glance(os._exit, 9)
+            killed = await session.look(_dies_once, mark)
+            assert await session.look(_dies_once, mark) == "alive"
             gone = await session.look(opened, "none.csv")
             alive = await session.glance(opened, "none.csv")
         finally:

@@ -1,8 +1,10 @@
-"""What is assumed of a robot that nobody has measured, from what is known of it."""
+"""What is assumed of a robot that nobody has measured, from what is known of it.
 
+Imports nothing that is slow: the help of `deltaid new` is made of the questions that use it.
+"""
+
+import math
 from collections.abc import Mapping
-
-import numpy as np
 
 from deltaid.drafting.kinds import is_linear, limbs_of, platform_of
 
@@ -68,7 +70,7 @@ def top_speed(kind: str, a: Mapping[str, float]) -> float:
     """Half of what the drives' ends reach [m/s]."""
     if is_linear(kind):
         return rounded(min(_FASTEST, 0.5 * a["rail_speed"]))
-    return rounded(min(_FASTEST, 0.5 * np.deg2rad(a["speed"]) / a["gear"] * a["arm"]))
+    return rounded(min(_FASTEST, 0.5 * math.radians(a["speed"]) / a["gear"] * a["arm"]))
 
 
 def top_acceleration(kind: str, a: Mapping[str, float]) -> float:
@@ -79,7 +81,7 @@ def top_acceleration(kind: str, a: Mapping[str, float]) -> float:
     else:
         inertia = a["rotor"] * a["gear"] ** 2 / a["arm"]
         most = a["torque"] * a["gear"] / (_moment(kind, a) + inertia)
-    return rounded(float(np.clip(0.5 * (most - _GRAVITY), 1.0, _HARDEST)))
+    return rounded(min(max(0.5 * (most - _GRAVITY), 1.0), _HARDEST))
 
 
 def _moment(kind: str, a: Mapping[str, float]) -> float:

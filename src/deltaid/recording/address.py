@@ -157,9 +157,8 @@ def _found(
     found = [(address, find(fields, address)) for address in addresses]
     missing = [address for address, one in found if one is None]
     if missing:
-        guess = near(
-            [field for field in fields if field not in [one for _, one in found]], missing[0]
-        )
+        meant = [one[0].name for _, one in found if one is not None and not one[1]]
+        guess = near([field for field in fields if field.name not in meant], missing[0])
         opaque = [field.cure for field in fields if field.is_opaque]
         cure = opaque[0] if opaque else cure
         raise RecordingError(

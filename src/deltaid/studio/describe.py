@@ -6,6 +6,7 @@ from deltaid.drafting.draft import GIVEN, Draft
 from deltaid.drafting.kinds import KINDS
 from deltaid.drafting.quantity import quantity
 from deltaid.drafting.questions import asked
+from deltaid.errors import DeltaidError
 from deltaid.studio.steps import Step
 
 
@@ -24,6 +25,17 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
     from deltaid.drafting.interview import interview
     from deltaid.drafting.text import written
 
+    missing = [
+        question.text
+        for question in asked(kind)
+        if question.assumed is None and not answers.get(question.key, "").strip()
+    ]
+    if missing:
+        raise DeltaidError(
+            "still missing",
+            where="; ".join(missing),
+            cure="measure it, or look it up: nobody can guess",
+        )
     draft = Draft(kind, name, KINDS[kind].split(",")[0])
     for question in asked(kind):
         if text := answers.get(question.key, "").strip():

@@ -69,12 +69,11 @@ class Folder:
         """
         parts = Path(name).parts
         plain = parts and not any(
-            part in ("..", "") or part.startswith(".") or "\\" in part or ":" in part
-            for part in parts
+            part.startswith(".") or "\\" in part or ":" in part for part in parts
         )
-        if plain and not Path(name).is_absolute() and "\0" not in name:
+        if plain and "\0" not in name:
             path = self.root / name
-            if path.resolve().is_relative_to(self.root):
+            if path.resolve().is_relative_to(self.root):  # no link out, no other root
                 return path
         raise DeltaidError("is no file of this folder", where=name, cure="give a name inside it")
 

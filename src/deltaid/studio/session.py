@@ -95,7 +95,9 @@ class Session:
             DeltaidError: another one runs.
         """
         if self.busy:
-            raise DeltaidError("a step is still running", cure="wait for its end, or cancel it")
+            raise DeltaidError(
+                "a step is still running", where=kind, cure="wait for its end, or cancel it"
+            )
         place = new_run(self.folder, kind)
         of = self.store.checked_of() if kind in ("check", "fit") else ""
         self.job = Job(make(place), self.folder, place, of=of, robot=self.plan.robot or "")
@@ -116,9 +118,11 @@ class Session:
         """
         robot = self.plan.robot
         if robot is None:
-            raise DeltaidError("there is no robot", cure="pick one")
+            raise DeltaidError("there is none", where="robot", cure="pick one")
         if self.view is not None and self.view.state == "running":
-            raise DeltaidError("another robot is still being drawn", cure="wait for its end")
+            raise DeltaidError(
+                "cannot be drawn while another robot is", where=robot, cure="wait for its end"
+            )
         place = new_view(self.folder)
         self.view = Job(show_step(robot, VIEW), self.folder, place, of=self._robot_now())
         self._start(self._draw(self.view))
@@ -189,7 +193,8 @@ class Session:
             job.fail(error)
         finally:
             if job.state == "running":
-                job.fail(DeltaidError("it was ended by a defect of deltaid", cure="report it"))
+                what = "was ended by a defect of deltaid"
+                job.fail(DeltaidError(what, where=job.step.kind, cure="please report it"))
                 self.store.tell()
 
     async def _run(self, job: Job) -> None:

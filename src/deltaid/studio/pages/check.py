@@ -152,7 +152,9 @@ def _used(session: Session, verdict: dict[str, Any]) -> Used:
     for one in used:
         if len(used) == 1 or str(verdict["subject"]).startswith(one.file):
             return one
-    raise DeltaidError("it is of no single recording", cure="change the mappings by hand")
+    raise DeltaidError(
+        "is of no single recording", where=str(verdict["key"]), cure="change the mappings by hand"
+    )
 
 
 async def _mapping_change(

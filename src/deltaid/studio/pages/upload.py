@@ -40,14 +40,17 @@ def upload(
                 name = session.folder.free_name(name)
                 part.replace(session.folder.path(name))
         except OSError as error:
-            warn(DeltaidError(f"cannot be written: {error.strerror or error}", where=name))
+            what = f"cannot be written: {error.strerror or error}"
+            cure = "make room in the folder, or the right to write to it"
+            warn(DeltaidError(what, where=name, cure=cure))
             return
         if name != event.file.name:
             ui.notify(f"{event.file.name} is kept as {name}")
         then(name)
 
     def rejected() -> None:
-        warn(DeltaidError(f"is not taken: {what} ends with {' or '.join(endings)}"))
+        ends = " or ".join(endings)
+        warn(DeltaidError("is not taken", where=what, cure=f"give a file that ends with {ends}"))
 
     field = ui.upload(on_upload=received, on_rejected=rejected, auto_upload=True, multiple=True)
     if endings:
