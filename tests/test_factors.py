@@ -175,7 +175,9 @@ def test_priors_may_change_after_gathering(files) -> None:
     robot = load_robot(ROBOT)
     heavy = robot.bodies["S"].changed(spread=0.01)
     found = identify_gathered(robot.changed(bodies=robot.bodies | {"S": heavy}), files, SETTINGS)
-    assert found.model.value("S.m") == pytest.approx(robot.bodies["S"].prior_parameters()[0], rel=0.05)
+    assert found.model.value("S.m") == pytest.approx(
+        robot.bodies["S"].prior_parameters()[0], rel=0.05
+    )
 
 
 def test_a_recording_is_gathered_once(logs: list[Path], tmp_path: Path, monkeypatch) -> None:

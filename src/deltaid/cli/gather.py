@@ -66,7 +66,9 @@ def gather(
             done.append(one)
             if one.state == "refused":
                 print_error(DeltaidError(one.reason))
-    counts = {state: sum(one.state == state for one in done) for state in ("new", "there", "refused")}
+    counts = {
+        state: sum(one.state == state for one in done) for state in ("new", "there", "refused")
+    }
     if as_json:
         print_json(
             {

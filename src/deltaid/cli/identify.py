@@ -31,7 +31,10 @@ def register(app: typer.Typer) -> None:
 def identify(
     robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     logs: Annotated[
-        list[Path], typer.Argument(help="Recordings: CSV, Parquet, MATLAB, HDF5, bags, …; or files of `deltaid gather`.")
+        list[Path],
+        typer.Argument(
+            help="Recordings: CSV, Parquet, MATLAB, HDF5, bags, …; or files of `deltaid gather`."
+        ),
     ],
     output: Annotated[
         Path | None, output_file("--output", "-o", help="Where to save the model (YAML).")

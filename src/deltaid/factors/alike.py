@@ -10,7 +10,8 @@ from deltaid.robot.description import RobotDescription
 # Keys of a description that gathered columns do not depend on: what a fit starts from, what is
 # known beside recordings, and what describes limits.
 _FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources", "gear_stiffness",
-         "platform_speed", "platform_acceleration", "strut_swing_deg", "largest_condition"}  # fmt: skip
+         "platform_speed", "platform_acceleration", "strut_swing_deg",
+         "largest_condition"}  # fmt: skip
 # Cut-offs that differ by less than this share are the same.
 _SAME = 0.02
 

@@ -1,6 +1,6 @@
 """The columns that a recording is gathered with, whatever robot is fitted to it later.
 
-- Rigid bodies, rotors and springs: the representatives of the base parameters of any generic motion.
+- Rigid bodies, rotors, springs: the representatives of the base parameters of a generic motion.
   All their other columns are combinations of these by the mechanism alone.
 - Friction: splines over speed (`speed_columns`), and what gears carry.
 - A lag of each drive beside what has been put right; what loads take while they are held; friction
@@ -102,7 +102,9 @@ class GatheredColumns:
         layout = self.dynamics.layout
         own = len(layout.names)
         friction = np.arange(own)[layout.friction]
-        rigid = [one.representative for one in self.base.groups if one.representative not in friction]
+        rigid = [
+            one.representative for one in self.base.groups if one.representative not in friction
+        ]
         more = range(own, own + sum(len(one.parameters) for one in self.additions))
         return np.intersect1d([*rigid, *more], active_columns(self.regressor))
 

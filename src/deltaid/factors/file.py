@@ -121,7 +121,9 @@ def _record(text: str | None, where: str) -> FactorRecord:
             cure=_CURE,
         ) from None
     except DeltaidError as error:
-        raise RecordingError(f"holds what cannot be: {error.what}", where=where, cure=_CURE) from None
+        raise RecordingError(
+            f"holds what cannot be: {error.what}", where=where, cure=_CURE
+        ) from None
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:

@@ -1,4 +1,4 @@
-"""One recording condensed: identified by itself, put right, and gathered with columns for any law."""
+"""One recording condensed: identified by itself, put right, gathered with columns for any law."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.check.identified import identify
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
 from deltaid.factors.file import FactorFile
 from deltaid.factors.lattice import Lattice
 from deltaid.factors.record_of import record_of
 from deltaid.factors.target import maps
-from deltaid.identification.additions import Addition, Extended
+from deltaid.identification.additions import Addition
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
@@ -23,8 +25,6 @@ from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.places import Places
 from deltaid.identification.warmth import Warmth
-from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
@@ -46,7 +46,9 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
     p = np.zeros(len(columns.names))
     # What a drive's torque is made of is the same in all gathered columns that it feels.
     p[columns.kept] = T[0] @ values
-    lags = LagColumns(columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof))
+    lags = LagColumns(
+        columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof)
+    )
     return replace(columns, additions=(*columns.additions, lags))
 
 

@@ -7,11 +7,13 @@ import numpy as np
 
 from deltaid.check.identified import Judged
 from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.verdicts import Verdicts
 from deltaid.factors.alike import require_alike
 from deltaid.factors.file import FactorFile
 from deltaid.factors.laws import asked_for
 from deltaid.factors.merged import Merging, merged
 from deltaid.factors.problem import columns_of, fitted
+from deltaid.factors.record import SeenVerdict
 from deltaid.identification.contradicted import contradicted
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import FittedProblem, widened_priors
@@ -59,8 +61,7 @@ def identify_gathered(
     problem = fitted(files, chosen, settings)
     judged, own = judged_parameters(freed(problem)), len(problem.p)
     error = torque_errors(problem, files)
-    found = tuple(Verdict(**one.model_dump() | {"grade": Grade(one.grade)})
-                  for file in files for one in file.record.verdicts)  # fmt: skip
+    found = Verdicts(_verdict(one) for file in files for one in file.record.verdicts)
     model = IdentifiedModel(
         deltaid=version("deltaid"),
         robot=chosen,
@@ -82,6 +83,20 @@ def identify_gathered(
         ),
     )
     return Judged(model, problem, (), (), found)
+
+
+def _verdict(seen: SeenVerdict) -> Verdict:
+    """A verdict of the checks as it was."""
+    return Verdict(
+        key=seen.key,
+        grade=Grade(seen.grade),
+        seen=seen.seen,
+        subject=seen.subject,
+        cause=seen.cause,
+        cure=seen.cure,
+        number=seen.number,
+        unit=seen.unit,
+    )
 
 
 def torque_errors(problem: FittedProblem, files: Sequence[FactorFile]) -> TorqueError:

@@ -53,6 +53,6 @@ class Lattice:
 
     def name(self, number: int) -> str:
         """What a cell is called in every recording that has cells of its size."""
-        x, y, z = self.parts
+        x, y, _ = self.parts
         own = self.first + np.array([number % x, number // x % y, number // (x * y)])
         return f"place {'.'.join(map(str, self.halvings))}:{'.'.join(map(str, own))}"

@@ -34,7 +34,9 @@ def _usual(laws: Sequence[Friction]) -> Friction:
     found = min(own, key=lambda law: law.model_dump_json())
     for term, names in _CURVED.items():
         if term in terms:
-            values = {name: median(getattr(getattr(law, term), name) for law in own) for name in names}
+            values = {
+                name: median(getattr(getattr(law, term), name) for law in own) for name in names
+            }
             found = found.changed(**{term: getattr(found, term).changed(**values)})
     return found
 

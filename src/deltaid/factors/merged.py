@@ -56,7 +56,9 @@ class Merging:
         """A recording's part of the fit."""
         whole = self._over(one, one.condensed.whole)
         b = [self._by_lag(whole[i], one, i) for i in range(len(whole))]
-        groups = {group.name: self._without(self._over(one, group), b) for group in one.condensed.groups}
+        groups = {
+            group.name: self._without(self._over(one, group), b) for group in one.condensed.groups
+        }
         return Part(one, self._triangles(self._without(whole, b)), groups)
 
     def _over(self, one: FactorFile, group: Group) -> list[np.ndarray]:

@@ -70,7 +70,5 @@ def _loads(files: Sequence[FactorFile], robot: RobotDescription) -> tuple[LoadCo
         for load in one.record.loads:
             spread = one.record.model.settings.prior_spread
             taken = np.array(load.taken)
-            found.setdefault(
-                load.load.name, LoadColumns(compiled(robot), load.load, spread, taken)
-            )
+            found.setdefault(load.load.name, LoadColumns(compiled(robot), load.load, spread, taken))
     return tuple(found.values())

@@ -68,7 +68,10 @@ def _lags(result: Judged) -> tuple[KnownLag, ...]:
     """What is known of each drive's lag."""
     drives = result.model.robot.drives
     delay = result.recordings[0].repairs.delay or (0.0,) * len(drives)
-    known = {i: KnownLag(drive=drives[i], delay=delay[i], beside=0.0, deviation=_EXACT) for i in range(len(drives))}
+    known = {
+        i: KnownLag(drive=drives[i], delay=delay[i], beside=0.0, deviation=_EXACT)
+        for i in range(len(drives))
+    }
     for one in result.problem.additions:
         if isinstance(one, LagColumns):
             for group in one.groups:

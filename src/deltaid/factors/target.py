@@ -13,7 +13,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.factors.columns import GatheredColumns
-from deltaid.factors.speed_columns import SpeedColumns
+from deltaid.factors.speed_columns import Shape, SpeedColumns
 from deltaid.identification.additions import Addition
 from deltaid.identification.friction_curves import LawConstants, term_values
 from deltaid.identification.friction_shapes import slopes
@@ -28,9 +28,7 @@ _CREEP = 1e-12
 Maps = Float[np.ndarray, "drives kept columns"]
 
 
-def maps(
-    columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()
-) -> Maps:
+def maps(columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Maps:
     """T of every drive for a robot with any friction law, and of additions behind its columns.
 
     Args:
@@ -83,7 +81,14 @@ def _of_term(
     return _along_speed(columns, term.joint, shape, found, place)
 
 
-def _along_speed(columns, joint, shape, found, place) -> np.ndarray:
+def _along_speed(
+    columns: GatheredColumns,
+    joint: str,
+    shape: Shape,
+    found: Float[np.ndarray, " kept"],
+    place: dict[str, int],
+) -> Float[np.ndarray, " kept"]:
+    """With a joint's friction over speed put in."""
     one = _speed_columns(columns, joint)
     for parameter, value in zip(one.parameters, one.of(shape), strict=True):
         found[place[parameter.name]] = value

@@ -94,5 +94,3 @@ def _key(
     ]  # fmt: skip
     text = json.dumps(known, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
-
-

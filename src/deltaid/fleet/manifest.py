@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import polars as pl
 from pydantic import Field
@@ -156,7 +156,11 @@ def _of_yaml(path: Path) -> Manifest:
 def _of_table(path: Path) -> Manifest:
     """A manifest from a table with one row a recording."""
     try:
-        table = pl.read_csv(path, try_parse_dates=True) if path.suffix.lower() == ".csv" else pl.read_parquet(path)
+        table = (
+            pl.read_csv(path, try_parse_dates=True)
+            if path.suffix.lower() == ".csv"
+            else pl.read_parquet(path)
+        )
     except (OSError, pl.exceptions.PolarsError) as error:
         raise DescriptionError(
             f"cannot be read: {str(error).splitlines()[0]}", where=str(path), cure="check the file"
@@ -168,15 +172,16 @@ def _of_table(path: Path) -> Manifest:
         raise DescriptionError(
             f"has {'no column' if missing else 'the unknown column'} {which[0]}",
             where=str(path),
-            cure=f"a manifest's columns are {', '.join(_COLUMNS)}; robot and recording must be there",
+            cure=f"its columns may be {', '.join(_COLUMNS)}, of which robot and recording must be",
         )
     robots: dict[tuple[str, str | None], list[RecordedFile]] = {}
     for k, row in enumerate(table.iter_rows(named=True), start=2):
         where = f"{path}, row {k}"
         if row["robot"] is None or row["recording"] is None:
             raise DescriptionError("names no robot or no recording", where=where, cure="fill it in")
-        given = {key: row.get(key) for key in ("time", "columns", "load", "temperature")}
-        one = _checked({"path": str(row["recording"])} | given, where)
+        keys = ("time", "columns", "load", "temperature")
+        given: dict[str, Any] = {key: row.get(key) for key in keys}
+        one = _checked(given | {"path": str(row["recording"])}, where)
         robots.setdefault((str(row["robot"]), row.get("type")), []).append(one)
     return Manifest(
         robots=tuple(
@@ -186,7 +191,7 @@ def _of_table(path: Path) -> Manifest:
     )
 
 
-def _checked(values: dict[str, object], where: str) -> RecordedFile:
+def _checked(values: dict[str, Any], where: str) -> RecordedFile:
     from pydantic import ValidationError
 
     try:
@@ -221,7 +226,8 @@ def _time(one: RecordedFile, address: str, manifest: Path) -> datetime:
         return datetime(*parts)  # type: ignore[arg-type]
     except ValueError:
         raise DescriptionError(
-            f"the date in the name of {address} does not exist", where=str(manifest),
+            f"the date in the name of {address} does not exist",
+            where=str(manifest),
             cure="give its time",
         ) from None
 

@@ -89,7 +89,14 @@ def fit_period(fit: PeriodFit, folder: Path, settings: Settings) -> Fitted:
             model = identify_gathered(described(fit.type), files, settings).model
     except DeltaidError as error:
         return Fitted(fit, reason=str(error))
-    poor = sorted({one.key for file in files for one in file.record.verdicts if one.grade in ("wrong", "doubtful")})
+    poor = sorted(
+        {
+            one.key
+            for file in files
+            for one in file.record.verdicts
+            if one.grade in ("wrong", "doubtful")
+        }
+    )
     rows = [
         (fit.robot, fit.type, fit.period, len(files), one.name, one.value, one.std, one.low,
          one.high, one.unit, one.prior, one.determined_by, model.fit.noise_level,

@@ -1,4 +1,4 @@
-"""A fleet from its manifest to its tables: gathered, merged, fitted; what is done is not done again."""
+"""A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -103,7 +103,11 @@ def _write(folder: Path, outcomes: list[Outcome], fits: list[Fitted]) -> None:
     kinds = (pl.String, pl.Datetime, pl.String, pl.Float64, pl.Float64, pl.String, pl.String)
     recordings = pl.DataFrame(rows, schema=dict(zip(names, kinds, strict=True)), orient="row")
     _save(recordings, folder / RECORDINGS)
-    bad = [("recording", one.recorded.robot, one.recorded.path, one.reason) for one in outcomes if one.reason]
+    bad = [
+        ("recording", one.recorded.robot, one.recorded.path, one.reason)
+        for one in outcomes
+        if one.reason
+    ]
     bad += [("fit", one.fit.robot, one.fit.period, one.reason) for one in fits if one.reason]
     columns = ("what", "robot", "which", "reason")
     frame = pl.DataFrame(bad, schema=dict.fromkeys(columns, pl.String), orient="row")
@@ -114,5 +118,3 @@ def _save(frame: pl.DataFrame, path: Path) -> None:
     buffer = BytesIO()
     frame.write_parquet(buffer, compression="zstd")
     write_bytes(path, buffer.getvalue())
-
-
