@@ -93,7 +93,7 @@ BAD = [
     ("torque model.yaml motion.csv -o missing/", "missing/: is a folder; give the name"),
     ("torque model.yaml motion.csv -o motion.csv", "motion.csv: would overwrite an input"),
     ("torque model.yaml motion.csv -o model.yaml", "model.yaml: would overwrite an input"),
-    ("robots irb360", "the catalogue has: clavel-delta3, h4"),
+    ("robots irb360", "did you mean irb360-6-1600? the catalogue has: abb-irb360-1-1130"),
     ("robots ../robots", "no robot file and no catalogue robot"),
     ("base robot.yaml", "robot.yaml: line 5, limbs: the limbs cannot close"),
     ("base clavel-delta3 --cutoff 0", "--cutoff: must be a positive number"),
