@@ -1,5 +1,6 @@
 """Factors of recordings in the place of recordings: columns, files, merging, fits."""
 
+import json
 from functools import cache
 from itertools import permutations
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from command import run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
@@ -17,10 +19,11 @@ from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.file import FactorFile, read, write
 from deltaid.factors.folder import gather_into
 from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered
+from deltaid.factors.identify import identify_gathered, validate_gathered
 from deltaid.factors.speed_columns import KNOTS, splines
 from deltaid.factors.target import maps
 from deltaid.identification.identify import identify
+from deltaid.identification.validation import validate
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
@@ -217,3 +220,67 @@ def test_rows_are_dropped_and_told(files, tmp_path: Path) -> None:
     table[1:].write_parquet(path, metadata={"deltaid": meta["deltaid"]})
     with pytest.raises(RecordingError, match="has lost some of its rows"):
         read(path)
+
+
+def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: Path) -> None:
+    done = run("gather", ROBOT, *logs[:2], "--cutoff", 15, "-o", tmp_path / "factors")
+    assert done.code == 0, done.err
+    assert "2 gathered, 0 there already, 0 refused" in done.out
+    files = sorted((tmp_path / "factors").iterdir())
+    named = run("identify", ROBOT, *files, "--json")
+    whole = run("identify", ROBOT, tmp_path / "factors", "--json", "--verify", logs[2])
+    assert json.loads(named.out)["parameters"] == json.loads(whole.out)["parameters"]
+    assert max(json.loads(whole.out)["verify"]["nrmse"]) < 0.01
+    for option, words in (
+        (("--lag", "none"), "--lag: was decided as the recordings were gathered"),
+        (("--report", tmp_path / "a.html"), "--report: needs samples"),
+    ):
+        refused = run("identify", ROBOT, tmp_path / "factors", *option)
+        assert refused.code == 2
+        assert words in refused.err
+    mixed = run("identify", ROBOT, files[0], logs[2])
+    assert mixed.code == 2
+    assert "is a recording, and others are factor files" in mixed.err
+    empty = run("identify", ROBOT, tmp_path)
+    assert empty.code == 2
+    assert "is a folder without factor files" in empty.err
+
+
+def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files) -> None:
+    model = identify_gathered(ROBOT, files[:2], SETTINGS).model
+    expected, _ = validate(model, logs[2])
+    found = validate_gathered(model, files[2])
+    np.testing.assert_allclose(found.rms, expected.rms, rtol=0.05)
+    np.testing.assert_allclose(found.nrmse, expected.nrmse, rtol=0.05)
+    np.testing.assert_allclose(found.rms_unfiltered, expected.rms_unfiltered, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"load": 0.08},
+        {"stribeck": {"coefficient": 2.0, "speed": 0.5}},
+        {"viscous_back": 2.5, "coulomb_back": 7.0},
+    ],
+)
+def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: Path) -> None:
+    robot = load_robot(ROBOT)
+    joints = {joint: one.changed(**law) for joint, one in robot.friction.items()}
+    true = robot.changed(friction=joints)
+    dynamics, rng = compiled(true), np.random.default_rng(5)
+    motion = random_motion(dynamics.kinematics, rng)
+    noise = SensorNoise(torque=0.02)
+    p = prior_parameters(true)
+    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, noise=noise)
+    write_recording(found, tmp_path / "log.csv")
+    one = gathered(robot, tmp_path / "log.csv", settings=SETTINGS)
+    expected, own = one.record.model, identify_gathered(robot, [one], SETTINGS).model
+    assert own.robot.friction == expected.robot.friction
+    np.testing.assert_allclose(own.fit.rms, expected.fit.rms, rtol=0.1)
+    M = [
+        compiled(m.robot).mass_matrix(
+            dynamics.kinematics.inverse(dynamics.kinematics.home[None]), m.p
+        )[0]
+        for m in (expected, own)
+    ]
+    np.testing.assert_allclose(M[1], M[0], atol=0.01 * np.abs(M[0]).max())

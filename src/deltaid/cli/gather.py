@@ -47,7 +47,6 @@ def gather(
     cost: a recording that has been gathered before is not read again.
     """
     from deltaid.cli.output import console, lag_of, positive, print_error, print_json, progress
-    from deltaid.errors import DeltaidError
     from deltaid.factors.folder import gather_into
     from deltaid.model.record import Settings
     from deltaid.robot.load import described
@@ -64,8 +63,8 @@ def gather(
             columns=mappings(columns), settings=settings, force=force, progress=say,
         ):  # fmt: skip
             done.append(one)
-            if one.state == "refused":
-                print_error(DeltaidError(one.reason))
+            if one.error is not None:
+                print_error(one.error)
     counts = {
         state: sum(one.state == state for one in done) for state in ("new", "there", "refused")
     }

@@ -11,6 +11,27 @@ if TYPE_CHECKING:
     from deltaid.model.record import Settings
 
 
+def in_folders(logs: Sequence[Path]) -> list[Path]:
+    """Recordings and factor files; a folder stands for the factor files in it.
+
+    Raises:
+        DeltaidError: a folder has none.
+    """
+    from deltaid.factors.file import ENDING
+
+    found = list[Path]()
+    for one in logs:
+        inside = sorted(one.glob(f"*{ENDING}")) if one.is_dir() else [one]
+        if not inside:
+            raise DeltaidError(
+                "is a folder without factor files",
+                where=str(one),
+                cure="give recordings, or a folder that `deltaid gather` has written",
+            )
+        found += inside
+    return found
+
+
 def are_factor_files(logs: Sequence[Path]) -> bool:
     """Whether what is given for recordings are factor files.
 

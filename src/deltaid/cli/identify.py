@@ -99,7 +99,7 @@ def identify(
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
     with uncollected():
         from deltaid.check.identified import identify as run
-        from deltaid.cli.gathered import are_factor_files, identified, require_open
+        from deltaid.cli.gathered import are_factor_files, identified, in_folders, require_open
         from deltaid.cli.identified import as_dictionary, print_result, write_report
         from deltaid.cli.output import (
             console,
@@ -117,6 +117,7 @@ def identify(
         from deltaid.model.record import Settings
         from deltaid.recording.source import opened
 
+    logs = in_folders(logs)
     positive("--gamma", gamma, GAMMA_LIMITS)
     positive("--prior-spread", prior_spread, SPREAD_LIMITS)
     positive("--cutoff", cutoff)

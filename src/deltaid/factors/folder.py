@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from deltaid.errors import DeltaidError
 from deltaid.factors.alike import mechanism
@@ -20,6 +21,7 @@ from deltaid.robot.description import RobotDescription
 
 # What a fit can still choose; all else is decided as a recording is gathered.
 FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
+State = Literal["new", "there", "refused"]
 _UNSAFE = re.compile(r"[^\w.+-]+")
 
 
@@ -31,13 +33,18 @@ class Gathering:
         log: the recording.
         path: its factor file, whether or not it could be made.
         state: 'new', 'there' where it had been made before, or 'refused'.
-        reason: why it was refused.
+        error: why it was refused.
     """
 
     log: Path
     path: Path
-    state: str
-    reason: str = ""
+    state: State
+    error: DeltaidError | None = None
+
+    @property
+    def reason(self) -> str:
+        """Why it was refused; empty if it was not."""
+        return "" if self.error is None else str(self.error)
 
 
 def gather_into(
@@ -72,7 +79,7 @@ def gather_into(
             )
             write(found, path, key)
         except DeltaidError as error:
-            yield Gathering(log, path, "refused", str(error))
+            yield Gathering(log, path, "refused", error)
             continue
         yield Gathering(log, path, "new")
 

@@ -82,11 +82,12 @@ def with_geometry(
     condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
 ) -> tuple[Condensed, tuple[str, ...]]:
     """The same with what tolerances of the description do to some rows, and the names of these."""
-    if problem.dynamics.robot.tolerances.exact:
+    plain_one = columns.dynamics
+    if plain_one.robot.tolerances.exact:
         return condensed, ()
-    dof = problem.dynamics.dof
+    dof, p = plain_one.dof, _plain_values(problem)
     rows = geometric_rows(
-        columns.regressor, problem.dynamics, recording, problem.p, np.ones(dof), active=columns.kept
+        columns.regressor, plain_one, recording, p, np.ones(dof), active=columns.kept
     )
     Y, D = (x.reshape(dof, -1, x.shape[1]) for x in (rows.Y, rows.D))
     tau = rows.tau.reshape(dof, -1)

@@ -107,7 +107,7 @@ def _of_addition(
     dynamics: Dynamics,
     place: dict[str, int],
     before: Maps,
-) -> Maps:
+) -> Float[np.ndarray, "drives kept own"]:
     """The columns of an addition, those before it known."""
     T = np.zeros((dynamics.dof, len(place), len(one.parameters)))
     if isinstance(one, LagColumns):
