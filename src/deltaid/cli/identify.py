@@ -31,7 +31,10 @@ def register(app: typer.Typer) -> None:
 def identify(
     robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     logs: Annotated[
-        list[Path], typer.Argument(help="Recordings: CSV, Parquet, MATLAB, HDF5, bags, …")
+        list[Path],
+        typer.Argument(
+            help="Recordings: CSV, Parquet, MATLAB, HDF5, bags, …; or files of `deltaid gather`."
+        ),
     ],
     output: Annotated[
         Path | None, output_file("--output", "-o", help="Where to save the model (YAML).")
@@ -96,6 +99,7 @@ def identify(
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
     with uncollected():
         from deltaid.check.identified import identify as run
+        from deltaid.cli.gathered import are_factor_files, identified, in_folders, require_open
         from deltaid.cli.identified import as_dictionary, print_result, write_report
         from deltaid.cli.output import (
             console,
@@ -113,6 +117,7 @@ def identify(
         from deltaid.model.record import Settings
         from deltaid.recording.source import opened
 
+    logs = in_folders(logs)
     positive("--gamma", gamma, GAMMA_LIMITS)
     positive("--prior-spread", prior_spread, SPREAD_LIMITS)
     positive("--cutoff", cutoff)
@@ -138,8 +143,25 @@ def identify(
     if model.identified is not None:
         print_note(f"{model.source} is a model: its robot is identified anew, from its prior")
     given, of_verify = _mappings(columns, len(logs), verify)
+    from_factors = are_factor_files(logs)
+    if from_factors:
+        require_open(
+            {"--columns": columns is not None, "--cutoff": cutoff is not None,
+             "--lag": lag != "estimate", "--compliance": compliance != "estimate",
+             "--keep-all": keep_all, "--no-events": not events}
+        )  # fmt: skip
+        if report is not None:
+            raise DeltaidError(
+                "needs samples, which factor files do not hold",
+                where="--report",
+                cure="give recordings, or make the page of one with `deltaid validate --report`",
+            )
     with progress(as_json) as say:
-        result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
+        if from_factors:
+            say(f"merging {len(logs)} factor files")
+            result = identified(robot, logs, settings)
+        else:
+            result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
         verification, log, doubts = None, None, list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")

@@ -168,21 +168,21 @@ def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) 
     Raises:
         IdentificationError: the solver did not reach its end.
     """
-    wide = _widened(problem)
+    wide = widened(problem)
     shares = _load_shares(problem.dynamics)
     if wide is problem or not shares:
         return wide
     load, step = wide.p, np.zeros(len(shares))
     for _ in range(_LOAD_ROUNDS):
         again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
-        wide = _widened(with_geometry(again, recordings))
+        wide = widened(with_geometry(again, recordings))
         if np.allclose(wide.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
             break
         load, step = _next_load(load, wide.p, shares, step)
     return wide
 
 
-def _widened(problem: FittedProblem) -> FittedProblem:
+def widened(problem: FittedProblem) -> FittedProblem:
     """With wider priors and the rows as they are; itself where no prior is contradicted."""
     settings = problem.settings
     if settings.gamma is not None or not (widened := _against_prior(problem).contradicted()):
@@ -253,8 +253,22 @@ def _posed(
     """A fit where gears carry what parameters `load` say."""
     rows = MeasuredRows(extended(dynamics, additions), weighings(dynamics.robot))
     gathered = balanced(gather_all(rows, recordings, load, progress), rows.weighings)
-    information = gathered.information
     progress("fitting")
+    return fit_to(gathered, dynamics, settings, additions)
+
+
+def fit_to(
+    gathered: Gathered,
+    dynamics: Dynamics,
+    settings: Settings,
+    additions: Sequence[Addition] = (),
+) -> FittedProblem:
+    """A fit to what has been gathered.
+
+    Raises:
+        IdentificationError: the fit cannot be posed, or its solver did not reach its end.
+    """
+    information = gathered.information
     added = [(one.parameters, one.free) for one in additions]
     reduction = build_reduction(dynamics.robot, information.columns, added, settings.prior_spread)
     objective = pose(information, reduction, settings)

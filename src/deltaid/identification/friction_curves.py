@@ -170,7 +170,7 @@ def curve_rows(
     rows = np.zeros((len(v), len(names)))
     for term in problem.dynamics.robot.friction_terms:
         if term.joint == joint and not term.of_load:
-            rows[:, names.index(term.name)] = _value(term, v)
+            rows[:, names.index(term.name)] = term_values(term, v)
     one = law_constants(problem.additions)
     if one is None:
         return rows
@@ -181,7 +181,7 @@ def curve_rows(
     return rows
 
 
-def _value(term: FrictionTerm, v: Speeds) -> Speeds:
+def term_values(term: FrictionTerm, v: Speeds) -> Speeds:
     """h(v) of a term that does not depend on load."""
     forward, s = (v > 0).astype(float), np.sign(v)
     simple = {

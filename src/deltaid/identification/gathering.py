@@ -48,12 +48,14 @@ class Gathered:
             results change from one stretch of the recording to the next.
         places: the same samples place by place.
         levels, facts: as of `Information`, for everything together (`balance`).
+        whole: everything together, where it is known more exactly than in parts.
     """
 
     parts: tuple[tuple[Information, ...], ...]
     places: Float[np.ndarray, "places rows augmented augmented"]
     levels: Float[np.ndarray, " channels"] | None = None
     facts: Float[np.ndarray, "facts augmented"] | None = None
+    whole: Information | None = None
 
     @property
     def blocks(self) -> tuple[Information, ...]:
@@ -63,7 +65,8 @@ class Gathered:
     @cached_property
     def information(self) -> Information:
         """Everything together."""
-        return replace(merge(self.blocks), levels=self.levels, facts=self.facts)
+        whole = self.whole or merge(self.blocks)
+        return replace(whole, levels=self.levels, facts=self.facts)
 
 
 def gather_all(
@@ -90,8 +93,9 @@ def gather(
     recording: Recording,
     places: Places | None = None,
     load: Parameters | None = None,
+    count: int = BLOCKS,
 ) -> tuple[Information, ...]:
-    """The information of one recording, in consecutive blocks of equal length.
+    """The information of one recording, in `count` consecutive blocks of equal length.
 
     With a filter, the same filter goes over torques and regressor, and what remains is thinned to
     the rate that the cut-off allows. `merge` puts the blocks together. `places`, if given, takes in
@@ -112,7 +116,7 @@ def gather(
 
     return tuple(
         collect(rows, block, str(recording.path), rows.channels)
-        for block in _blocks(rows, recording, places, chunks, load)
+        for block in _blocks(rows, recording, places, chunks, load, count)
     )
 
 
@@ -150,7 +154,7 @@ def places_of(
     regressor: Regressor | Extended | MeasuredRows, recordings: Iterable[Recording]
 ) -> Places:
     """Empty places over the range that recordings cover together."""
-    return Places(recordings, regressor.dof, len(active_columns(regressor)) + 1)
+    return Places.over(recordings, regressor.dof, len(active_columns(regressor)) + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +171,10 @@ def _blocks(
     places: Places | None,
     chunks: _Chunks,
     load: Parameters | None = None,
+    count: int = BLOCKS,
 ) -> Iterator[Iterator[Condensed]]:
     """The samples of each block of a recording, all blocks of equal length but the last."""
-    regressor, length = rows.regressor, _block_length(recording)
+    regressor, length = rows.regressor, _block_length(recording, count)
     robot = regressor.kinematics.robot
 
     def share(window: Window) -> _Share:
@@ -208,11 +213,11 @@ def _pairs(
     return (tau, shown.y), (counted, shown.counted)
 
 
-def _block_length(recording: Recording) -> int:
+def _block_length(recording: Recording, count: int) -> int:
     """Thinned samples of a block."""
     low_pass = recording.low_pass
     lost = low_pass.stride * len(low_pass.first) if low_pass else 0
-    return max(1, -(-(recording.log.samples - lost) // (recording.thinned * BLOCKS)))
+    return max(1, -(-(recording.log.samples - lost) // (recording.thinned * count)))
 
 
 def thinned(

@@ -100,6 +100,17 @@ def geometry(
     for one in recordings:
         rows.append(geometric_rows(regressor, dynamics, one, p, drives, active=active))
         rows += sensor_geometry(seen, dynamics, one, values, weights[len(drives) :], active)
+    return shifted(rows, base, information, additions)
+
+
+def shifted(
+    rows: Sequence[GeometricRows],
+    base: BaseParameters,
+    information: Information,
+    additions: Sequence[Addition] = (),
+) -> Geometry:
+    """Shifts of base parameters by what quantities do to some rows, as of `geometry`."""
+    active = information.columns
     told = tuple(start for one in additions for start in one.tells)
     every = dict.fromkeys(name for one in rows for name in one.names)
     names = tuple(name for name in every if not (told and name.startswith(told)))

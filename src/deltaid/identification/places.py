@@ -23,24 +23,43 @@ Visits = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "places _ _"]]
 
 
 class Places:
-    """Running sums by place; `add` the `visits` of all samples, then read `sums`."""
+    """Running sums by place; `add` the `visits` of all samples, then read `sums`.
 
-    def __init__(self, recordings: Iterable[Recording], drives: int, augmented: int) -> None:
-        reaches = np.array([recording.log.reach for recording in recordings])
-        self._low = reaches[:, 0].min(axis=0)
-        self._size = np.maximum(reaches[:, 1].max(axis=0) - self._low, np.finfo(float).tiny)
-        self._shape = _PARTS**3, drives, augmented, augmented
+    Args:
+        box: lowest and highest corner of what is cut into places [m].
+        drives: how many rows a sample has.
+        augmented: how many columns [Y, τ] has.
+        parts: along each axis.
+    """
+
+    def __init__(
+        self,
+        box: Float[np.ndarray, "2 3"],
+        drives: int,
+        augmented: int,
+        parts: tuple[int, int, int] = (_PARTS, _PARTS, _PARTS),
+    ) -> None:
+        self._low, self._parts = box[0], np.array(parts)
+        self._size = np.maximum(box[1] - box[0], np.finfo(float).tiny)
+        self._shape = int(np.prod(parts)), drives, augmented, augmented
         self._totals: list[Visits] = []
+
+    @classmethod
+    def over(cls, recordings: Iterable[Recording], drives: int, augmented: int) -> "Places":
+        """Empty places over the range that recordings cover together."""
+        reaches = np.array([recording.log.reach for recording in recordings])
+        box = np.stack([reaches[:, 0].min(axis=0), reaches[:, 1].max(axis=0)])
+        return cls(box, drives, augmented)
 
     def visits(self, r: Float[np.ndarray, "samples 3"], drives: Iterable[Chunk]) -> list[Visits]:
         """Some samples by place: the platform point r there, and each drive's rows of [Y, τ]."""
-        parts = ((r - self._low) / self._size * _PARTS).astype(int)
-        place = np.clip(parts, 0, _PARTS - 1) @ _PARTS ** np.arange(3)
-        order = np.argsort(place, kind="stable")
-        ends = np.searchsorted(place[order], np.arange(_PARTS**3 + 1))
+        parts = ((r - self._low) / self._size * self._parts).astype(int)
+        place = np.clip(parts, 0, self._parts - 1) @ np.cumprod([1, *self._parts[:-1]])
+        order, count = np.argsort(place, kind="stable"), self._shape[0]
+        ends = np.searchsorted(place[order], np.arange(count + 1))
         found = []
         for columns, samples in drives:
-            products = np.zeros((_PARTS**3, len(columns), len(columns)))
+            products = np.zeros((count, len(columns), len(columns)))
             ordered = samples[:, order]
             for k in np.flatnonzero(np.diff(ends)):
                 there = ordered[:, ends[k] : ends[k + 1]]

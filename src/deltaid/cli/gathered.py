@@ -1,0 +1,76 @@
+"""`deltaid identify` with factor files in the place of recordings."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deltaid.errors import DeltaidError
+
+if TYPE_CHECKING:
+    from deltaid.check.identified import Judged
+    from deltaid.model.record import Settings
+
+
+def in_folders(logs: Sequence[Path]) -> list[Path]:
+    """Recordings and factor files; a folder stands for the factor files in it.
+
+    Raises:
+        DeltaidError: a folder has none.
+    """
+    from deltaid.factors.file import ENDING
+
+    found = list[Path]()
+    for one in logs:
+        inside = sorted(one.glob(f"*{ENDING}")) if one.is_dir() else [one]
+        if not inside:
+            raise DeltaidError(
+                "is a folder without factor files",
+                where=str(one),
+                cure="give recordings, or a folder that `deltaid gather` has written",
+            )
+        found += inside
+    return found
+
+
+def are_factor_files(logs: Sequence[Path]) -> bool:
+    """Whether what is given for recordings are factor files.
+
+    Raises:
+        DeltaidError: some are and some are not.
+    """
+    from deltaid.factors.file import is_factor_file
+
+    given = [is_factor_file(one) for one in logs]
+    if any(given) and not all(given):
+        raise DeltaidError(
+            "is a recording, and others are factor files",
+            where=str(logs[given.index(False)]),
+            cure="gather it as well, with `deltaid gather`",
+        )
+    return any(given)
+
+
+def require_open(given: Mapping[str, bool]) -> None:
+    """Refuse options that were decided as recordings were gathered.
+
+    Args:
+        given: options, and whether each is another one than by default.
+
+    Raises:
+        DeltaidError: one is given.
+    """
+    for option, is_given in given.items():
+        if is_given:
+            raise DeltaidError(
+                "was decided as the recordings were gathered",
+                where=option,
+                cure=f"give {option} to `deltaid gather`, into another folder",
+            )
+
+
+def identified(robot: str, logs: Sequence[Path], settings: "Settings") -> "Judged":
+    """The identification from factor files."""
+    from deltaid.factors.file import read
+    from deltaid.factors.identify import identify_gathered
+
+    return identify_gathered(robot, [read(one) for one in logs], settings)

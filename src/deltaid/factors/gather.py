@@ -1,0 +1,176 @@
+"""One recording condensed: identified by itself, put right, gathered with columns for any law."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.identified import identify
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.factors.columns import GatheredColumns, plain
+from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
+from deltaid.factors.file import FactorFile
+from deltaid.factors.lattice import Lattice
+from deltaid.factors.record_of import record_of
+from deltaid.factors.target import maps
+from deltaid.identification.additions import Addition
+from deltaid.identification.fit import FittedProblem, Progress
+from deltaid.identification.gathering import gather
+from deltaid.identification.geometry import geometric_rows
+from deltaid.identification.information import Information, merge, triangle
+from deltaid.identification.lag_columns import LagColumns, alone
+from deltaid.identification.load_columns import LoadColumns
+from deltaid.identification.measured_rows import MeasuredRows
+from deltaid.identification.places import Places
+from deltaid.identification.warmth import Warmth
+from deltaid.model.record import Settings
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import RecordingLike
+from deltaid.recording.recording import Recording
+from deltaid.robot.load import RobotLike, described
+
+
+def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
+    """The columns of a recording that has been fitted by itself.
+
+    Lags see the slope of the fitted model's torques.
+    """
+    robot = problem.dynamics.robot
+    kept = tuple(one for one in problem.additions if isinstance(one, LoadColumns | Warmth))
+    p_plain = _plain_values(problem)
+    columns = GatheredColumns.of(robot, p_plain, kept)
+    T = maps(columns, problem.dynamics, kept)
+    values = np.concatenate([problem.p, *(_values(problem, one) for one in kept)])
+    p = np.zeros(len(columns.names))
+    # What a drive's torque is made of is the same in all gathered columns that it feels.
+    p[columns.kept] = T[0] @ values
+    lags = LagColumns(
+        columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof)
+    )
+    return replace(columns, additions=(*columns.additions, lags))
+
+
+def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
+    """A recording's factors over gathered columns."""
+    rows = MeasuredRows(columns.regressor)
+    lattice = Lattice.over(columns.dynamics.robot, recording.log.reach)
+    places = Places(lattice.box, rows.dof, len(rows.active) + 1, lattice.parts)
+    blocks = gather(rows, recording, places, count=STRETCHES)
+    at = np.searchsorted(rows.active, columns.kept)
+    drives, entries = rows.regressor_pattern
+    felt = tuple(
+        np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
+    )
+    places_at = [np.append(at[one], len(rows.active)) for one in felt]
+
+    def group(name: str, part: Information) -> Group:
+        factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(places_at))
+        return Group(name, tuple(factors), part.samples, part.torque_max)
+
+    stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
+    return Condensed(
+        tuple(columns.names[k] for k in columns.kept),
+        felt,
+        group("whole", merge(blocks)),
+        (*stretches, *_by_place(places.sums, places_at, lattice)),
+    )
+
+
+def with_geometry(
+    condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
+) -> tuple[Condensed, tuple[str, ...]]:
+    """The same with what tolerances of the description do to some rows, and the names of these."""
+    plain_one = columns.dynamics
+    if plain_one.robot.tolerances.exact:
+        return condensed, ()
+    dof, p = plain_one.dof, _plain_values(problem)
+    rows = geometric_rows(
+        columns.regressor, plain_one, recording, p, np.ones(dof), active=columns.kept
+    )
+    Y, D = (x.reshape(dof, -1, x.shape[1]) for x in (rows.Y, rows.D))
+    tau = rows.tau.reshape(dof, -1)
+    factors = tuple(
+        triangle(np.column_stack([Y[i][:, own], D[i], tau[i]]))
+        for i, own in enumerate(condensed.felt)
+    )
+    none = np.zeros(dof)
+    return replace(condensed, geometry=Group("geometry", factors, none, none)), rows.names
+
+
+def gathered(
+    robot: RobotLike,
+    log: RecordingLike,
+    *,
+    columns: ColumnMapping | None = None,
+    settings: Settings | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> FactorFile:
+    """What a recording says, as small as it goes: identified by itself, put right, condensed.
+
+    Args:
+        robot, log, columns, settings, force, progress: as of `deltaid.identify`.
+
+    Raises:
+        DescriptionError: the description is wrong.
+        RecordingError: the log cannot be used, or is wrong.
+        IdentificationError: it tells too little by itself.
+    """
+    described_robot = described(robot)
+    result = identify(
+        described_robot, [log], columns=columns, settings=settings, force=force, progress=progress
+    )
+    progress("condensing")
+    problem, recording = result.problem, result.recordings[0]
+    own = gathered_columns(problem, recording)
+    found, quantities = with_geometry(condensed(own, recording), own, problem, recording)
+    return FactorFile(record_of(described_robot, result, found, quantities), found)
+
+
+def _by_place(
+    sums: Float[np.ndarray, "places drives augmented augmented"],
+    at: Sequence[np.ndarray],
+    lattice: Lattice,
+) -> list[Group]:
+    """The places that are visited most, and one for all others."""
+    weight = np.einsum("pijj->p", sums)
+    visited = np.flatnonzero(weight > 0)
+    visited = visited[np.argsort(-weight[visited], kind="stable")]
+    own, rest = visited[: PLACES - 1], visited[PLACES - 1 :]
+    named = [(lattice.name(int(k)), sums[k]) for k in np.sort(own)]
+    if rest.size:
+        named.append(("place elsewhere", sums[rest].sum(axis=0)))
+    none = np.zeros(len(at))
+    return [
+        Group(
+            name,
+            tuple(_root(G[i][np.ix_(own, own)]) for i, own in enumerate(at)),
+            none,
+            none,
+        )
+        for name, G in named
+    ]
+
+
+def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
+    """R with RᵀR = G, G positive semidefinite."""
+    values, vectors = np.linalg.eigh(G)
+    return triangle(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+
+
+def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
+    """The fitted parameters of the robot with plain friction."""
+    dynamics = compiled(plain(problem.dynamics.robot))
+    known = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    prior = prior_parameters(dynamics.robot)
+    return np.array(
+        [known.get(n, x) for n, x in zip(dynamics.layout.names, prior.tolist(), strict=True)]
+    )
+
+
+def _values(problem: FittedProblem, one: Addition) -> Float[np.ndarray, " own"]:
+    """What was fitted of an addition."""
+    names = list(problem.layout.names)
+    return problem.values[[names.index(parameter.name) for parameter in one.parameters]]

@@ -1,0 +1,286 @@
+"""Factors of recordings in the place of recordings: columns, files, merging, fits."""
+
+import json
+from functools import cache
+from itertools import permutations
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import run
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import RecordingError
+from deltaid.factors import folder
+from deltaid.factors.columns import GatheredColumns, plain
+from deltaid.factors.file import FactorFile, read, write
+from deltaid.factors.folder import gather_into
+from deltaid.factors.gather import gathered
+from deltaid.factors.identify import identify_gathered, validate_gathered
+from deltaid.factors.speed_columns import KNOTS, splines
+from deltaid.factors.target import maps
+from deltaid.identification.identify import identify
+from deltaid.identification.validation import validate
+from deltaid.model.record import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.recording.recording import Recording
+from deltaid.robot.load import load_robot
+
+ROBOT = "clavel-delta3"
+SETTINGS = Settings(cutoff=15.0)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three recordings of one robot whose friction differs from the described."""
+    robot, path = load_robot(ROBOT), tmp_path_factory.mktemp("logs")
+    dynamics, p = compiled(robot), prior_parameters(robot)
+    p[dynamics.layout.friction] *= 1.4
+    written = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        motion = random_motion(dynamics.kinematics, rng)
+        noise = SensorNoise(torque=0.02)
+        found = simulate_recording(dynamics, p, motion, rng, duration=4.0, noise=noise)
+        written.append(path / f"log{seed}.csv")
+        write_recording(found, written[-1])
+    return written
+
+
+@pytest.fixture(scope="module")
+def files(logs: list[Path]) -> list[FactorFile]:
+    return [gathered(ROBOT, one, settings=SETTINGS) for one in logs]
+
+
+@cache
+def _robot(name: str, law: tuple[tuple[str, object], ...]):
+    robot = load_robot(name)
+    joints = {
+        joint: one.changed(**{k: v for k, v in law if k != "load" or joint in robot.drives})
+        for joint, one in robot.friction.items()
+    }
+    return robot.changed(friction=joints)
+
+
+@pytest.mark.parametrize("name", [ROBOT, "irb360-6-1600", "linear-delta", "par4", "h4"])
+def test_rigid_bodies_and_plain_friction_are_exact_combinations(name: str) -> None:
+    robot = load_robot(name)
+    assert _apart(robot) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("law", "within"),
+    [
+        ({"stribeck": {"coefficient": 0.3, "speed": 0.4, "exponent": 2.0}}, 0.02),
+        ({"stribeck": {"coefficient": 0.3, "speed": 2.0}}, 0.02),
+        ({"power": {"coefficient": 0.3, "exponent": 0.5}}, 0.02),
+        ({"power": {"coefficient": 0.3, "exponent": 2.0}}, 0.01),
+        ({"hess_soom": {"coefficient": 0.3, "speed": 0.5}}, 0.02),
+        ({"viscous_back": 1.0, "coulomb_back": 2.0}, 1e-9),
+        ({"offset": 0.3}, 1e-9),
+    ],
+)
+def test_friction_of_any_law_is_a_combination(law: dict[str, object], within: float) -> None:
+    robot = load_robot(ROBOT)
+    joints = {joint: one.changed(**law) for joint, one in robot.friction.items()}
+    assert _apart(robot.changed(friction=joints)) < within
+
+
+def _apart(robot) -> float:
+    """How far columns of a robot are from combinations of those that are gathered, as a share."""
+    from deltaid.identification.additions import extended
+
+    dynamics, simple = compiled(robot), plain(robot)
+    columns = GatheredColumns.of(robot, prior_parameters(simple))
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(3))
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 700))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    Y = dynamics.sparse_regressor(z, qd, qdd)
+    own = columns.dynamics.sparse_regressor(z, qd, qdd).values
+    from deltaid.recording.windows import Samples
+
+    none = np.zeros((len(z), 0))
+    w = Samples(np.arange(len(z)) * 1.0, z, qd, qdd, none, none, none, np.zeros_like(qd))
+    G = np.vstack([own, *(one.entries(w, own, Mock(spec=Recording)) for one in columns.additions)])
+    rows, at = extended(columns.dynamics, columns.additions).regressor_pattern
+    T, worst = maps(columns, dynamics), 0.0
+    for i in range(dynamics.dof):
+        wide = np.zeros((len(columns.names), len(z)))
+        np.add.at(wide, at[rows == i], G[rows == i])
+        expected = np.zeros((len(dynamics.layout.names), len(z)))
+        expected[Y.columns[Y.rows == i]] = Y.values[Y.rows == i]
+        left = T[i].T @ wide[columns.kept] - expected
+        size = np.linalg.norm(expected, axis=1)
+        worst = max(worst, float(np.max(np.linalg.norm(left, axis=1)[size > 0] / size[size > 0])))
+    return worst
+
+
+def test_splines_add_up() -> None:
+    v = np.abs(np.random.default_rng(0).standard_normal(500)) * 3.0
+    found = splines(v, 2.0)
+    np.testing.assert_allclose(found.sum(axis=0), 1.0, atol=1e-12)
+    np.testing.assert_allclose(2.0 * np.array(KNOTS) @ found, v, atol=1e-12)
+
+
+def test_a_fit_from_factors_is_that_from_recordings(logs: list[Path], files) -> None:
+    expected = identify(ROBOT, logs, settings=SETTINGS).model
+    found = identify_gathered(ROBOT, files, SETTINGS).model
+    assert found.fit.base_parameters == expected.fit.base_parameters
+    np.testing.assert_allclose(found.fit.noise_level, expected.fit.noise_level, rtol=0.02)
+    np.testing.assert_allclose(found.fit.rms, expected.fit.rms, rtol=0.02)
+    np.testing.assert_allclose(found.fit.rms_unfiltered, expected.fit.rms_unfiltered, rtol=0.02)
+    own = {one.name: one for one in found.parameters}
+    for one in expected.parameters:
+        if one.determined_by == "data":
+            same = own[one.name]
+            assert same.determined_by == "data"
+            assert abs(same.value - one.value) < 0.35 * one.std, one.name
+            assert 0.6 < same.std / one.std < 1.7, one.name
+
+
+def test_order_changes_no_bit(files) -> None:
+    found = [identify_gathered(ROBOT, order, SETTINGS).model for order in permutations(files)]
+    assert all(one.parameters == found[0].parameters for one in found[1:])
+
+
+def test_a_file_is_small_and_keeps_what_it_is_given(files, tmp_path: Path) -> None:
+    path = tmp_path / "a.factors.parquet"
+    write(files[0], path)
+    again = read(path)
+    assert path.stat().st_size < 1e6
+    assert again.record == files[0].record
+    for a, b in zip(files[0].condensed.whole.factors, again.condensed.whole.factors, strict=True):
+        np.testing.assert_array_equal(a, b[: len(a)])
+    kept = identify_gathered(ROBOT, [again], SETTINGS).model
+    for a, b in zip(
+        identify_gathered(ROBOT, files[:1], SETTINGS).model.parameters, kept.parameters, strict=True
+    ):
+        assert (a.value, a.std) == pytest.approx((b.value, b.std), rel=1e-2, abs=1e-9)
+
+
+def test_what_cannot_be_merged_is_named(files, logs: list[Path]) -> None:
+    robot = load_robot(ROBOT)
+    longer = robot.changed(limbs=robot.limbs.changed(upper_arm=robot.limbs.upper_arm + 1e-3))
+    with pytest.raises(RecordingError, match=r"limbs\.upper_arm 0\.\d+, and the robot has 0\."):
+        identify_gathered(longer, files)
+    with pytest.raises(RecordingError, match="the same recording as"):
+        identify_gathered(ROBOT, [files[0], files[0]])
+    other = gathered(ROBOT, logs[1], settings=Settings(cutoff=22.0))
+    with pytest.raises(RecordingError, match=r"filtered at 22 Hz over rows, .* at 15 Hz"):
+        identify_gathered(ROBOT, [files[0], other])
+
+
+def test_priors_may_change_after_gathering(files) -> None:
+    robot = load_robot(ROBOT)
+    heavy = robot.bodies["S"].changed(spread=0.01)
+    found = identify_gathered(robot.changed(bodies=robot.bodies | {"S": heavy}), files, SETTINGS)
+    assert found.model.value("S.m") == pytest.approx(
+        robot.bodies["S"].prior_parameters()[0], rel=0.05
+    )
+
+
+def test_a_recording_is_gathered_once(logs: list[Path], tmp_path: Path, monkeypatch) -> None:
+    robot = load_robot(ROBOT)
+    first = list(gather_into(tmp_path, robot, logs[:1], settings=SETTINGS))
+    assert [one.state for one in first] == ["new"]
+    monkeypatch.setattr(folder, "gathered", lambda *_, **__: pytest.fail("was read again"))
+    again = list(gather_into(tmp_path, robot, logs[:1], settings=SETTINGS))
+    assert [one.state for one in again] == ["there"]
+    assert again[0].path == first[0].path
+
+
+def test_a_damaged_file_is_made_again(logs: list[Path], tmp_path: Path) -> None:
+    robot = load_robot(ROBOT)
+    (first,) = gather_into(tmp_path, robot, logs[:1], settings=SETTINGS)
+    whole = first.path.read_bytes()
+    first.path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(RecordingError, match="cannot be read as a factor file"):
+        read(first.path)
+    (again,) = gather_into(tmp_path, robot, logs[:1], settings=SETTINGS)
+    assert again.state == "new"
+    assert first.path.read_bytes() == whole
+
+
+def test_what_is_no_recording_is_refused_and_the_rest_gathered(logs, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("a,b\n1,2\n", encoding="utf-8")
+    found = list(gather_into(tmp_path, load_robot(ROBOT), [wrong, logs[0]], settings=SETTINGS))
+    assert [one.state for one in found] == ["refused", "new"]
+    assert "no column t" in found[0].reason
+
+
+def test_rows_are_dropped_and_told(files, tmp_path: Path) -> None:
+    path = tmp_path / "a.factors.parquet"
+    write(files[0], path)
+    meta, table = pl.read_parquet_metadata(path), pl.read_parquet(path)
+    table[1:].write_parquet(path, metadata={"deltaid": meta["deltaid"]})
+    with pytest.raises(RecordingError, match="has lost some of its rows"):
+        read(path)
+
+
+def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: Path) -> None:
+    done = run("gather", ROBOT, *logs[:2], "--cutoff", 15, "-o", tmp_path / "factors")
+    assert done.code == 0, done.err
+    assert "2 gathered, 0 there already, 0 refused" in done.out
+    files = sorted((tmp_path / "factors").iterdir())
+    named = run("identify", ROBOT, *files, "--json")
+    whole = run("identify", ROBOT, tmp_path / "factors", "--json", "--verify", logs[2])
+    assert json.loads(named.out)["parameters"] == json.loads(whole.out)["parameters"]
+    assert max(json.loads(whole.out)["verify"]["nrmse"]) < 0.01
+    for option, words in (
+        (("--lag", "none"), "--lag: was decided as the recordings were gathered"),
+        (("--report", tmp_path / "a.html"), "--report: needs samples"),
+    ):
+        refused = run("identify", ROBOT, tmp_path / "factors", *option)
+        assert refused.code == 2
+        assert words in refused.err
+    mixed = run("identify", ROBOT, files[0], logs[2])
+    assert mixed.code == 2
+    assert "is a recording, and others are factor files" in mixed.err
+    empty = run("identify", ROBOT, tmp_path)
+    assert empty.code == 2
+    assert "is a folder without factor files" in empty.err
+
+
+def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files) -> None:
+    model = identify_gathered(ROBOT, files[:2], SETTINGS).model
+    expected, _ = validate(model, logs[2])
+    found = validate_gathered(model, files[2])
+    np.testing.assert_allclose(found.rms, expected.rms, rtol=0.05)
+    np.testing.assert_allclose(found.nrmse, expected.nrmse, rtol=0.05)
+    np.testing.assert_allclose(found.rms_unfiltered, expected.rms_unfiltered, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"load": 0.08},
+        {"stribeck": {"coefficient": 2.0, "speed": 0.5}},
+        {"viscous_back": 2.5, "coulomb_back": 7.0},
+    ],
+)
+def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: Path) -> None:
+    robot = load_robot(ROBOT)
+    joints = {joint: one.changed(**law) for joint, one in robot.friction.items()}
+    true = robot.changed(friction=joints)
+    dynamics, rng = compiled(true), np.random.default_rng(5)
+    motion = random_motion(dynamics.kinematics, rng)
+    noise = SensorNoise(torque=0.02)
+    p = prior_parameters(true)
+    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, noise=noise)
+    write_recording(found, tmp_path / "log.csv")
+    one = gathered(robot, tmp_path / "log.csv", settings=SETTINGS)
+    expected, own = one.record.model, identify_gathered(robot, [one], SETTINGS).model
+    assert own.robot.friction == expected.robot.friction
+    np.testing.assert_allclose(own.fit.rms, expected.fit.rms, rtol=0.1)
+    M = [
+        compiled(m.robot).mass_matrix(
+            dynamics.kinematics.inverse(dynamics.kinematics.home[None]), m.p
+        )[0]
+        for m in (expected, own)
+    ]
+    np.testing.assert_allclose(M[1], M[0], atol=0.01 * np.abs(M[0]).max())
