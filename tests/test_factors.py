@@ -243,7 +243,7 @@ def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: 
     assert "is a recording, and others are factor files" in mixed.err
     empty = run("identify", ROBOT, tmp_path)
     assert empty.code == 2
-    assert "is a folder without factor files" in empty.err
+    assert "is a folder, not a log" in empty.err
 
 
 def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files) -> None:

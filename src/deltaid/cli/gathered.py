@@ -12,23 +12,12 @@ if TYPE_CHECKING:
 
 
 def in_folders(logs: Sequence[Path]) -> list[Path]:
-    """Recordings and factor files; a folder stands for the factor files in it.
-
-    Raises:
-        DeltaidError: a folder has none.
-    """
+    """Recordings and factor files; a folder stands for the factor files in it, if there are any."""
     from deltaid.factors.file import ENDING
 
     found = list[Path]()
     for one in logs:
-        inside = sorted(one.glob(f"*{ENDING}")) if one.is_dir() else [one]
-        if not inside:
-            raise DeltaidError(
-                "is a folder without factor files",
-                where=str(one),
-                cure="give recordings, or a folder that `deltaid gather` has written",
-            )
-        found += inside
+        found += (sorted(one.glob(f"*{ENDING}")) if one.is_dir() else []) or [one]
     return found
 
 
