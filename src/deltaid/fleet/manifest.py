@@ -5,6 +5,7 @@ Recordings are local paths or addresses of any store that fsspec knows, such as
 s3://plant/line1/*.parquet.
 """
 
+import re
 from collections.abc import Iterator
 from datetime import date, datetime
 from io import BytesIO
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import polars as pl
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from deltaid.errors import DescriptionError, nearest
 from deltaid.fleet.store import Store, is_address
@@ -20,6 +21,7 @@ from deltaid.model.options import Period
 from deltaid.robot.load import catalogue, parse
 from deltaid.robot.part import Part
 
+_ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
 _TABLES = (".csv", ".parquet")
 # Columns of a table, of which the first two must be there.
 _COLUMNS = ("robot", "recording", "type", "time", "columns", "load", "temperature")
@@ -39,6 +41,14 @@ class RecordedFile(Part):
     temperature: Annotated[float, Field(ge=-273.15, le=1e4)] | None = Field(
         default=None, description="of gears or oil, °C"
     )
+
+    @field_validator("time", mode="before")
+    @classmethod
+    def _is_written_out(cls, time: object) -> object:
+        # 01/02/2026 is two dates, and 20260131 would be seconds.
+        if isinstance(time, str | int | float) and not _ISO.match(str(time)):
+            raise ValueError("must be written as 2026-01-31 or 2026-01-31T08:30")
+        return time
 
 
 class FleetRobot(Part):
@@ -130,7 +140,7 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
     """A manifest from a table with one row a recording."""
     try:
         table = (
-            pl.read_csv(data, try_parse_dates=True, infer_schema_length=None)
+            pl.read_csv(data, infer_schema_length=None)
             if ending == ".csv"
             else pl.read_parquet(BytesIO(data))
         )
