@@ -1,7 +1,8 @@
 """Factor files: one small Parquet file a recording.
 
 A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
-bit; those of stretches and places, which only tell how far to trust the rest, keep seven digits.
+bit, and so does what tolerances do; those of stretches and places, which only tell how far to trust
+the rest, keep seven digits.
 What stands beside them is JSON under the key `deltaid` of the file's metadata.
 """
 
@@ -21,6 +22,7 @@ from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
+_EXACT = ("whole", "geometry")
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -40,11 +42,13 @@ class FactorFile:
         record: the latter.
         condensed: the former.
         path: of the file; empty for what has been gathered just now.
+        key: a checksum of what it follows from.
     """
 
     record: FactorRecord
     condensed: Condensed
     path: str = ""
+    key: str = ""
 
 
 def is_factor_file(path: Path) -> bool:
@@ -62,12 +66,13 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
         DeltaidError: it cannot be written.
     """
     condensed, rows = found.condensed, []
-    for group in (condensed.whole, *condensed.groups):
+    geometry = [] if condensed.geometry is None else [condensed.geometry]
+    for group in (condensed.whole, *geometry, *condensed.groups):
         for i, R in enumerate(group.factors):
-            packed, whole = _packed(R), group is condensed.whole
+            packed, exact = _packed(R), group.name in _EXACT
             rows.append(
                 (group.name, i, group.samples[i], group.torque_max[i],
-                 packed if whole else None, None if whole else packed.astype(np.float32))
+                 packed if exact else None, None if exact else packed.astype(np.float32))
             )  # fmt: skip
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
@@ -81,8 +86,7 @@ def read_key(path: Path) -> str | None:
     if not path.is_file():
         return None
     try:
-        read(path)
-        return pl.read_parquet_metadata(path).get(_FROM)
+        return read(path).key
     except RecordingError:
         return None
 
@@ -95,15 +99,15 @@ def read(path: Path) -> FactorFile:
     """
     where = str(path)
     try:
-        record = _record(pl.read_parquet_metadata(path).get(_KEY), where)
-        table = pl.read_parquet(path)
+        beside, table = pl.read_parquet_metadata(path), pl.read_parquet(path)
     except (OSError, pl.exceptions.PolarsError) as error:
         raise RecordingError(
             f"cannot be read as a factor file: {error}", where=where, cure=_CURE
         ) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise RecordingError("is no factor file: its columns are others", where=where, cure=_CURE)
-    return FactorFile(record, _condensed(table, record, where), where)
+    record = _record(beside.get(_KEY), where)
+    return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
 
 
 def _record(text: str | None, where: str) -> FactorRecord:
@@ -127,22 +131,25 @@ def _record(text: str | None, where: str) -> FactorRecord:
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
-    drives, groups = len(record.felt), list[Group]()
+    drives, groups = len(record.felt), dict[str, Group]()
     sizes = [len(own) + 1 for own in record.felt]
     for k in range(0, len(table), drives):
         part = table[k : k + drives]
         names = part["group"].unique().to_list()
         if len(names) != 1 or part["drive"].to_list() != list(range(drives)):
             raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
-        packed = part["exact" if names[0] == "whole" else "rounded"].to_list()
-        factors = tuple(_unpacked(x, n, where) for x, n in zip(packed, sizes, strict=True))
-        groups.append(
-            Group(names[0], factors, part["samples"].to_numpy(), part["torque_max"].to_numpy())
+        (name,) = names
+        packed = part["exact" if name in _EXACT else "rounded"].to_list()
+        more = len(record.quantities) if name == "geometry" else 0
+        factors = tuple(_unpacked(x, n + more, where) for x, n in zip(packed, sizes, strict=True))
+        groups[name] = Group(
+            name, factors, part["samples"].to_numpy(), part["torque_max"].to_numpy()
         )
-    if not groups or groups[0].name != "whole":
+    whole, geometry = groups.pop("whole", None), groups.pop("geometry", None)
+    if whole is None or (geometry is None) != (not record.quantities):
         raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
     felt = tuple(np.array(own, dtype=int) for own in record.felt)
-    return Condensed(record.names, felt, groups[0], tuple(groups[1:]))
+    return Condensed(record.names, felt, whole, tuple(groups.values()), geometry)
 
 
 def _packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:

@@ -5,35 +5,36 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.factors.columns import GatheredColumns
 from deltaid.factors.condensed import Group
 from deltaid.factors.file import FactorFile
-from deltaid.factors.record import KnownLag
-from deltaid.factors.target import Maps, maps
+from deltaid.factors.target import Map, map_to
 from deltaid.identification.additions import Addition
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.geometry import GeometricRows
 from deltaid.identification.information import Information, triangle
+from deltaid.identification.load_columns import LoadColumns
 
-# Groups of all recordings together, about; of very many recordings each is one stretch.
+# Stretches of all recordings together at most; of more recordings each is one stretch.
 _STRETCHES = 400
 
-Factors = Float[np.ndarray, "drives augmented augmented"]
+Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
 class Merging:
     """How factors of a recording become rows of a fit.
 
-    Columns that belong to one recording alone, its lags, are eliminated from them: [Y, τ] − l b, l
-    the lag's column and b what least squares over the whole recording, with what is known of the
-    lag beside its rows, explains by it.
+    Columns L of one recording alone, its lags and changes of its friction, are eliminated: rows are
+    [Y, τ] − L B, and B is what least squares over the whole recording, with what is known of lags
+    beside its rows, explains by them. What a load was taken to be and taken out of the torques is
+    put back, and what the fit takes it to be is taken out.
 
     Attributes:
-        columns: that were gathered.
+        columns: that were gathered, but for those of one recording alone.
         dynamics: of the robot that is fitted.
         additions: of all recordings.
     """
@@ -43,52 +44,98 @@ class Merging:
     additions: tuple[Addition, ...] = ()
 
     @cached_property
-    def maps(self) -> Maps:
-        """From gathered columns to those of the fit."""
-        return maps(self.columns, self.dynamics, self.additions)
+    def map(self) -> Map:
+        """From gathered columns to those of the fit that are not always zero."""
+        return self._map[:, self.active]
 
     @cached_property
-    def active(self) -> np.ndarray:
+    def active(self) -> Int[np.ndarray, " columns"]:
         """Which columns of the fit are not always zero."""
-        return np.flatnonzero(np.any(self.maps != 0.0, axis=(0, 1)))
+        return np.flatnonzero(np.any(self._map != 0.0, axis=0))
+
+    @cached_property
+    def _map(self) -> Map:
+        return map_to(self.columns, self.dynamics, self.additions)
 
     def part(self, one: FactorFile) -> "Part":
         """A recording's part of the fit."""
-        whole = self._over(one, one.condensed.whole)
-        b = [self._by_lag(whole[i], one, i) for i in range(len(whole))]
+        embedding = self._embedding(one)
+        whole, by_own = list[Rows](), list[Rows]()
+        for i, (L, A) in enumerate(self._rows(one, embedding, one.condensed.whole)):
+            lag = _known_lag(one, embedding, i)
+            L = np.vstack([L, lag[:, :-1]])
+            A = np.vstack([A, np.pad(lag[:, -1:], ((0, 0), (A.shape[1] - 1, 0)))])
+            B = _explained(L, A)
+            by_own.append(B)
+            whole.append(A - L @ B)
         groups = {
-            group.name: self._without(self._over(one, group), b) for group in one.condensed.groups
+            group.name: tuple(
+                A - L @ B
+                for (L, A), B in zip(self._rows(one, embedding, group), by_own, strict=True)
+            )
+            for group in one.condensed.groups
         }
-        return Part(one, self._triangles(self._without(whole, b)), groups)
+        return Part(one, self.active, tuple(whole), groups)
 
-    def _over(self, one: FactorFile, group: Group) -> list[np.ndarray]:
-        """[l, Y, τ] of each drive."""
-        wide, names = one.condensed.over(group), list(one.condensed.names)
-        found = []
-        for i, F in enumerate(wide):
-            lag = F[:, names.index(f"lag.{self.dynamics.robot.drives[i]}")]
-            Y = F[:, :-1] @ self.maps[i][:, self.active]
-            found.append(np.column_stack([lag, Y, F[:, -1]]))
+    def geometry(self, one: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
+        """What tolerances of the description do to rows of a recording, weighted as in the fit."""
+        group, shared = one.condensed.geometry, self._embedding(one).shared
+        assert group is not None
+        Y, D, tau = [], [], []
+        for R, at, weight in zip(group.factors, one.condensed.felt, weights, strict=True):
+            n = len(at)
+            Y.append(weight * R[:, :n] @ shared[at] @ self.map)
+            D.append(weight * R[:, n:-1])
+            tau.append(weight * R[:, -1])
+        return GeometricRows(np.vstack(Y), np.concatenate(tau), np.vstack(D), one.record.quantities)
+
+    def _embedding(self, one: FactorFile) -> "_Embedding":
+        place = {name: k for k, name in enumerate(self.columns.kept_names)}
+        names = one.condensed.names
+        shared = np.zeros((len(names), len(place)))
+        for k, name in enumerate(names):
+            if name in place:
+                shared[k, place[name]] = 1.0
+        own = np.array([k for k, name in enumerate(names) if name not in place], dtype=int)
+        return _Embedding(shared, own, self._put_back(one, place))
+
+    def _put_back(self, one: FactorFile, place: dict[str, int]) -> Float[np.ndarray, " kept"]:
+        """Loads that were taken out of the torques less those that the fit takes out."""
+        taken = {load.load.name: np.array(load.taken) for load in one.record.loads}
+        back = np.zeros(len(place))
+        for load in self.additions:
+            if isinstance(load, LoadColumns) and load.load.name in taken and load.parameters:
+                more = taken[load.load.name] - load.taken
+                for parameter, value in zip(load.parameters, more.tolist(), strict=True):
+                    if parameter.name in place:
+                        back[place[parameter.name]] = value
+        return back
+
+    def _rows(
+        self, one: FactorFile, embedding: "_Embedding", group: Group
+    ) -> list[tuple[Rows, Rows]]:
+        """L and [Y, τ] of each drive."""
+        found = list[tuple[Rows, Rows]]()
+        for F in one.condensed.over(group):
+            G = F[:, :-1] @ embedding.shared
+            tau = F[:, -1] + G @ embedding.back
+            found.append((F[:, embedding.own], np.column_stack([G @ self.map, tau])))
         return found
 
-    def _by_lag(self, whole: np.ndarray, one: FactorFile, drive: int) -> np.ndarray:
-        """b of a drive."""
-        lag = whole[:, 0]
-        known: KnownLag = one.record.lags[drive]
-        beside = np.zeros(whole.shape[1])
-        weight = 0.0
-        if known.deviation is not None:
-            weight = (one.record.noise[drive] / known.deviation) ** 2
-            beside[-1] = weight * known.beside
-        size = float(lag @ lag) + weight
-        return (lag @ whole + beside) / size if size > 0 else np.zeros(whole.shape[1])
 
-    def _without(self, rows: list[np.ndarray], b: list[np.ndarray]) -> list[np.ndarray]:
-        return [F[:, 1:] - np.outer(F[:, 0], x[1:]) for F, x in zip(rows, b, strict=True)]
+@dataclass(frozen=True, eq=False)
+class _Embedding:
+    """How columns of one recording stand among those of all.
 
-    def _triangles(self, rows: list[np.ndarray]) -> Factors:
-        n = len(self.active) + 1
-        return np.stack([_square(triangle(F), n) for F in rows])
+    Attributes:
+        shared: ones where a column is one of all; rows of its own columns are zero.
+        own: which these are.
+        back: what is put back to the torques, by columns of all.
+    """
+
+    shared: Float[np.ndarray, "gathered kept"]
+    own: Int[np.ndarray, " own"]
+    back: Float[np.ndarray, " kept"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,37 +144,33 @@ class Part:
 
     Attributes:
         file: its factors.
-        whole: triangles of all its rows.
+        active: columns of the fit that are not always zero.
+        whole: all its rows of [Y, τ], drive by drive, and what is known of its lags.
         groups: rows of its stretches and places.
     """
 
     file: FactorFile
-    whole: Factors
-    groups: dict[str, list[np.ndarray]]
+    active: Int[np.ndarray, " columns"]
+    whole: tuple[Rows, ...]
+    groups: dict[str, tuple[Rows, ...]]
 
-    def information(self, active: np.ndarray) -> Information:
+    @cached_property
+    def information(self) -> Information:
         """All of it."""
-        group = self.file.condensed.whole
-        return Information(active, self.whole, group.samples, group.torque_max)
+        return self._information(self.whole, self.file.condensed.whole)
 
-    def stretches(self, active: np.ndarray, count: int) -> tuple[Information, ...]:
-        """Its stretches, so many or all together."""
-        own = [one for one in self.file.condensed.groups if one.name.startswith("time")]
-        if count <= 1 or len(own) < count:
-            return (self.information(active),) if count <= 1 else self._each(own, active)
-        return self._each(own, active)
-
-    def _each(self, own: Sequence[Group], active: np.ndarray) -> tuple[Information, ...]:
-        n = len(active) + 1
+    @property
+    def stretches(self) -> tuple[Information, ...]:
+        """Its stretches of time, in order."""
         return tuple(
-            Information(
-                active,
-                np.stack([_square(triangle(F), n) for F in self.groups[one.name]]),
-                one.samples,
-                one.torque_max,
-            )
-            for one in own
+            self._information(self.groups[group.name], group)
+            for group in self.file.condensed.groups
+            if group.name.startswith("time")
         )
+
+    def _information(self, rows: Sequence[Rows], group: Group) -> Information:
+        factors = _triangles([[own] for own in rows])
+        return Information(self.active, factors, group.samples, group.torque_max)
 
 
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
@@ -135,10 +178,8 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
 
     So results are equal to the bit whatever order they come in.
     """
-    ordered = sorted(files, key=lambda one: one.record.sha256)
-    active = merging.active
-    parts = [merging.part(one) for one in ordered]
-    each = 2 if len(files) * len(files[0].condensed.groups) <= _STRETCHES or len(files) == 1 else 1
+    parts = [merging.part(one) for one in sorted(files, key=lambda one: one.record.sha256)]
+    is_fine = sum(len(part.groups) for part in parts) <= _STRETCHES or len(parts) == 1
     sums: dict[str, np.ndarray] = {}
     for part in parts:
         for name, rows in part.groups.items():
@@ -146,45 +187,42 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
                 products = np.stack([F.T @ F for F in rows])
                 sums[name] = sums.get(name, 0.0) + products
     return Gathered(
-        parts=tuple(part.stretches(active, each) for part in parts),
+        parts=tuple(part.stretches if is_fine else (part.information,) for part in parts),
         places=np.stack([sums[name] for name in sorted(sums)]),
-        whole=_together([part.information(active) for part in parts]),
+        whole=_together([part.information for part in parts]),
     )
 
 
 def _together(parts: Sequence[Information]) -> Information:
     """Everything; triangles of all at once."""
-    first = parts[0]
-    n = len(first.columns) + 1
-    factors = [
-        _square(triangle(np.vstack([part.factors[i] for part in parts])), n)
-        for i in range(len(first.factors))
-    ]
+    drives = range(len(parts[0].factors))
     return Information(
-        first.columns,
-        np.stack(factors),
+        parts[0].columns,
+        _triangles([[part.factors[i] for part in parts] for i in drives]),
         np.sum([part.samples for part in parts], axis=0),
         np.max([part.torque_max for part in parts], axis=0),
     )
 
 
-def geometric(merging: Merging, one: FactorFile, weights: np.ndarray) -> GeometricRows:
-    """What the tolerances of the description do to rows of a recording, weighted as in the fit."""
-    geometry, quantities = one.condensed.geometry, one.record.quantities
-    assert geometry is not None
-    Y, D, tau = [], [], []
-    n = len(one.condensed.names)
-    for i, (R, at) in enumerate(zip(geometry.factors, one.condensed.felt, strict=True)):
-        wide = np.zeros((len(R), n))
-        wide[:, at] = R[:, : len(at)]
-        Y.append(weights[i] * wide @ merging.maps[i][:, merging.active])
-        D.append(weights[i] * R[:, len(at) : -1])
-        tau.append(weights[i] * R[:, -1])
-    return GeometricRows(np.vstack(Y), np.concatenate(tau), np.vstack(D), quantities)
+def _triangles(rows: Sequence[Sequence[Rows]]) -> Float[np.ndarray, "drives n n"]:
+    """A square triangle of each drive's rows."""
+    found = [triangle(np.vstack(own)) for own in rows]
+    n = found[0].shape[1]
+    return np.stack([np.pad(R, ((0, n - len(R)), (0, 0))) for R in found])
 
 
-def _square(R: np.ndarray, n: int) -> np.ndarray:
-    """A triangle with rows of zeros up to n."""
-    out = np.zeros((n, n))
-    out[: len(R)] = R
-    return out
+def _explained(L: Rows, A: Rows) -> Rows:
+    """B of the least ‖A − L B‖; columns of any size, and those that are zero explain nothing."""
+    sizes = np.linalg.norm(L, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    return np.linalg.lstsq(L / sizes, A, rcond=None)[0] / sizes[:, None]
+
+
+def _known_lag(one: FactorFile, embedding: _Embedding, drive: int) -> Rows:
+    """What is known of a drive's lag without its rows, as one row of them or none: [L, τ]."""
+    lag, names = one.record.lags[drive], one.condensed.names
+    if lag.deviation is None:
+        return np.zeros((0, len(embedding.own) + 1))
+    weight = one.record.noise[drive] / lag.deviation
+    is_its = np.array([names[k] == f"lag.{lag.drive}" for k in embedding.own])
+    return weight * np.append(is_its, lag.beside)[None]
