@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from deltaid.errors import RecordingError
-from deltaid.factors.condensed import Group
+from deltaid.factors.condensed import Group, Groups
 from deltaid.factors.file import FactorFile, read, write
 from deltaid.factors.gather import gathered
 from deltaid.factors.identify import identify_gathered
@@ -83,7 +83,7 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
     condensed = replace(
         one.condensed,
         whole=without(one.condensed.whole),
-        groups=tuple(without(group) for group in one.condensed.groups),
+        groups=Groups.of(without(group) for group in one.condensed.groups),
     )
     (load,) = one.record.loads
     taken = (load.taken[0] + heavier, *load.taken[1:])

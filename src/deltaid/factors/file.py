@@ -12,17 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 from pydantic import ValidationError
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.factors.condensed import Condensed, Group
+from deltaid.factors.condensed import Condensed, Groups, packed
 from deltaid.factors.record import FORMAT, FactorRecord
 from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
-_EXACT = ("whole", "geometry")
+_EXACT, _BESIDE = ("whole", "geometry"), ("samples", "torque_max")
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -69,10 +68,10 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
     geometry = [] if condensed.geometry is None else [condensed.geometry]
     for group in (condensed.whole, *geometry, *condensed.groups):
         for i, R in enumerate(group.factors):
-            packed, exact = _packed(R), group.name in _EXACT
+            row, exact = packed(R), group.name in _EXACT
             rows.append(
                 (group.name, i, group.samples[i], group.torque_max[i],
-                 packed if exact else None, None if exact else packed.astype(np.float32))
+                 row if exact else None, None if exact else row.astype(np.float32))
             )  # fmt: skip
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
@@ -131,40 +130,37 @@ def _record(text: str | None, where: str) -> FactorRecord:
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
-    drives, groups = len(record.felt), dict[str, Group]()
+    names = table["group"].to_list()[:: len(record.felt)]
+    grouped = table.group_by("group", maintain_order=True)
+    every = list(range(len(record.felt)))
+    if [row for _, row in grouped.agg("drive").iter_rows()] != [every] * len(names):
+        raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
     sizes = [len(own) + 1 for own in record.felt]
-    for k in range(0, len(table), drives):
-        part = table[k : k + drives]
-        names = part["group"].unique().to_list()
-        if len(names) != 1 or part["drive"].to_list() != list(range(drives)):
-            raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
-        (name,) = names
-        packed = part["exact" if name in _EXACT else "rounded"].to_list()
-        more = len(record.quantities) if name == "geometry" else 0
-        factors = tuple(_unpacked(x, n + more, where) for x, n in zip(packed, sizes, strict=True))
-        groups[name] = Group(
-            name, factors, part["samples"].to_numpy(), part["torque_max"].to_numpy()
+    parts = {
+        name: _groups(part, [n + more for n in sizes], where)
+        for name, part, more in (
+            ("whole", table.filter(pl.col("group") == "whole"), 0),
+            ("geometry", table.filter(pl.col("group") == "geometry"), len(record.quantities)),
+            ("groups", table.filter(~pl.col("group").is_in(_EXACT)), 0),
         )
-    whole, geometry = groups.pop("whole", None), groups.pop("geometry", None)
-    if whole is None or (geometry is None) != (not record.quantities):
+        if len(part)
+    }
+    if {*parts} != {"whole", "groups", *(["geometry"] if record.quantities else [])}:
         raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
     felt = tuple(np.array(own, dtype=int) for own in record.felt)
-    return Condensed(record.names, felt, whole, tuple(groups.values()), geometry)
+    (whole,), geometry = parts["whole"], next(iter(parts.get("geometry", ())), None)
+    return Condensed(record.names, felt, whole, parts["groups"], geometry)
 
 
-def _packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
-    """The upper triangle row by row; rows beyond the rank are zero."""
-    n = R.shape[1]
-    square = np.zeros((n, n))
-    square[: len(R)] = R
-    return square[np.triu_indices(n)]
-
-
-def _unpacked(packed: list[float] | None, n: int, where: str) -> Float[np.ndarray, "n n"]:
-    if packed is None or len(packed) != n * (n + 1) // 2:
+def _groups(table: pl.DataFrame, sizes: list[int], where: str) -> Groups:
+    """Some groups of a file."""
+    drives, names = len(sizes), table["group"].to_list()[:: len(sizes)]
+    packed_in = "exact" if names[0] in _EXACT else "rounded"
+    lengths = [n * (n + 1) // 2 for n in sizes]
+    if table[packed_in].list.len().to_list() != lengths * len(names):
         raise RecordingError("has lost some of its numbers", where=where, cure=_CURE)
-    square = np.zeros((n, n))
-    square[np.triu_indices(n)] = packed
-    if not np.all(np.isfinite(square)):
+    numbers = table[packed_in].explode().to_numpy().reshape(len(names), sum(lengths))
+    if not np.all(np.isfinite(numbers)):
         raise RecordingError("holds numbers that are not finite", where=where, cure=_CURE)
-    return square
+    beside = (table[key].to_numpy().reshape(len(names), drives) for key in _BESIDE)
+    return Groups(tuple(names), tuple(sizes), numbers, *beside)

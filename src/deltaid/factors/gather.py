@@ -10,7 +10,7 @@ from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.factors.columns import GatheredColumns, plain
-from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
+from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group, Groups
 from deltaid.factors.file import FactorFile
 from deltaid.factors.lattice import Lattice
 from deltaid.factors.record_of import record_of
@@ -67,7 +67,7 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
         columns.kept_names,
         felt,
         group("whole", merge(blocks)),
-        (*stretches, *_by_place(places.sums, places_at, lattice)),
+        Groups.of([*stretches, *_by_place(places.sums, places_at, lattice)]),
     )
 
 

@@ -1,7 +1,7 @@
 """Recordings of one robot together, from their factors: what a fit is posed from."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from deltaid.factors.target import Map, map_to
 from deltaid.identification.additions import Addition
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.geometry import GeometricRows
-from deltaid.identification.information import Information, triangle
+from deltaid.identification.information import Information, merge, triangle
 from deltaid.identification.load_columns import LoadColumns
 
 # Stretches of all recordings together at most; of more recordings each is one stretch.
@@ -57,85 +57,97 @@ class Merging:
     def _map(self) -> Map:
         return map_to(self.columns, self.dynamics, self.additions)
 
-    def part(self, one: FactorFile) -> "Part":
-        """A recording's part of the fit."""
-        embedding = self._embedding(one)
-        whole, by_own = list[Rows](), list[Rows]()
-        for i, (L, A) in enumerate(self._rows(one, embedding, one.condensed.whole)):
-            lag = _known_lag(one, embedding, i)
-            L = np.vstack([L, lag[:, :-1]])
-            A = np.vstack([A, np.pad(lag[:, -1:], ((0, 0), (A.shape[1] - 1, 0)))])
+    def part(self, one: FactorFile, *, fine: bool = True) -> "Part":
+        """A recording's part of the fit.
+
+        Args:
+            fine: whether its stretches of time are looked at one by one.
+        """
+        whole, views = list[Rows](), list[Rows]()
+        for i, R in enumerate(one.condensed.whole.factors):
+            view, own = self._view(one, i)
+            lag = _known_lag(one, own, i)
+            L, A = np.vstack([R @ own.at, lag[:, :-1]]), R @ view
+            beside = np.zeros((len(lag), A.shape[1]))
+            beside[:, -1] = lag[:, -1]
+            A = np.vstack([A, beside])
             B = _explained(L, A)
-            by_own.append(B)
             whole.append(A - L @ B)
-        groups = {
-            group.name: tuple(
-                A - L @ B
-                for (L, A), B in zip(self._rows(one, embedding, group), by_own, strict=True)
-            )
-            for group in one.condensed.groups
-        }
-        return Part(one, self.active, tuple(whole), groups)
+            views.append(view - own.at @ B)
+
+        def information(group: Group, rows: Iterable[Rows]) -> Information:
+            return Information(self.active, _triangles(rows), group.samples, group.torque_max)
+
+        def rows(group: Group) -> Iterator[Rows]:
+            return (R @ view for R, view in zip(group.factors, views, strict=True))
+
+        everything = information(one.condensed.whole, whole)
+        stretches = (
+            information(group, rows(group)) for group in one.condensed.groups.named("time")
+        )
+        return Part(
+            everything,
+            tuple(stretches) if fine else (everything,),
+            {
+                group.name: np.stack([A.T @ A for A in rows(group)])
+                for group in one.condensed.groups.named("place")
+            },
+        )
 
     def geometry(self, one: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
         """What tolerances of the description do to rows of a recording, weighted as in the fit."""
-        group, shared = one.condensed.geometry, self._embedding(one).shared
+        group = one.condensed.geometry
         assert group is not None
         Y, D, tau = [], [], []
-        for R, at, weight in zip(group.factors, one.condensed.felt, weights, strict=True):
-            n = len(at)
-            Y.append(weight * R[:, :n] @ shared[at] @ self.map)
+        for i, (R, weight) in enumerate(zip(group.factors, weights, strict=True)):
+            view, _ = self._view(one, i)
+            n = len(view) - 1
+            Y.append(weight * R[:, :n] @ view[:-1, :-1])
             D.append(weight * R[:, n:-1])
             tau.append(weight * R[:, -1])
         return GeometricRows(np.vstack(Y), np.concatenate(tau), np.vstack(D), one.record.quantities)
 
-    def _embedding(self, one: FactorFile) -> "_Embedding":
-        place = {name: k for k, name in enumerate(self.columns.kept_names)}
-        names = one.condensed.names
-        shared = np.zeros((len(names), len(place)))
+    def _view(self, one: FactorFile, drive: int) -> tuple[Rows, "_Own"]:
+        """V with [Y, τ] = R V of a drive's factors R, and its columns of this recording alone."""
+        names = [one.condensed.names[k] for k in one.condensed.felt[drive]]
+        shared = np.zeros((len(names), len(self._place)))
         for k, name in enumerate(names):
-            if name in place:
-                shared[k, place[name]] = 1.0
-        own = np.array([k for k, name in enumerate(names) if name not in place], dtype=int)
-        return _Embedding(shared, own, self._put_back(one, place))
+            if name in self._place:
+                shared[k, self._place[name]] = 1.0
+        view = np.zeros((len(names) + 1, len(self.active) + 1))
+        view[:-1, :-1], view[:-1, -1] = shared @ self.map, shared @ self._put_back(one)
+        view[-1, -1] = 1.0
+        own = [k for k, name in enumerate(names) if name not in self._place]
+        return view, _Own(tuple(names[k] for k in own), np.eye(len(names) + 1)[:, own])
 
-    def _put_back(self, one: FactorFile, place: dict[str, int]) -> Float[np.ndarray, " kept"]:
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.columns.kept_names)}
+
+    def _put_back(self, one: FactorFile) -> Float[np.ndarray, " kept"]:
         """Loads that were taken out of the torques less those that the fit takes out."""
         taken = {load.load.name: np.array(load.taken) for load in one.record.loads}
-        back = np.zeros(len(place))
+        back = np.zeros(len(self._place))
         for load in self.additions:
             if isinstance(load, LoadColumns) and load.load.name in taken and load.parameters:
                 more = taken[load.load.name] - load.taken
                 for parameter, value in zip(load.parameters, more.tolist(), strict=True):
-                    if parameter.name in place:
-                        back[place[parameter.name]] = value
+                    if parameter.name in self._place:
+                        back[self._place[parameter.name]] = value
         return back
-
-    def _rows(
-        self, one: FactorFile, embedding: "_Embedding", group: Group
-    ) -> list[tuple[Rows, Rows]]:
-        """L and [Y, τ] of each drive."""
-        found = list[tuple[Rows, Rows]]()
-        for F in one.condensed.over(group):
-            G = F[:, :-1] @ embedding.shared
-            tau = F[:, -1] + G @ embedding.back
-            found.append((F[:, embedding.own], np.column_stack([G @ self.map, tau])))
-        return found
 
 
 @dataclass(frozen=True, eq=False)
-class _Embedding:
-    """How columns of one recording stand among those of all.
+class _Own:
+    """Columns of one recording alone.
 
     Attributes:
-        shared: ones where a column is one of all; rows of its own columns are zero.
-        own: which these are.
-        back: what is put back to the torques, by columns of all.
+        names: of them.
+        at: ones where they stand in a drive's factors.
     """
 
-    shared: Float[np.ndarray, "gathered kept"]
-    own: Int[np.ndarray, " own"]
-    back: Float[np.ndarray, " kept"]
+    names: tuple[str, ...]
+    at: Float[np.ndarray, "felt own"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,34 +155,14 @@ class Part:
     """A recording's part of a fit.
 
     Attributes:
-        file: its factors.
-        active: columns of the fit that are not always zero.
-        whole: all its rows of [Y, τ], drive by drive, and what is known of its lags.
-        groups: rows of its stretches and places.
+        information: all of it, and what is known of its lags.
+        stretches: of time, in order; or all in one.
+        places: [Y, τ]ᵀ[Y, τ] of each drive, place by place.
     """
 
-    file: FactorFile
-    active: Int[np.ndarray, " columns"]
-    whole: tuple[Rows, ...]
-    groups: dict[str, tuple[Rows, ...]]
-
-    @cached_property
-    def information(self) -> Information:
-        """All of it."""
-        return self._information(self.whole, self.file.condensed.whole)
-
-    @property
-    def stretches(self) -> tuple[Information, ...]:
-        """Its stretches of time, in order."""
-        return tuple(
-            self._information(self.groups[group.name], group)
-            for group in self.file.condensed.groups
-            if group.name.startswith("time")
-        )
-
-    def _information(self, rows: Sequence[Rows], group: Group) -> Information:
-        factors = _triangles([[own] for own in rows])
-        return Information(self.active, factors, group.samples, group.torque_max)
+    information: Information
+    stretches: tuple[Information, ...]
+    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]
 
 
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
@@ -178,35 +170,23 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
 
     So results are equal to the bit whatever order they come in.
     """
-    parts = [merging.part(one) for one in sorted(files, key=lambda one: one.record.sha256)]
-    is_fine = sum(len(part.groups) for part in parts) <= _STRETCHES or len(parts) == 1
-    sums: dict[str, np.ndarray] = {}
-    for part in parts:
-        for name, rows in part.groups.items():
-            if name.startswith("place"):
-                products = np.stack([F.T @ F for F in rows])
-                sums[name] = sums.get(name, 0.0) + products
+    fine = len(files) == 1 or sum(len(one.condensed.groups) for one in files) <= _STRETCHES
+    parts, places = list[Part](), dict[str, np.ndarray]()
+    for one in sorted(files, key=lambda one: one.record.sha256):
+        part = merging.part(one, fine=fine)
+        for name, products in part.places.items():
+            places[name] = places.get(name, 0.0) + products
+        parts.append(replace(part, places={}))
     return Gathered(
-        parts=tuple(part.stretches if is_fine else (part.information,) for part in parts),
-        places=np.stack([sums[name] for name in sorted(sums)]),
-        whole=_together([part.information for part in parts]),
+        parts=tuple(part.stretches for part in parts),
+        places=np.stack([places[name] for name in sorted(places)]),
+        whole=merge([part.information for part in parts]),
     )
 
 
-def _together(parts: Sequence[Information]) -> Information:
-    """Everything; triangles of all at once."""
-    drives = range(len(parts[0].factors))
-    return Information(
-        parts[0].columns,
-        _triangles([[part.factors[i] for part in parts] for i in drives]),
-        np.sum([part.samples for part in parts], axis=0),
-        np.max([part.torque_max for part in parts], axis=0),
-    )
-
-
-def _triangles(rows: Sequence[Sequence[Rows]]) -> Float[np.ndarray, "drives n n"]:
+def _triangles(rows: Iterable[Rows]) -> Float[np.ndarray, "drives n n"]:
     """A square triangle of each drive's rows."""
-    found = [triangle(np.vstack(own)) for own in rows]
+    found = [triangle(own) for own in rows]
     n = found[0].shape[1]
     return np.stack([np.pad(R, ((0, n - len(R)), (0, 0))) for R in found])
 
@@ -218,11 +198,10 @@ def _explained(L: Rows, A: Rows) -> Rows:
     return np.linalg.lstsq(L / sizes, A, rcond=None)[0] / sizes[:, None]
 
 
-def _known_lag(one: FactorFile, embedding: _Embedding, drive: int) -> Rows:
+def _known_lag(one: FactorFile, own: _Own, drive: int) -> Rows:
     """What is known of a drive's lag without its rows, as one row of them or none: [L, τ]."""
-    lag, names = one.record.lags[drive], one.condensed.names
+    lag = one.record.lags[drive]
     if lag.deviation is None:
-        return np.zeros((0, len(embedding.own) + 1))
+        return np.zeros((0, len(own.names) + 1))
     weight = one.record.noise[drive] / lag.deviation
-    is_its = np.array([names[k] == f"lag.{lag.drive}" for k in embedding.own])
-    return weight * np.append(is_its, lag.beside)[None]
+    return weight * np.array([[*(name == f"lag.{lag.drive}" for name in own.names), lag.beside]])
