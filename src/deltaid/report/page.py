@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import plotly.graph_objects as go
 import plotly.io
-from jinja2 import Environment, PackageLoader
+from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -134,8 +134,29 @@ def write_page(page: Page, path: Path) -> None:
 
 def render(page: Page) -> str:
     """The page as one HTML document: style, script, Plotly and data inside, nothing outside."""
+    return (
+        environment()
+        .get_template("page.html.jinja")
+        .render(
+            **contents(page),
+            css=part("page.css"),
+            script=part("page.js"),
+            plotly=_plotly() if page.has_figures else Markup(""),
+        )
+    )
+
+
+def contents(page: Page) -> dict[str, Any]:
+    """What the template `page.html.jinja`, or one that extends it, shows of a page."""
+    light, dark = (_embedded(style.template(dark).to_plotly_json()) for dark in (False, True))
+    return {"page": page, "light": light, "dark": dark}
+
+
+@cache
+def environment(room: str = "report") -> Environment:
+    """Templates of a room, and those of pages, with all that they need to show a page."""
     environment = Environment(
-        loader=PackageLoader("deltaid", "report"),
+        loader=ChoiceLoader([PackageLoader("deltaid", one) for one in (room, "report")]),
         autoescape=True,
         finalize=_shown,
         trim_blocks=True,
@@ -157,15 +178,7 @@ def render(page: Page) -> str:
             "long": lambda cell: len(cell) > _LONG,
         }
     )
-    templates = [_embedded(style.template(dark).to_plotly_json()) for dark in (False, True)]
-    return environment.get_template("page.html.jinja").render(
-        page=page,
-        css=_part("page.css"),
-        script=_part("page.js"),
-        plotly=_plotly() if page.has_figures else Markup(""),
-        light=templates[0],
-        dark=templates[1],
-    )
+    return environment
 
 
 def _shown(value: object) -> object:
@@ -177,7 +190,8 @@ def _is(kind: type) -> object:
     return lambda block: isinstance(block, kind)
 
 
-def _part(name: str) -> Markup:
+def part(name: str) -> Markup:
+    """A file of this room, such as the style of its pages."""
     return Markup(files("deltaid.report").joinpath(name).read_text(encoding="utf-8"))
 
 

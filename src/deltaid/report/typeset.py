@@ -75,8 +75,9 @@ def explained(text: str) -> Markup:
 
 
 def legend(table: Table) -> tuple[tuple[str, str], ...]:
-    """Short names of bodies in a table, and what they stand for."""
-    cells = [*table.columns, *(cell for row in table.rows for cell in row)]
+    """Short names of bodies in a table, and what they stand for; links have names of their own."""
+    first = 1 if table.links else 0
+    cells = [*table.columns, *(cell for row in table.rows for cell in row[first:])]
     return tuple((name, body_in_words(name)) for name in bodies_in(cells))
 
 
