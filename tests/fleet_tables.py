@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+Names, Times, Which, Random = list[str], list[datetime], tuple[int, ...], np.random.Generator
 START = datetime(2026, 1, 5, 6)
 DRIVES = ("q1", "q2", "q3")
 TYPES = ("irb360-6-1600", "clavel-delta3")
@@ -64,7 +65,7 @@ def kind(k: int) -> str:
     return TYPES[k % len(TYPES)]
 
 
-def _recordings(named, times, warm, silent) -> pl.DataFrame:
+def _recordings(named: Names, times: Times, warm: np.ndarray, silent: Which) -> pl.DataFrame:
     rows = []
     for k, robot in enumerate(named):
         for i, time in enumerate(times):
@@ -78,7 +79,9 @@ def _recordings(named, times, warm, silent) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
-def _friction(named, times, warm, rising, usable, rng) -> pl.DataFrame:
+def _friction(
+    named: Names, times: Times, warm: np.ndarray, rising: Which, usable: list[int], rng: Random
+) -> pl.DataFrame:
     rows = []
     for k in usable:
         for d, drive in enumerate(DRIVES):
@@ -94,7 +97,7 @@ def _friction(named, times, warm, rising, usable, rng) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
-def _drift(named, times, rising, usable) -> pl.DataFrame:
+def _drift(named: Names, times: Times, rising: Which, usable: list[int]) -> pl.DataFrame:
     rows = []
     for k in usable:
         for d, drive in enumerate(DRIVES):
@@ -119,7 +122,7 @@ def _drift(named, times, rising, usable) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=kinds, orient="row")
 
 
-def _parameters(named, times, usable, rng) -> pl.DataFrame:
+def _parameters(named: Names, times: Times, usable: list[int], rng: Random) -> pl.DataFrame:
     rows = []
     periods = sorted({f"{time:%Y-%m}" for time in times})
     for k in usable:
@@ -135,15 +138,15 @@ def _parameters(named, times, usable, rng) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
-def _members(named, foreign, usable, rng) -> pl.DataFrame:
+def _members(named: Names, foreign: Which, usable: list[int], rng: Random) -> pl.DataFrame:
     rows = []
     for k in usable:
         for parameter, (mean, _) in PARAMETERS.items():
             away = 9.0 if k in foreign and parameter == "EE.m" else rng.normal()
             value, std = mean * (1 + 0.02 * away), 0.008 * mean
-            why = f"EE.m is {away:.0f} spreads from its type" if k in foreign else ""
+            why = "EE.m is 9 spreads from its type" if k in foreign and away == 9.0 else ""
             rows.append((named[k], kind(k), parameter, value, std, value - 2 * std,
-                         value + 2 * std, 2 * std, away, k not in foreign, why))  # fmt: skip
+                         value + 2 * std, 2 * std, away, not why, why))  # fmt: skip
     names = ("robot", "type", "parameter", "value", "std", "low", "high", "alone_std", "deviation",
              "belongs", "reason")  # fmt: skip
     return pl.DataFrame(rows, schema=names, orient="row")

@@ -3,15 +3,13 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-import plotly.graph_objects as go
 import polars as pl
-from plotly.subplots import make_subplots
 
+from deltaid.fleet_site.panels import Panel, dots, grid
 from deltaid.fleet_site.parts import NOTHING, deviation_figure, most_spread
 from deltaid.fleet_site.state import Robot
 from deltaid.fleet_site.tables import Tables
-from deltaid.report import style
-from deltaid.report.page import Figure, Section, Text
+from deltaid.report.page import Chart, Section, Text
 from deltaid.report.table import Table
 
 # Types that have figures on the fleet's page; all have pages.
@@ -23,43 +21,37 @@ def levels(
 ) -> tuple[Section, ...]:
     """How friction spreads over robots of a type, drive by drive."""
     kinds = [kind for kind in labels if any(one.type == kind and one.drives for one in robots)]
-    if tables.drift["level"].null_count() == len(tables.drift):
+    panels = [
+        level_panel([one for one in robots if one.type == kind], labels[kind], unit_of(tables))
+        for kind in kinds[:_TYPES]
+    ]
+    panels = [panel for panel in panels if panel.traces[0]["x"]]
+    if not panels:
         return ()
-    figure = make_subplots(
-        rows=1,
-        cols=len(kinds[:_TYPES]),
-        subplot_titles=[style.label(labels[kind]) for kind in kinds[:_TYPES]],
-    )
-    for k, kind in enumerate(kinds[:_TYPES]):
-        figure.add_trace(level_trace(one for one in robots if one.type == kind), row=1, col=k + 1)
-    figure.update_layout(height=420, showlegend=False)
-    unit = _unit(tables)
-    figure.update_yaxes(title_text=style.label(f"friction [{unit}]"), row=1, col=1)
-    blocks = (Figure(figure, "Friction of every drive of every robot; a dot is a robot."),)
+    figure = grid(panels, columns=min(len(panels), 3), row=300)
+    blocks = (Chart(figure, "Friction of every drive of every robot; a dot is a robot."),)
     return (Section("Friction of the fleet", blocks, "level of every drive, by type"),)
 
 
-def level_trace(robots: Iterable[Robot]) -> go.Box:
+def level_panel(robots: Iterable[Robot], title: str, unit: str) -> Panel:
     """Friction of all drives of some robots."""
-    rows = [(one.name, row) for one in robots for row in one.drives if row["level"] is not None]
-    return go.Box(
-        x=[row["drive"] for _, row in rows],
-        y=[row["level"] for _, row in rows],
-        text=[style.label(name) for name, _ in rows],
-        boxpoints="all",
-        jitter=0.5,
-        pointpos=0,
-        marker={"color": style.MEASURED, "size": 4, "opacity": 0.6},
-        line={"width": 1},
-        fillcolor="rgba(0,0,0,0)",
-        hovertemplate="%{text}: %{y:.3g}<extra></extra>",
-        hoveron="points",
+    known = [(one.name, row) for one in robots for row in one.drives if row["level"] is not None]
+    rows = pl.DataFrame(
+        [(name, row["level"]) for name, row in known],
+        schema={"robot": pl.String, "y": pl.Float64},
+        orient="row",
     )
+    trace = dots(rows, "y", "robot") | {
+        "x": [row["drive"] for _, row in known],
+        "hovertemplate": "%{text}: %{y:.3g}<extra></extra>",
+    }
+    return Panel(title, (trace,), unit=f"friction [{unit}]")
 
 
-def _unit(tables: Tables) -> str:
+def unit_of(tables: Tables) -> str:
+    """Of friction, where all drives have the same."""
     units = tables.friction["unit"].unique().to_list()
-    return units[0] if len(units) == 1 else "of the drive"
+    return units[0] if len(units) == 1 else "unit of the drive"
 
 
 def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]:
@@ -69,8 +61,8 @@ def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]
         own = tables.members.filter(pl.col("type") == kind)
         names = most_spread(own)
         if names and len(blocks) < _TYPES:
-            figure = deviation_figure(own, names, "deviation from the type's mean [spreads]")
-            blocks.append(Figure(figure, f"{label}: how its robots differ; a dot is a robot."))
+            figure = deviation_figure(own, names)
+            blocks.append(Chart(figure, f"{label}: how its robots differ; a dot is a robot."))
     if not blocks:
         return ()
     return (Section("Parameters by type", tuple(blocks), "how robots of one type differ"),)
@@ -106,7 +98,7 @@ def quarantine(tables: Tables) -> tuple[Section, ...]:
         return ()
     reasons: dict[str, list[str]] = {}
     for row in bad.iter_rows(named=True):
-        said = row["reason"].replace(row["which"], "…")
+        said = _without_name(row["reason"], row["which"])
         reasons.setdefault(said, []).append(row["robot"])
     ordered = sorted(reasons.items(), key=lambda item: -len(item[1]))
     rows = tuple(
@@ -120,3 +112,10 @@ def quarantine(tables: Tables) -> tuple[Section, ...]:
 
 def _few(names: Sequence[str]) -> list[str]:
     return [*names[:5], f"and {len(names) - 5} more"] if len(names) > 5 else list(names)
+
+
+def _without_name(reason: str, which: str) -> str:
+    """A reason without the recording's name, so that those of one cause are alike."""
+    for name in (which, which.replace("\\", "/").rpartition("/")[2]):
+        reason = reason.replace(name, "…") if name else reason
+    return reason

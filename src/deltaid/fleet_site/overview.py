@@ -5,11 +5,12 @@ from collections.abc import Mapping, Sequence
 import polars as pl
 
 from deltaid.fleet_site.chapters import deviations, levels, quarantine, type_section
-from deltaid.fleet_site.friction_figure import Panel, friction_figure, main_quantity
+from deltaid.fleet_site.friction_figure import friction_panel, main_quantity
+from deltaid.fleet_site.panels import Panel, grid
 from deltaid.fleet_site.parts import NOTHING, WORDS, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.fleet_site.tables import Tables
-from deltaid.report.page import Block, Fact, Figure, Page, Section
+from deltaid.report.page import Block, Chart, Fact, Page, Section
 from deltaid.report.summary import Grade, Summary
 from deltaid.report.table import Table
 
@@ -86,11 +87,9 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
     if bad:
         all_of_them = sum(one.recordings for one in robots)
         lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
-    alarms = tables.drift["false_alarms"].drop_nulls()
-    if len(alarms):
-        lines.append(
-            f"False alarms of changes: at most {shown(float(alarms.max()))} a drive and year."
-        )  # type: ignore[arg-type]
+    alarms = [row["false_alarms"] for row in drives if row["false_alarms"] is not None]
+    if alarms:
+        lines.append(f"False alarms of changes: at most {shown(max(alarms))} a drive and year.")
     return lines
 
 
@@ -139,26 +138,19 @@ def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block
 def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     """Friction over time of drives where it changes."""
     changed = [(one, row) for one in urgent for row in one.changed]
-    panels = [
-        Panel(
-            f"{one.name}, {row['drive']}",
-            main_quantity(
-                tables.friction.filter(
-                    (pl.col("robot") == one.name) & (pl.col("drive") == row["drive"])
-                )
-            ),
-            row,
-        )
-        for one, row in changed[:_PANELS]
-    ]
-    panels = [panel for panel in panels if len(panel.seen)]
+    panels = list[Panel]()
+    for one, row in changed[:_PANELS]:
+        whose = (pl.col("robot") == one.name) & (pl.col("drive") == row["drive"])
+        seen = main_quantity(tables.friction.filter(whose))
+        if len(seen):
+            panels.append(friction_panel(f"{one.name}, {row['drive']}", seen, row))
     if not panels:
         return ()
     more = len(changed) - len(panels)
     told = f" {more} more drives are on the pages of their robots." if more else ""
     return (
-        Figure(
-            friction_figure(panels, columns=min(3, len(panels))),
+        Chart(
+            grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True),
             "Friction over time of drives where it changes. Dotted: the day of the change, with "
             f"the days it may have been.{told}",
         ),

@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping
 
-import plotly.graph_objects as go
 import polars as pl
-from plotly.subplots import make_subplots
 
+from deltaid.fleet_site.panels import Panel, grid, numbers
 from deltaid.fleet_site.parts import MOST, NOTHING, between, shown
 from deltaid.fleet_site.state import Robot
 from deltaid.report import style
 from deltaid.report.numbers import with_uncertainty
-from deltaid.report.page import Block, Figure, Section
+from deltaid.report.page import Block, Chart, Section
 from deltaid.report.table import Table
 
 # What says that a value is seen and not taken from elsewhere.
@@ -61,52 +60,47 @@ def _parameter(row: Mapping[str, object], ordered: pl.DataFrame) -> tuple[str, .
     )
 
 
-def _over_periods(ordered: pl.DataFrame) -> tuple[Figure, ...]:
+def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
     """Those that data shows, over the periods; open where the prior decided."""
     seen = ordered.filter(pl.col("decided_by").is_in(SEEN))
-    names = list(dict.fromkeys(seen["parameter"].to_list()))[:MOST]
+    names = list(dict.fromkeys(seen["parameter"].to_list()))
     if not names or ordered["period"].n_unique() < 2:
         return ()
-    columns = 3
-    rows = -(-len(names) // columns)
-    figure = make_subplots(
-        rows=rows,
-        cols=columns,
-        subplot_titles=[style.label(name) for name in names],
-        vertical_spacing=0.3 / max(rows, 2),
-        horizontal_spacing=0.08,
-    )
-    traces = [_of_parameter(ordered.filter(pl.col("parameter") == name)) for name in names]
-    places = [divmod(k, columns) for k in range(len(names))]
-    figure.add_traces(traces, [row + 1 for row, _ in places], [col + 1 for _, col in places])
-    figure.update_annotations(font_size=12)
-    figure.update_xaxes(type="category", nticks=4)
-    figure.update_layout(height=190 * rows + 60, showlegend=False)
-    left = seen["parameter"].n_unique() - len(names)
-    more = f" {left} more are in the table." if left else ""
+    panels = [_panel(ordered.filter(pl.col("parameter") == name)) for name in names[:MOST]]
+    left = len(names) - len(panels)
     said = (
         "Parameters that data shows, by period, with 95 % intervals; open where the prior decided."
+        + f" {left} more are in the table." * (left > 0)
     )
-    return (Figure(figure, said + more),)
+    figure = grid(panels, columns=3, row=130, x={"type": "category", "nticks": 4})
+    return (Chart(figure, said),)
 
 
-def _of_parameter(rows: pl.DataFrame) -> go.Scatter:
-    value = rows["value"]
-    symbols = ["circle" if by in SEEN else "circle-open" for by in rows["decided_by"].to_list()]
-    return go.Scatter(
-        x=rows["period"].to_list(),
-        y=value.to_numpy(),
-        error_y={
-            "array": (rows["high"] - value).fill_null(0).to_numpy(),
-            "arrayminus": (value - rows["low"]).fill_null(0).to_numpy(),
+def _panel(rows: pl.DataFrame) -> Panel:
+    """One parameter."""
+    value, decided = rows["value"], rows["decided_by"].to_list()
+    trace = {
+        "type": "scatter",
+        "x": rows["period"].to_list(),
+        "y": numbers(value),
+        "error_y": {
+            "type": "data",
+            "array": numbers((rows["high"] - value).fill_null(0.0)),
+            "arrayminus": numbers((value - rows["low"]).fill_null(0.0)),
             "width": 0,
             "thickness": 1,
         },
-        customdata=[style.label(by) for by in rows["decided_by"].to_list()],
-        hovertemplate="%{x}: %{y:.4g}, %{customdata}<extra></extra>",
-        mode="markers",
-        marker={"color": style.IDENTIFIED, "size": 5, "symbol": symbols},
-    )
+        "text": [style.label(by) for by in decided],
+        "hovertemplate": "%{x}: %{y:.4g}, %{text}<extra></extra>",
+        "mode": "markers",
+        "marker": {
+            "color": style.IDENTIFIED,
+            "size": 5,
+            "symbol": ["circle" if by in SEEN else "circle-open" for by in decided],
+        },
+    }
+    unit = rows["unit"][0]
+    return Panel(f"{rows['parameter'][0]} [{unit}]" if unit else rows["parameter"][0], (trace,))
 
 
 def type_section(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:

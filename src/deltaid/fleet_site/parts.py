@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-import plotly.graph_objects as go
 import polars as pl
 
+from deltaid.fleet_site.panels import Data, dots, numbers
 from deltaid.fleet_site.state import Row, Urgency, day
 from deltaid.report import style
 from deltaid.report.numbers import number, percent, span
@@ -20,6 +20,11 @@ MOST = 24
 def shown(value: float | None, digits: int = 4) -> str:
     """A number, or a dash."""
     return NOTHING if value is None else number(value, digits)
+
+
+def count(value: int | None) -> str:
+    """A count, or a dash."""
+    return NOTHING if value is None else str(value)
 
 
 def share(value: float | None) -> str:
@@ -39,8 +44,8 @@ def days(low: datetime | None, high: datetime | None) -> str:
     return f"{day(low)} … {day(high) if high is not None else 'later'}"
 
 
-def drive_table(drives: Sequence[Row], caption: str = "") -> Table:
-    """What is known of each drive's friction over time."""
+def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table]:
+    """What is known of each drive's friction over time, and why."""
     rows = tuple(
         (
             one["drive"],
@@ -49,61 +54,65 @@ def drive_table(drives: Sequence[Row], caption: str = "") -> Table:
             days(one["change_low"], one["change_high"]),
             share(one["rate"]),
             _shares(one["rate_low"], one["rate_high"]),
-            shown(one["level"]),
-            shown(one["limit"]),
             day(one["horizon"]),
             days(one["horizon_low"], one["horizon_high"]),
+        )
+        for one in drives
+    )
+    columns = ("drive", "friction", "changed on", "between", "a month", "between",
+               "limit reached on", "between")  # fmt: skip
+    states = [one["state"] for one in drives]
+    marked = frozenset(k for k, state in enumerate(states) if state not in ("steady", "unknown"))
+    why = tuple(
+        (
+            one["drive"],
+            shown(one["level"]),
+            shown(one["limit"]),
             share(one["temperature_slope"]),
-            shown(one["recordings"]),
+            count(one["recordings"]),
             one["reason"],
         )
         for one in drives
     )
-    columns = ("drive", "friction", "changed on", "within", "a month", "within", "level", "limit",
-               "limit reached on", "within", "per K", "recordings", "why")  # fmt: skip
-    marked = frozenset(
-        k for k, one in enumerate(drives) if one["state"] not in ("steady", "unknown")
+    return (
+        Table(columns, rows, caption, marked=marked),
+        Table(("drive", "level", "limit", "per K", "recordings", "why"), why),
     )
-    return Table(columns, rows, caption, marked=marked)
 
 
 def _shares(low: float | None, high: float | None) -> str:
     return NOTHING if low is None or high is None else f"{percent(low)} … {percent(high)}"
 
 
-def deviation_figure(members: pl.DataFrame, parameters: Sequence[str], title: str) -> go.Figure:
-    """Deviations from the type's mean, one box a parameter, robots that do not belong as dots."""
-    figure = go.Figure()
-    own = members.filter(pl.col("parameter").is_in(list(parameters)))
-    for belongs, name, color in (
-        (True, "robots", style.MEASURED), (False, "do not belong", style.LIMIT),
-    ):  # fmt: skip
-        rows = own.filter(pl.col("belongs").fill_null(True) == belongs)
-        if rows.is_empty():
-            continue
-        figure.add_trace(
-            go.Box(
-                x=rows["deviation"].to_numpy(),
-                y=rows["parameter"].to_list(),
-                text=[style.label(name) for name in rows["robot"].to_list()],
-                orientation="h",
-                boxpoints="all" if not belongs or len(rows) <= 2000 else "outliers",
-                jitter=0.4,
-                pointpos=0,
-                marker={"color": color, "size": 4 if belongs else 7, "opacity": 0.7},
-                line={"width": 1 if belongs else 0},
-                fillcolor="rgba(0,0,0,0)",
-                hovertemplate="%{text}: %{x:.3g}<extra>%{y}</extra>",
-                hoveron="points",
-                name=name,
-            )
+def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
+    """Deviations from the type's mean, a box a parameter; robots that do not belong stand out."""
+    own = members.filter(
+        pl.col("parameter").is_in(list(parameters)) & pl.col("deviation").is_not_null()
+    ).rename({"deviation": "x"})
+    alike, foreign = (own.filter(pl.col("belongs").fill_null(True) == is_) for is_ in (True, False))
+    common = {"orientation": "h", "hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
+    traces = [dots(alike, "x", "robot") | common | {"y": alike["parameter"].to_list()}]
+    if len(foreign):
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": numbers(foreign["x"]),
+                "y": foreign["parameter"].to_list(),
+                "text": [style.label(name) for name in foreign["robot"].to_list()],
+                "marker": {"color": style.LIMIT, "size": 8, "symbol": "diamond"},
+                "hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>",
+            }
         )
-    figure.update_layout(
-        height=26 * len(parameters) + 120,
-        xaxis={"title": {"text": title}},
-        yaxis={"categoryorder": "array", "categoryarray": list(parameters)[::-1]},
-    )
-    return figure
+    names = ("robots", "robots that do not belong")
+    return {
+        "data": [trace | {"name": name} for trace, name in zip(traces, names, strict=False)],
+        "layout": {
+            "height": 26 * len(parameters) + 120,
+            "xaxis": {"title": {"text": "deviation from the type's mean [spreads]"}},
+            "yaxis": {"categoryorder": "array", "categoryarray": list(parameters)[::-1]},
+        },
+    }
 
 
 def most_spread(members: pl.DataFrame) -> list[str]:

@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping
 
-import plotly.graph_objects as go
 import polars as pl
 
-from deltaid.fleet_site.friction_figure import Panel, friction_figure
+from deltaid.fleet_site.friction_figure import friction_panel
+from deltaid.fleet_site.panels import dates, grid, numbers
 from deltaid.fleet_site.parameter_sections import parameter_section, type_section
-from deltaid.fleet_site.parts import NOTHING, drive_table, share, shown
+from deltaid.fleet_site.parts import NOTHING, count, drive_tables, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.report import style
-from deltaid.report.page import Block, Fact, Figure, Page, Section, Text
+from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
 from deltaid.report.summary import Grade, Summary
 from deltaid.report.table import Table
 
@@ -77,39 +77,39 @@ def _friction(
         return (), ()
     drift = {row["drive"]: row for row in robot.drives}
     drives = list(dict.fromkeys(friction["drive"].to_list()))
-    quantities = list(dict.fromkeys(friction["quantity"].to_list()))
-    figures = list[Figure]()
-    for k, quantity in enumerate(quantities):
+    charts = list[Chart]()
+    for k, quantity in enumerate(dict.fromkeys(friction["quantity"].to_list())):
         rows = friction.filter(pl.col("quantity") == quantity).sort("time")
+        parts = [(drive, rows.filter(pl.col("drive") == drive)) for drive in drives]
         panels = [
-            Panel(drive, rows.filter(pl.col("drive") == drive), None if k else drift.get(drive))
-            for drive in drives
+            friction_panel(drive, part, None if k else drift.get(drive))
+            for drive, part in parts
+            if len(part)
         ]
         caption = f"{quantity[:1].upper()}{quantity[1:]} of each drive over time."
         if not k:
             caption += " Dotted: the day of a change, with the days it may have been."
-        figures.append(Figure(friction_figure([one for one in panels if len(one.seen)]), caption))
-    further: list[Block] = [*figures[1:], *_temperature(friction)]
-    sections = (Section("What friction goes with", tuple(further), "temperature"),)
-    return (figures[0],), sections if further else ()
+        charts.append(Chart(grid(panels, x={"type": "date", "matches": "x"}, legend=True), caption))
+    further: tuple[Block, ...] = (*charts[1:], *_temperature(friction))
+    section = Section("What friction goes with", further, "what else was seen, and temperature")
+    return (charts[0],), (section,) if further else ()
 
 
-def _temperature(friction: pl.DataFrame) -> tuple[Figure, ...]:
+def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
     """Temperature over time."""
     rows = friction.filter(pl.col("temperature").is_not_null()).unique("time").sort("time")
     if rows.is_empty():
         return ()
-    figure = go.Figure(
-        go.Scatter(
-            x=rows["time"].to_list(),
-            y=rows["temperature"].to_numpy(),
-            mode="lines+markers",
-            marker={"color": style.SERIES[4], "size": 4},
-            line={"width": 1},
-        )
-    )
-    figure.update_layout(height=240, yaxis={"title": {"text": "temperature [°C]"}})
-    return (Figure(figure, "Temperature of each recording."),)
+    trace = {
+        "type": "scatter",
+        "x": dates(rows["time"]),
+        "y": numbers(rows["temperature"]),
+        "mode": "lines+markers",
+        "marker": {"color": style.SERIES[4], "size": 4},
+        "line": {"color": style.SERIES[4], "width": 1},
+    }
+    layout = {"height": 240, "yaxis": {"title": {"text": "temperature [°C]"}}}
+    return (Chart({"data": [trace], "layout": layout}, "Temperature of each recording."),)
 
 
 def _drives(robot: Robot) -> tuple[Section, ...]:
@@ -117,8 +117,8 @@ def _drives(robot: Robot) -> tuple[Section, ...]:
         return ()
     alarms = robot.drives[0]["false_alarms"]
     said = f"False alarms: at most {shown(alarms)} a drive and year." if alarms is not None else ""
-    table = drive_table(robot.drives, said)
-    return (Section("Drives", (table,), "changes of friction, rates, limits", unfolded=True),)
+    tables = drive_tables(robot.drives, said)
+    return (Section("Drives", tables, "changes of friction, rates, limits", unfolded=True),)
 
 
 def _recordings(recordings: pl.DataFrame) -> tuple[Section, ...]:
@@ -136,7 +136,7 @@ def _recordings(recordings: pl.DataFrame) -> tuple[Section, ...]:
             row["path"].replace("\\", "/").rpartition("/")[2],
             shown(row["load"]),
             shown(row["temperature"]),
-            NOTHING if row["samples"] is None else str(row["samples"]),
+            count(row["samples"]),
             row["reason"] or row["verdicts"] or "",
         )
         for row in kept.iter_rows(named=True)

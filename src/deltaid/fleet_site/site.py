@@ -9,6 +9,7 @@ from plotly.offline import get_plotlyjs
 
 from deltaid.errors import DeltaidError
 from deltaid.files import together, written_whole
+from deltaid.fleet_site.chapters import unit_of
 from deltaid.fleet_site.names import address, file_names, type_labels
 from deltaid.fleet_site.overview import overview
 from deltaid.fleet_site.robot_page import robot_page
@@ -75,7 +76,7 @@ def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str
         means, members = (
             frame.filter(pl.col("type") == kind) for frame in (tables.types, tables.members)
         )
-        page = type_page(kind, labels[kind], own, means, members, above)
+        page = type_page(kind, labels[kind], own, means, members, above, unit_of(tables))
         yield f"{TYPES}/{of_types[kind]}", _rendered(page, _UP, (home,))
 
 

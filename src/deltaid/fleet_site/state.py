@@ -121,8 +121,8 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
         first=usable[0] if usable else None,
         last=usable[-1] if usable else None,
         drives=drives,
-        noise=last and last["noise"],
-        worst_error=last and last["worst_error"],
+        noise=last["noise"] if last else None,
+        worst_error=last["worst_error"] if last else None,
         belongs=None if members is None else not foreign,
         concerns=tuple(sorted(concerns, key=lambda one: one.urgency)),
     )
@@ -161,8 +161,8 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
         why = _short(rows[-1]["reason"])
         return [Concern(Urgency.LOOK, f"its last {late} recordings are in quarantine: {why}")]
     if usable and now is not None:
-        pauses = [b - a for a, b in pairwise(usable)]
-        usual = median(pauses) if pauses else timedelta(0)
+        pauses = [(b - a).total_seconds() for a, b in pairwise(usable)]
+        usual = timedelta(seconds=median(pauses or [0.0]))
         if now - usable[-1] > max(_SILENT, _PAUSES * usual):
             return [Concern(Urgency.LOOK, f"no recording since {day(usable[-1])}")]
     return []

@@ -1,7 +1,9 @@
 """The tables of a fleet's folder as its site reads them; what is missing is empty, with a word."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -10,7 +12,7 @@ from deltaid.errors import DeltaidError
 _TIME = pl.Datetime("us")
 _TEXT, _NUMBER = pl.String, pl.Float64
 # Columns that pages read, by table; further ones are left alone.
-COLUMNS: dict[str, dict[str, type[pl.DataType] | pl.DataType]] = {
+_COLUMNS: dict[str, dict[str, Any]] = {
     "recordings": {
         **dict.fromkeys(("robot", "type"), _TEXT), "time": _TIME, "path": _TEXT,
         **dict.fromkeys(("load", "temperature"), _NUMBER), "file": _TEXT, "reason": _TEXT,
@@ -47,6 +49,7 @@ COLUMNS: dict[str, dict[str, type[pl.DataType] | pl.DataType]] = {
         "belongs": pl.Boolean, "reason": _TEXT,
     },
 }  # fmt: skip
+COLUMNS = {name: pl.Schema(columns) for name, columns in _COLUMNS.items()}
 _TELLS = {
     "recordings": "recordings and their verdicts",
     "quarantine": "fits that failed",
@@ -121,13 +124,19 @@ def _read(path: Path) -> pl.DataFrame:
         ) from None
 
 
-def _shaped(
-    frame: pl.DataFrame, columns: dict[str, type[pl.DataType] | pl.DataType], path: Path
-) -> pl.DataFrame:
-    """The columns that are read, in their types; texts are never null."""
+def _shaped(frame: pl.DataFrame, columns: Mapping[str, Any], path: Path) -> pl.DataFrame:
+    """The columns that are read, in their types; texts are never null, times are in UTC."""
+    there = {
+        name: pl.col(name) if name in frame.columns else pl.lit(None).alias(name)
+        for name in columns
+    }
+    for name, given in frame.schema.items():
+        if name in there and isinstance(given, pl.Datetime) and given.time_zone:
+            there[name] = pl.col(name).dt.convert_time_zone("UTC").dt.replace_time_zone(None)
     try:
         return frame.select(
-            _column(frame, name, kind).alias(name) for name, kind in columns.items()
+            there[name].cast(kind).fill_null("") if kind == _TEXT else there[name].cast(kind)
+            for name, kind in columns.items()
         )
     except pl.exceptions.PolarsError as error:
         raise DeltaidError(
@@ -135,14 +144,3 @@ def _shaped(
             where=str(path),
             cure="remove it and call `deltaid fleet` again, which makes it anew",
         ) from None
-
-
-def _column(frame: pl.DataFrame, name: str, kind: type[pl.DataType] | pl.DataType) -> pl.Expr:
-    column = pl.col(name) if name in frame.columns else pl.lit(None)
-    if kind == _TEXT:
-        return column.cast(_TEXT).fill_null("")
-    if kind == _TIME and name in frame.columns:
-        given = frame.schema[name]
-        if isinstance(given, pl.Datetime) and given.time_zone:
-            column = column.dt.convert_time_zone("UTC").dt.replace_time_zone(None)
-    return column.cast(kind)

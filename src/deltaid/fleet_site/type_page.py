@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 
-import plotly.graph_objects as go
 import polars as pl
 
-from deltaid.fleet_site.chapters import level_trace
-from deltaid.fleet_site.parts import NOTHING, between, deviation_figure, most_spread, shown
+from deltaid.fleet_site.chapters import level_panel
+from deltaid.fleet_site.panels import grid
+from deltaid.fleet_site.parts import NOTHING, between, count, deviation_figure, most_spread, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.report.numbers import with_uncertainty
-from deltaid.report.page import Block, Fact, Figure, Page, Section, Text
+from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
 from deltaid.report.summary import Grade, Summary
 from deltaid.report.table import Table
 
@@ -21,6 +21,7 @@ def type_page(
     types: pl.DataFrame,
     members: pl.DataFrame,
     links: Mapping[str, str],
+    unit: str,
 ) -> Page:
     """The page of a type.
 
@@ -29,6 +30,7 @@ def type_page(
         robots: those of it.
         types, members: its rows of these tables.
         links: addresses of the robots' pages.
+        unit: of friction.
     """
     foreign = [one for one in robots if one.belongs is False]
     return Page(
@@ -43,7 +45,7 @@ def type_page(
         front=(*_foreign(foreign, links), *_deviations(members)),
         sections=(
             *_means(types),
-            *_levels(robots),
+            *_levels(robots, unit),
             Section("Robots", (_robots(robots, members, links),), "all of this type"),
         ),
     )
@@ -80,11 +82,11 @@ def _deviations(members: pl.DataFrame) -> tuple[Block, ...]:
     names = most_spread(members)
     if not names:
         return ()
-    figure = deviation_figure(members, names, "deviation from the mean [spreads]")
+    figure = deviation_figure(members, names)
     more = members["parameter"].n_unique() - len(names)
     said = "How robots differ from the type's mean, in spreads between robots; a dot is a robot."
     return (
-        Figure(figure, said + (f" {more} parameters that differ less are left out." * (more > 0))),
+        Chart(figure, said + (f" {more} parameters that differ less are left out." * (more > 0))),
     )
 
 
@@ -105,7 +107,7 @@ def _means(types: pl.DataFrame) -> tuple[Section, ...]:
             shown(row["spread"], 3),
             between(row["spread_low"], row["spread_high"]),
             shown(row["prior"]),
-            shown(row["robots"]),
+            count(row["robots"]),
         )
         for row in types.iter_rows(named=True)
     )
@@ -118,14 +120,12 @@ def _means(types: pl.DataFrame) -> tuple[Section, ...]:
     )  # fmt: skip
 
 
-def _levels(robots: Sequence[Robot]) -> tuple[Section, ...]:
-    trace = level_trace(robots)
-    if not trace.x:
+def _levels(robots: Sequence[Robot], unit: str) -> tuple[Section, ...]:
+    panel = level_panel(robots, "", unit)
+    if not panel.traces[0]["x"]:
         return ()
-    figure = go.Figure(trace)
-    figure.update_layout(height=380, yaxis={"title": {"text": "friction"}})
-    block = Figure(figure, "Friction of every drive of every robot; a dot is a robot.")
-    return (Section("Friction", (block,), "level of every drive"),)
+    said = "Friction of every drive of every robot; a dot is a robot."
+    return (Section("Friction", (Chart(grid([panel], row=280), said),), "level of every drive"),)
 
 
 def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, str]) -> Table:

@@ -9,7 +9,7 @@ from deltaid.report.glossary import NAME, bodies_in, body_in_words, in_words, is
 from deltaid.report.table import Table
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
-_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d")
+_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
 # Those of a sentence that need setting; names of files and options hold none.
 _IN_PROSE = re.compile(
