@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-Names, Times, Which, Random = list[str], list[datetime], tuple[int, ...], np.random.Generator
+Names = list[str]
+Times = list[datetime]
+Which = tuple[int, ...]
+Random = np.random.Generator
 START = datetime(2026, 1, 5, 6)
 DRIVES = ("q1", "q2", "q3")
 TYPES = ("irb360-6-1600", "clavel-delta3")
