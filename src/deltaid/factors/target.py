@@ -124,7 +124,8 @@ def _of_addition(
         T[np.arange(dynamics.dof), :, np.arange(dynamics.dof)] = -torque
     else:
         for k, parameter in enumerate(one.parameters):
-            T[:, place[parameter.name], k] = 1.0
+            if parameter.name in place:  # others have no effect on any torque
+                T[:, place[parameter.name], k] = 1.0
     return T
 
 
