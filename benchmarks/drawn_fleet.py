@@ -48,13 +48,13 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import Parameter
 
 RATE = 500.0
 # Courses of white noise, and of friction that wanders, and how long the latter remembers [s].
-WHITE, WANDERING, MEMORY = 72, 16, 2.0
+WHITE, WANDERING, MEMORY = 72, 16, 0.15
 SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
 
 
@@ -234,16 +234,18 @@ def made_alike(
 ) -> np.ndarray:
     """One robot of a type with parameters p in the mean.
 
-    Entries of each body's pseudo-inertia matrix are off by a share of √(M_ii M_jj), coefficients
-    of joints by a share of themselves, all independently.
+    Free entries of each body's pseudo-inertia matrix are off by a share of √(M_ii M_jj),
+    coefficients of joints by a share of themselves, all independently.
     """
     found, layout = p.copy(), compiled(robot).layout
     for name in layout.bodies:
         part = layout.body(name)
         M = pseudo_inertia(p[part])
-        size = np.sqrt(np.outer(np.diag(M), np.diag(M))) * (M != 0.0)
-        noise = np.triu(rng.standard_normal((4, 4)))
-        found[part] = inertia_parameters(M + body * size * (noise + np.triu(noise, 1).T))
+        size, off = np.sqrt(np.outer(np.diag(M), np.diag(M))), np.zeros((4, 4))
+        for entry in robot.bodies[name].free:
+            i, j = PSEUDO_INERTIA_ENTRIES[entry]
+            off[i, j] = off[j, i] = rng.standard_normal()
+        found[part] = inertia_parameters(M + body * size * off)
     at = layout.coefficients
     found[at] *= 1.0 + friction * rng.standard_normal(at.stop - at.start)
     return found
