@@ -19,9 +19,10 @@ from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.file import FactorFile, read, write
 from deltaid.factors.folder import gather_into
 from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered, validate_gathered
+from deltaid.factors.identify import identify_gathered
 from deltaid.factors.speed_columns import KNOTS, splines
-from deltaid.factors.target import maps
+from deltaid.factors.target import map_to
+from deltaid.factors.torques import validate_gathered
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.record import Settings
@@ -107,13 +108,13 @@ def _apart(robot) -> float:
     w = Samples(np.arange(len(z)) * 1.0, z, qd, qdd, none, none, none, np.zeros_like(qd))
     G = np.vstack([own, *(one.entries(w, own, Mock(spec=Recording)) for one in columns.additions)])
     rows, at = extended(columns.dynamics, columns.additions).regressor_pattern
-    T, worst = maps(columns, dynamics), 0.0
+    T, worst = map_to(columns, dynamics), 0.0
     for i in range(dynamics.dof):
         wide = np.zeros((len(columns.names), len(z)))
         np.add.at(wide, at[rows == i], G[rows == i])
         expected = np.zeros((len(dynamics.layout.names), len(z)))
         expected[Y.columns[Y.rows == i]] = Y.values[Y.rows == i]
-        left = T[i].T @ wide[columns.kept] - expected
+        left = T.T @ wide[columns.kept] - expected
         size = np.linalg.norm(expected, axis=1)
         worst = max(worst, float(np.max(np.linalg.norm(left, axis=1)[size > 0] / size[size > 0])))
     return worst
@@ -170,7 +171,7 @@ def test_what_cannot_be_merged_is_named(files, logs: list[Path]) -> None:
     with pytest.raises(RecordingError, match="the same recording as"):
         identify_gathered(ROBOT, [files[0], files[0]])
     other = gathered(ROBOT, logs[1], settings=Settings(cutoff=22.0))
-    with pytest.raises(RecordingError, match=r"filtered at 22 Hz over rows, .* at 15 Hz"):
+    with pytest.raises(RecordingError, match=r"filtered at 22 Hz, .* at 15 Hz"):
         identify_gathered(ROBOT, [files[0], other])
 
 
@@ -246,13 +247,25 @@ def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: 
     assert "is a folder, not a log" in empty.err
 
 
-def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files) -> None:
+def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_path: Path) -> None:
     model = identify_gathered(ROBOT, files[:2], SETTINGS).model
     expected, _ = validate(model, logs[2])
     found = validate_gathered(model, files[2])
     np.testing.assert_allclose(found.rms, expected.rms, rtol=0.05)
     np.testing.assert_allclose(found.nrmse, expected.nrmse, rtol=0.05)
     np.testing.assert_allclose(found.rms_unfiltered, expected.rms_unfiltered, rtol=0.05)
+    saved, file = tmp_path / "model.yaml", tmp_path / "log.factors.parquet"
+    model.save(saved)
+    write(files[2], file)
+    done = run("validate", saved, file, "--json")
+    assert json.loads(done.out)["rms"] == found.rms.tolist()
+    own = tmp_path / "own.factors.parquet"
+    write(files[0], own)
+    assert "so it verifies nothing" in run("validate", saved, own).err
+    refused = run("validate", saved, file, "--report", tmp_path / "a.html")
+    assert (refused.code, "--report: needs samples" in refused.err) == (2, True)
+    again = run("identify", ROBOT, logs[0], "--cutoff", 15, "--verify", file, "--json")
+    assert max(json.loads(again.out)["verify"]["nrmse"]) < 0.01
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from deltaid.errors import RecordingError
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.load_columns import LoadColumns
-from deltaid.identification.loads import declared_loads, joined
+from deltaid.identification.loads import declared_loads, held, joined
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied
 from deltaid.identification.validation import validate
@@ -259,7 +259,7 @@ def test_contradictions_about_a_load_are_refused() -> None:
 
     def opened(first: Load, second: Load) -> tuple[Load, ...]:
         columns = [ColumnMapping(load=one) for one in (first, second)]
-        return joined(open_recordings(tables, dynamics.kinematics, columns))
+        return joined(held(open_recordings(tables, dynamics.kinematics, columns)))
 
     one, other = Load(column="gripper", mass=1.0), Load(always=True, mass=2.0)
     with pytest.raises(RecordingError, match="load load has another mass"):

@@ -9,7 +9,7 @@ from deltaid.robot.description import RobotDescription
 
 # Keys of a description that gathered columns do not depend on: what a fit starts from, what is
 # known beside recordings, and what describes limits.
-_FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources", "gear_stiffness",
+_FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources",
          "platform_speed", "platform_acceleration", "strut_swing_deg",
          "largest_condition"}  # fmt: skip
 # Cut-offs that differ by less than this share are the same.
@@ -46,17 +46,15 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
 
 def _require_same_filter(files: Sequence[FactorFile]) -> None:
     first = files[0]
-    for name, words in (("cutoff_hz", "rows"), ("motion_cutoff_hz", "positions")):
-        wanted = getattr(first.record.model.sources[0], name)
-        for one in files[1:]:
-            own = getattr(one.record.model.sources[0], name)
-            same = own == wanted or (own and wanted and abs(own / wanted - 1.0) <= _SAME)
-            if name == "cutoff_hz" and not same:
-                raise RecordingError(
-                    f"was filtered at {_hz(own)} over {words}, {first.path} at {_hz(wanted)}",
-                    where=one.path,
-                    cure="gather both with the same --cutoff",
-                )
+    wanted = first.record.model.sources[0].cutoff_hz
+    for one in files[1:]:
+        own = one.record.model.sources[0].cutoff_hz
+        if own != wanted and not (own and wanted and abs(own / wanted - 1.0) <= _SAME):
+            raise RecordingError(
+                f"was filtered at {_hz(own)}, {first.path} at {_hz(wanted)}",
+                where=one.path,
+                cure="gather both with the same --cutoff",
+            )
 
 
 def _hz(value: float | None) -> str:

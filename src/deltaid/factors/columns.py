@@ -3,8 +3,9 @@
 - Rigid bodies, rotors, springs: the representatives of the base parameters of a generic motion.
   All their other columns are combinations of these by the mechanism alone.
 - Friction: splines over speed (`speed_columns`), and what gears carry.
-- A lag of each drive beside what has been put right; what loads take while they are held; friction
-  times a recorded temperature.
+- What loads take while they are held.
+- What is of this recording alone: a lag of each drive beside what has been put right, friction that
+  changes along it.
 """
 
 from collections.abc import Sequence
@@ -17,15 +18,12 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.factors.carried_column import CarriedColumns
 from deltaid.factors.speed_columns import SpeedColumns
-from deltaid.identification.additions import Addition, Extended, Own, Values, extended
+from deltaid.identification.additions import Addition, Extended, extended
 from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.information import active_columns
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
-from deltaid.robot.parameter import Parameter
 
 # Reference speeds of joints whose limits the description does not give [rad/s, m/s].
 _TURNING, _SLIDING = 20.0, 5.0
@@ -114,34 +112,10 @@ class GatheredColumns:
         more = (parameter.name for one in self.additions for parameter in one.parameters)
         return (*self.dynamics.layout.names, *more)
 
-
-@dataclass(frozen=True, eq=False)
-class LagsByName(Addition):
-    """The lags of a recording that has been gathered, by their names."""
-
-    dynamics: Dynamics
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """One a drive."""
-        return tuple(
-            Parameter("lag", drive, "lag", "s", -np.inf, np.inf, 0.0, 1.0)
-            for drive in self.dynamics.robot.drives
-        )
-
-    @property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Each in its drive's row."""
-        each = np.arange(self.dynamics.dof)
-        return each, each
-
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """None: the recording is not here.
-
-        Raises:
-            NotImplementedError: always.
-        """
-        raise NotImplementedError
+    @cached_property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of those that go into a file."""
+        return tuple(self.names[k] for k in self.kept)
 
 
 def speed_columns(dynamics: Dynamics) -> tuple[SpeedColumns, ...]:

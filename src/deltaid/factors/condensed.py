@@ -1,6 +1,8 @@
 """What one recording says, condensed: triangular factors of its rows, whole and in groups."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,6 +30,71 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
+class Groups:
+    """Many groups, packed as a file holds them; each is unpacked as it is looked at.
+
+    Attributes:
+        names: of the groups.
+        sizes: of each drive's triangles.
+        packed: upper triangles row by row, one group after the other.
+        samples, torque_max: as of `Group`.
+    """
+
+    names: tuple[str, ...]
+    sizes: tuple[int, ...]
+    packed: Float[np.ndarray, "groups packed"]
+    samples: Float[np.ndarray, "groups drives"]
+    torque_max: Float[np.ndarray, "groups drives"]
+
+    @classmethod
+    def of(cls, groups: Iterable[Group]) -> "Groups":
+        """Packed."""
+        groups = tuple(groups)
+        return cls(
+            tuple(one.name for one in groups),
+            tuple(R.shape[1] for R in groups[0].factors),
+            np.stack([np.concatenate([packed(R) for R in one.factors]) for one in groups]),
+            np.stack([one.samples for one in groups]),
+            np.stack([one.torque_max for one in groups]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[Group]:
+        return self.named("")
+
+    def named(self, first: str) -> Iterator[Group]:
+        """Those whose names begin so."""
+        ends = np.cumsum([n * (n + 1) // 2 for n in self.sizes])[:-1]
+        for k, name in enumerate(self.names):
+            if name.startswith(first):
+                pieces = zip(np.split(self.packed[k], ends), self.sizes, strict=True)
+                factors = tuple(unpacked(piece, n) for piece, n in pieces)
+                yield Group(name, factors, self.samples[k], self.torque_max[k])
+
+
+def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
+    """An upper triangle row by row; rows beyond the rank are zero."""
+    n = R.shape[1]
+    square = np.zeros((n, n))
+    square[: len(R)] = R
+    return square[_upper(n)]
+
+
+def unpacked(row: Float[np.ndarray, " packed"], n: int) -> Float[np.ndarray, "n n"]:
+    """The triangle again."""
+    square = np.zeros((n, n))
+    square[_upper(n)] = row
+    return square
+
+
+@cache
+def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.triu_indices(n)
+
+
+@dataclass(frozen=True, eq=False)
 class Condensed:
     """A recording's factors.
 
@@ -43,13 +110,5 @@ class Condensed:
     names: tuple[str, ...]
     felt: tuple[Int[np.ndarray, " _"], ...]
     whole: Group
-    groups: tuple[Group, ...]
+    groups: Groups
     geometry: Group | None = None
-
-    def over(self, group: Group) -> Float[np.ndarray, "drives augmented augmented"]:
-        """Factors of a group over all columns and τ."""
-        n = len(self.names)
-        wide = np.zeros((len(group.factors), n + 1, n + 1))
-        for i, (R, at) in enumerate(zip(group.factors, self.felt, strict=True)):
-            wide[i][: len(R), np.append(at, n)] = R
-        return wide

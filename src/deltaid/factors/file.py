@@ -1,7 +1,8 @@
 """Factor files: one small Parquet file a recording.
 
 A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
-bit; those of stretches and places, which only tell how far to trust the rest, keep seven digits.
+bit, and so does what tolerances do; those of stretches and places, which only tell how far to trust
+the rest, keep seven digits.
 What stands beside them is JSON under the key `deltaid` of the file's metadata.
 """
 
@@ -11,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 from pydantic import ValidationError
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.factors.condensed import Condensed, Group
+from deltaid.factors.condensed import Condensed, Groups, packed
 from deltaid.factors.record import FORMAT, FactorRecord
 from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
+_EXACT, _BESIDE = ("whole", "geometry"), ("samples", "torque_max")
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -40,11 +41,13 @@ class FactorFile:
         record: the latter.
         condensed: the former.
         path: of the file; empty for what has been gathered just now.
+        key: a checksum of what it follows from.
     """
 
     record: FactorRecord
     condensed: Condensed
     path: str = ""
+    key: str = ""
 
 
 def is_factor_file(path: Path) -> bool:
@@ -62,12 +65,13 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
         DeltaidError: it cannot be written.
     """
     condensed, rows = found.condensed, []
-    for group in (condensed.whole, *condensed.groups):
+    geometry = [] if condensed.geometry is None else [condensed.geometry]
+    for group in (condensed.whole, *geometry, *condensed.groups):
         for i, R in enumerate(group.factors):
-            packed, whole = _packed(R), group is condensed.whole
+            row, exact = packed(R), group.name in _EXACT
             rows.append(
                 (group.name, i, group.samples[i], group.torque_max[i],
-                 packed if whole else None, None if whole else packed.astype(np.float32))
+                 row if exact else None, None if exact else row.astype(np.float32))
             )  # fmt: skip
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
@@ -81,8 +85,7 @@ def read_key(path: Path) -> str | None:
     if not path.is_file():
         return None
     try:
-        read(path)
-        return pl.read_parquet_metadata(path).get(_FROM)
+        return read(path).key
     except RecordingError:
         return None
 
@@ -95,15 +98,15 @@ def read(path: Path) -> FactorFile:
     """
     where = str(path)
     try:
-        record = _record(pl.read_parquet_metadata(path).get(_KEY), where)
-        table = pl.read_parquet(path)
+        beside, table = pl.read_parquet_metadata(path), pl.read_parquet(path)
     except (OSError, pl.exceptions.PolarsError) as error:
         raise RecordingError(
             f"cannot be read as a factor file: {error}", where=where, cure=_CURE
         ) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise RecordingError("is no factor file: its columns are others", where=where, cure=_CURE)
-    return FactorFile(record, _condensed(table, record, where), where)
+    record = _record(beside.get(_KEY), where)
+    return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
 
 
 def _record(text: str | None, where: str) -> FactorRecord:
@@ -127,37 +130,37 @@ def _record(text: str | None, where: str) -> FactorRecord:
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
-    drives, groups = len(record.felt), list[Group]()
+    names = table["group"].to_list()[:: len(record.felt)]
+    grouped = table.group_by("group", maintain_order=True)
+    every = list(range(len(record.felt)))
+    if [row for _, row in grouped.agg("drive").iter_rows()] != [every] * len(names):
+        raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
     sizes = [len(own) + 1 for own in record.felt]
-    for k in range(0, len(table), drives):
-        part = table[k : k + drives]
-        names = part["group"].unique().to_list()
-        if len(names) != 1 or part["drive"].to_list() != list(range(drives)):
-            raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
-        packed = part["exact" if names[0] == "whole" else "rounded"].to_list()
-        factors = tuple(_unpacked(x, n, where) for x, n in zip(packed, sizes, strict=True))
-        groups.append(
-            Group(names[0], factors, part["samples"].to_numpy(), part["torque_max"].to_numpy())
+    parts = {
+        name: _groups(part, [n + more for n in sizes], where)
+        for name, part, more in (
+            ("whole", table.filter(pl.col("group") == "whole"), 0),
+            ("geometry", table.filter(pl.col("group") == "geometry"), len(record.quantities)),
+            ("groups", table.filter(~pl.col("group").is_in(_EXACT)), 0),
         )
-    if not groups or groups[0].name != "whole":
+        if len(part)
+    }
+    if {*parts} != {"whole", "groups", *(["geometry"] if record.quantities else [])}:
         raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
     felt = tuple(np.array(own, dtype=int) for own in record.felt)
-    return Condensed(record.names, felt, groups[0], tuple(groups[1:]))
+    (whole,), geometry = parts["whole"], next(iter(parts.get("geometry", ())), None)
+    return Condensed(record.names, felt, whole, parts["groups"], geometry)
 
 
-def _packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
-    """The upper triangle row by row; rows beyond the rank are zero."""
-    n = R.shape[1]
-    square = np.zeros((n, n))
-    square[: len(R)] = R
-    return square[np.triu_indices(n)]
-
-
-def _unpacked(packed: list[float] | None, n: int, where: str) -> Float[np.ndarray, "n n"]:
-    if packed is None or len(packed) != n * (n + 1) // 2:
+def _groups(table: pl.DataFrame, sizes: list[int], where: str) -> Groups:
+    """Some groups of a file."""
+    drives, names = len(sizes), table["group"].to_list()[:: len(sizes)]
+    packed_in = "exact" if names[0] in _EXACT else "rounded"
+    lengths = [n * (n + 1) // 2 for n in sizes]
+    if table[packed_in].list.len().to_list() != lengths * len(names):
         raise RecordingError("has lost some of its numbers", where=where, cure=_CURE)
-    square = np.zeros((n, n))
-    square[np.triu_indices(n)] = packed
-    if not np.all(np.isfinite(square)):
+    numbers = table[packed_in].explode().to_numpy().reshape(len(names), sum(lengths))
+    if not np.all(np.isfinite(numbers)):
         raise RecordingError("holds numbers that are not finite", where=where, cure=_CURE)
-    return square
+    beside = (table[key].to_numpy().reshape(len(names), drives) for key in _BESIDE)
+    return Groups(tuple(names), tuple(sizes), numbers, *beside)

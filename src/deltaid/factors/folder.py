@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
@@ -88,14 +89,21 @@ def key_of(
     robot: RobotDescription, log: Path, mapping: ColumnMapping | None, settings: Settings
 ) -> str:
     """What a factor file follows from, as a checksum: the recording's bytes, the mechanism, the
-    mapping, settings of filter, masks and corrections, and the version of the file.
+    mapping, settings of filter, masks and corrections, and the versions of deltaid and of the file.
 
     Raises:
         RecordingError: the recording cannot be read.
     """
     mapping = mapping or ColumnMapping()
-    decided = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
-    known = [FORMAT, mechanism(robot), mapping.model_dump(mode="json"), decided]
-    text = json.dumps(known, sort_keys=True, separators=(",", ":"))
     log_sum = open_table(log, mapping).checksum([])
-    return hashlib.sha256(f"{log_sum} {text}".encode()).hexdigest()
+    return key_with(log_sum, robot, mapping, settings)
+
+
+def key_with(log: str, robot: RobotDescription, mapping: ColumnMapping, settings: Settings) -> str:
+    """The same for a recording that is known by a checksum, or by what else changes with it."""
+    decided = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
+    known = [
+        log, FORMAT, version("deltaid"), mechanism(robot), mapping.model_dump(mode="json"), decided,
+    ]  # fmt: skip
+    text = json.dumps(known, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -10,12 +10,11 @@ from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.factors.columns import GatheredColumns, plain
-from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group
+from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group, Groups
 from deltaid.factors.file import FactorFile
 from deltaid.factors.lattice import Lattice
 from deltaid.factors.record_of import record_of
-from deltaid.factors.target import maps
-from deltaid.identification.additions import Addition
+from deltaid.factors.target import map_to
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
@@ -37,18 +36,12 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
 
     Lags see the slope of the fitted model's torques.
     """
-    robot = problem.dynamics.robot
     kept = tuple(one for one in problem.additions if isinstance(one, LoadColumns | Warmth))
-    p_plain = _plain_values(problem)
-    columns = GatheredColumns.of(robot, p_plain, kept)
-    T = maps(columns, problem.dynamics, kept)
-    values = np.concatenate([problem.p, *(_values(problem, one) for one in kept)])
-    p = np.zeros(len(columns.names))
-    # What a drive's torque is made of is the same in all gathered columns that it feels.
-    p[columns.kept] = T[0] @ values
-    lags = LagColumns(
-        columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof)
-    )
+    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), kept)
+    p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
+    p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
+    each = alone(problem.dynamics.dof)
+    lags = LagColumns(columns.dynamics, columns.additions, p, recording, each)
     return replace(columns, additions=(*columns.additions, lags))
 
 
@@ -71,10 +64,10 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
 
     stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
     return Condensed(
-        tuple(columns.names[k] for k in columns.kept),
+        columns.kept_names,
         felt,
         group("whole", merge(blocks)),
-        (*stretches, *_by_place(places.sums, places_at, lattice)),
+        Groups.of([*stretches, *_by_place(places.sums, places_at, lattice)]),
     )
 
 
@@ -168,9 +161,3 @@ def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
     return np.array(
         [known.get(n, x) for n, x in zip(dynamics.layout.names, prior.tolist(), strict=True)]
     )
-
-
-def _values(problem: FittedProblem, one: Addition) -> Float[np.ndarray, " own"]:
-    """What was fitted of an addition."""
-    names = list(problem.layout.names)
-    return problem.values[[names.index(parameter.name) for parameter in one.parameters]]

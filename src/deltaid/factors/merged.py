@@ -1,39 +1,40 @@
 """Recordings of one robot together, from their factors: what a fit is posed from."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.factors.columns import GatheredColumns
 from deltaid.factors.condensed import Group
 from deltaid.factors.file import FactorFile
-from deltaid.factors.record import KnownLag
-from deltaid.factors.target import Maps, maps
+from deltaid.factors.target import Map, map_to
 from deltaid.identification.additions import Addition
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.geometry import GeometricRows
-from deltaid.identification.information import Information, triangle
+from deltaid.identification.information import Information, merge, triangle
+from deltaid.identification.load_columns import LoadColumns
 
-# Groups of all recordings together, about; of very many recordings each is one stretch.
+# Stretches of all recordings together at most; of more recordings each is one stretch.
 _STRETCHES = 400
 
-Factors = Float[np.ndarray, "drives augmented augmented"]
+Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
 class Merging:
     """How factors of a recording become rows of a fit.
 
-    Columns that belong to one recording alone, its lags, are eliminated from them: [Y, τ] − l b, l
-    the lag's column and b what least squares over the whole recording, with what is known of the
-    lag beside its rows, explains by it.
+    Columns L of one recording alone, its lags and changes of its friction, are eliminated: rows are
+    [Y, τ] − L B, and B is what least squares over the whole recording, with what is known of lags
+    beside its rows, explains by them. What a load was taken to be and taken out of the torques is
+    put back, and what the fit takes it to be is taken out.
 
     Attributes:
-        columns: that were gathered.
+        columns: that were gathered, but for those of one recording alone.
         dynamics: of the robot that is fitted.
         additions: of all recordings.
     """
@@ -43,52 +44,110 @@ class Merging:
     additions: tuple[Addition, ...] = ()
 
     @cached_property
-    def maps(self) -> Maps:
-        """From gathered columns to those of the fit."""
-        return maps(self.columns, self.dynamics, self.additions)
+    def map(self) -> Map:
+        """From gathered columns to those of the fit that are not always zero."""
+        return self._map[:, self.active]
 
     @cached_property
-    def active(self) -> np.ndarray:
+    def active(self) -> Int[np.ndarray, " columns"]:
         """Which columns of the fit are not always zero."""
-        return np.flatnonzero(np.any(self.maps != 0.0, axis=(0, 1)))
+        return np.flatnonzero(np.any(self._map != 0.0, axis=0))
 
-    def part(self, one: FactorFile) -> "Part":
-        """A recording's part of the fit."""
-        whole = self._over(one, one.condensed.whole)
-        b = [self._by_lag(whole[i], one, i) for i in range(len(whole))]
-        groups = {
-            group.name: self._without(self._over(one, group), b) for group in one.condensed.groups
-        }
-        return Part(one, self._triangles(self._without(whole, b)), groups)
+    @cached_property
+    def _map(self) -> Map:
+        return map_to(self.columns, self.dynamics, self.additions)
 
-    def _over(self, one: FactorFile, group: Group) -> list[np.ndarray]:
-        """[l, Y, τ] of each drive."""
-        wide, names = one.condensed.over(group), list(one.condensed.names)
-        found = []
-        for i, F in enumerate(wide):
-            lag = F[:, names.index(f"lag.{self.dynamics.robot.drives[i]}")]
-            Y = F[:, :-1] @ self.maps[i][:, self.active]
-            found.append(np.column_stack([lag, Y, F[:, -1]]))
-        return found
+    def part(self, one: FactorFile, *, fine: bool = True) -> "Part":
+        """A recording's part of the fit.
 
-    def _by_lag(self, whole: np.ndarray, one: FactorFile, drive: int) -> np.ndarray:
-        """b of a drive."""
-        lag = whole[:, 0]
-        known: KnownLag = one.record.lags[drive]
-        beside = np.zeros(whole.shape[1])
-        weight = 0.0
-        if known.deviation is not None:
-            weight = (one.record.noise[drive] / known.deviation) ** 2
-            beside[-1] = weight * known.beside
-        size = float(lag @ lag) + weight
-        return (lag @ whole + beside) / size if size > 0 else np.zeros(whole.shape[1])
+        Args:
+            fine: whether its stretches of time are looked at one by one.
+        """
+        whole, views = list[Rows](), list[Rows]()
+        for i, R in enumerate(one.condensed.whole.factors):
+            view, own = self._view(one, i)
+            lag = _known_lag(one, own, i)
+            L, A = np.vstack([R @ own.at, lag[:, :-1]]), R @ view
+            beside = np.zeros((len(lag), A.shape[1]))
+            beside[:, -1] = lag[:, -1]
+            A = np.vstack([A, beside])
+            B = _explained(L, A)
+            whole.append(A - L @ B)
+            views.append(view - own.at @ B)
 
-    def _without(self, rows: list[np.ndarray], b: list[np.ndarray]) -> list[np.ndarray]:
-        return [F[:, 1:] - np.outer(F[:, 0], x[1:]) for F, x in zip(rows, b, strict=True)]
+        def information(group: Group, rows: Iterable[Rows]) -> Information:
+            return Information(self.active, _triangles(rows), group.samples, group.torque_max)
 
-    def _triangles(self, rows: list[np.ndarray]) -> Factors:
-        n = len(self.active) + 1
-        return np.stack([_square(triangle(F), n) for F in rows])
+        def rows(group: Group) -> Iterator[Rows]:
+            return (R @ view for R, view in zip(group.factors, views, strict=True))
+
+        everything = information(one.condensed.whole, whole)
+        stretches = (
+            information(group, rows(group)) for group in one.condensed.groups.named("time")
+        )
+        return Part(
+            everything,
+            tuple(stretches) if fine else (everything,),
+            {
+                group.name: np.stack([A.T @ A for A in rows(group)])
+                for group in one.condensed.groups.named("place")
+            },
+        )
+
+    def geometry(self, one: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
+        """What tolerances of the description do to rows of a recording, weighted as in the fit."""
+        group = one.condensed.geometry
+        assert group is not None
+        Y, D, tau = [], [], []
+        for i, (R, weight) in enumerate(zip(group.factors, weights, strict=True)):
+            view, _ = self._view(one, i)
+            n = len(view) - 1
+            Y.append(weight * R[:, :n] @ view[:-1, :-1])
+            D.append(weight * R[:, n:-1])
+            tau.append(weight * R[:, -1])
+        return GeometricRows(np.vstack(Y), np.concatenate(tau), np.vstack(D), one.record.quantities)
+
+    def _view(self, one: FactorFile, drive: int) -> tuple[Rows, "_Own"]:
+        """V with [Y, τ] = R V of a drive's factors R, and its columns of this recording alone."""
+        names = [one.condensed.names[k] for k in one.condensed.felt[drive]]
+        shared = np.zeros((len(names), len(self._place)))
+        for k, name in enumerate(names):
+            if name in self._place:
+                shared[k, self._place[name]] = 1.0
+        view = np.zeros((len(names) + 1, len(self.active) + 1))
+        view[:-1, :-1], view[:-1, -1] = shared @ self.map, shared @ self._put_back(one)
+        view[-1, -1] = 1.0
+        own = [k for k, name in enumerate(names) if name not in self._place]
+        return view, _Own(tuple(names[k] for k in own), np.eye(len(names) + 1)[:, own])
+
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.columns.kept_names)}
+
+    def _put_back(self, one: FactorFile) -> Float[np.ndarray, " kept"]:
+        """Loads that were taken out of the torques less those that the fit takes out."""
+        taken = {load.load.name: np.array(load.taken) for load in one.record.loads}
+        back = np.zeros(len(self._place))
+        for load in self.additions:
+            if isinstance(load, LoadColumns) and load.load.name in taken and load.parameters:
+                more = taken[load.load.name] - load.taken
+                for parameter, value in zip(load.parameters, more.tolist(), strict=True):
+                    if parameter.name in self._place:
+                        back[self._place[parameter.name]] = value
+        return back
+
+
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """Columns of one recording alone.
+
+    Attributes:
+        names: of them.
+        at: ones where they stand in a drive's factors.
+    """
+
+    names: tuple[str, ...]
+    at: Float[np.ndarray, "felt own"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,38 +155,14 @@ class Part:
     """A recording's part of a fit.
 
     Attributes:
-        file: its factors.
-        whole: triangles of all its rows.
-        groups: rows of its stretches and places.
+        information: all of it, and what is known of its lags.
+        stretches: of time, in order; or all in one.
+        places: [Y, τ]ᵀ[Y, τ] of each drive, place by place.
     """
 
-    file: FactorFile
-    whole: Factors
-    groups: dict[str, list[np.ndarray]]
-
-    def information(self, active: np.ndarray) -> Information:
-        """All of it."""
-        group = self.file.condensed.whole
-        return Information(active, self.whole, group.samples, group.torque_max)
-
-    def stretches(self, active: np.ndarray, count: int) -> tuple[Information, ...]:
-        """Its stretches, so many or all together."""
-        own = [one for one in self.file.condensed.groups if one.name.startswith("time")]
-        if count <= 1 or len(own) < count:
-            return (self.information(active),) if count <= 1 else self._each(own, active)
-        return self._each(own, active)
-
-    def _each(self, own: Sequence[Group], active: np.ndarray) -> tuple[Information, ...]:
-        n = len(active) + 1
-        return tuple(
-            Information(
-                active,
-                np.stack([_square(triangle(F), n) for F in self.groups[one.name]]),
-                one.samples,
-                one.torque_max,
-            )
-            for one in own
-        )
+    information: Information
+    stretches: tuple[Information, ...]
+    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]
 
 
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
@@ -135,56 +170,38 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
 
     So results are equal to the bit whatever order they come in.
     """
-    ordered = sorted(files, key=lambda one: one.record.sha256)
-    active = merging.active
-    parts = [merging.part(one) for one in ordered]
-    each = 2 if len(files) * len(files[0].condensed.groups) <= _STRETCHES or len(files) == 1 else 1
-    sums: dict[str, np.ndarray] = {}
-    for part in parts:
-        for name, rows in part.groups.items():
-            if name.startswith("place"):
-                products = np.stack([F.T @ F for F in rows])
-                sums[name] = sums.get(name, 0.0) + products
+    fine = len(files) == 1 or sum(len(one.condensed.groups) for one in files) <= _STRETCHES
+    parts, places = list[Part](), dict[str, np.ndarray]()
+    for one in sorted(files, key=lambda one: one.record.sha256):
+        part = merging.part(one, fine=fine)
+        for name, products in part.places.items():
+            places[name] = places.get(name, 0.0) + products
+        parts.append(replace(part, places={}))
     return Gathered(
-        parts=tuple(part.stretches(active, each) for part in parts),
-        places=np.stack([sums[name] for name in sorted(sums)]),
-        whole=_together([part.information(active) for part in parts]),
+        parts=tuple(part.stretches for part in parts),
+        places=np.stack([places[name] for name in sorted(places)]),
+        whole=merge([part.information for part in parts]),
     )
 
 
-def _together(parts: Sequence[Information]) -> Information:
-    """Everything; triangles of all at once."""
-    first = parts[0]
-    n = len(first.columns) + 1
-    factors = [
-        _square(triangle(np.vstack([part.factors[i] for part in parts])), n)
-        for i in range(len(first.factors))
-    ]
-    return Information(
-        first.columns,
-        np.stack(factors),
-        np.sum([part.samples for part in parts], axis=0),
-        np.max([part.torque_max for part in parts], axis=0),
-    )
+def _triangles(rows: Iterable[Rows]) -> Float[np.ndarray, "drives n n"]:
+    """A square triangle of each drive's rows."""
+    found = [triangle(own) for own in rows]
+    n = found[0].shape[1]
+    return np.stack([np.pad(R, ((0, n - len(R)), (0, 0))) for R in found])
 
 
-def geometric(merging: Merging, one: FactorFile, weights: np.ndarray) -> GeometricRows:
-    """What the tolerances of the description do to rows of a recording, weighted as in the fit."""
-    geometry, quantities = one.condensed.geometry, one.record.quantities
-    assert geometry is not None
-    Y, D, tau = [], [], []
-    n = len(one.condensed.names)
-    for i, (R, at) in enumerate(zip(geometry.factors, one.condensed.felt, strict=True)):
-        wide = np.zeros((len(R), n))
-        wide[:, at] = R[:, : len(at)]
-        Y.append(weights[i] * wide @ merging.maps[i][:, merging.active])
-        D.append(weights[i] * R[:, len(at) : -1])
-        tau.append(weights[i] * R[:, -1])
-    return GeometricRows(np.vstack(Y), np.concatenate(tau), np.vstack(D), quantities)
+def _explained(L: Rows, A: Rows) -> Rows:
+    """B of the least ‖A − L B‖; columns of any size, and those that are zero explain nothing."""
+    sizes = np.linalg.norm(L, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    return np.linalg.lstsq(L / sizes, A, rcond=None)[0] / sizes[:, None]
 
 
-def _square(R: np.ndarray, n: int) -> np.ndarray:
-    """A triangle with rows of zeros up to n."""
-    out = np.zeros((n, n))
-    out[: len(R)] = R
-    return out
+def _known_lag(one: FactorFile, own: _Own, drive: int) -> Rows:
+    """What is known of a drive's lag without its rows, as one row of them or none: [L, τ]."""
+    lag = one.record.lags[drive]
+    if lag.deviation is None:
+        return np.zeros((0, len(own.names) + 1))
+    weight = one.record.noise[drive] / lag.deviation
+    return weight * np.array([[*(name == f"lag.{lag.drive}" for name in own.names), lag.beside]])

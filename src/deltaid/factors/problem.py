@@ -7,15 +7,16 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.factors.columns import GatheredColumns, LagsByName, plain
+from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.file import FactorFile
-from deltaid.factors.merged import Merging, geometric, merged
+from deltaid.factors.merged import Merging, merged
 from deltaid.identification.additions import Addition
 from deltaid.identification.balance import balanced
 from deltaid.identification.fit import FittedProblem, fit_to, widened
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.geometry import shifted
 from deltaid.identification.load_columns import LoadColumns
+from deltaid.identification.loads import Held, joined
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings
@@ -34,41 +35,41 @@ def fitted(
     Raises:
         IdentificationError: the fit cannot be posed, or its solver did not reach its end.
     """
-    dynamics = compiled(robot)
-    additions = _additions(files, robot)
-    merging = Merging(columns_of(files, robot), dynamics, additions)
-    facts = weighings(robot)
-    gathered = balanced(merged(merging, files), facts)
-    problem = fit_to(gathered, dynamics, settings, additions)
+    merging = merging_of(files, robot, settings)
+    gathered = balanced(merged(merging, files), weighings(robot))
+    problem = fit_to(gathered, merging.dynamics, settings, merging.additions)
     drives = np.sqrt(problem.information.drive_weights)
-    rows = [geometric(merging, one, drives) for one in files if one.condensed.geometry is not None]
+    rows = [merging.geometry(one, drives) for one in files if one.condensed.geometry is not None]
     if rows:
-        found = shifted(rows, problem.base, problem.information, additions)
+        found = shifted(rows, problem.base, problem.information, merging.additions)
         estimate = problem.estimate.with_shifts(found.shifts)
         problem = replace(problem, estimate=estimate, geometry=found)
     return widened(problem)
 
 
-def columns_of(files: Sequence[FactorFile], robot: RobotDescription) -> GatheredColumns:
-    """The columns that files were gathered with, loads of all of them."""
-    simple = plain(robot)
-    dynamics = compiled(simple)
-    own = GatheredColumns.of(robot, prior_parameters(simple), _loads(files, robot))
-    return replace(own, additions=(*own.additions, LagsByName(dynamics)))
+def merging_of(files: Sequence[FactorFile], robot: RobotDescription, settings: Settings) -> Merging:
+    """How files become rows of a robot's fit, with loads of all of them and changes of the laws'
+    constants."""
+    dynamics, simple = compiled(robot), plain(robot)
+    loads, constants = _loads(files, robot, settings), LawConstants(dynamics)
+    columns = GatheredColumns.of(robot, prior_parameters(simple), loads)
+    more: tuple[Addition, ...] = (constants,) if constants.parameters else ()
+    return Merging(columns, dynamics, (*loads, *more))
 
 
-def _additions(files: Sequence[FactorFile], robot: RobotDescription) -> tuple[Addition, ...]:
-    """Loads, and changes of the laws' constants."""
-    constants = LawConstants(compiled(robot))
-    return (*_loads(files, robot), *([constants] if constants.parameters else []))
-
-
-def _loads(files: Sequence[FactorFile], robot: RobotDescription) -> tuple[LoadColumns, ...]:
+def _loads(
+    files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
+) -> tuple[LoadColumns, ...]:
     """One of each name."""
-    found: dict[str, LoadColumns] = {}
-    for one in files:
-        for load in one.record.loads:
-            spread = one.record.model.settings.prior_spread
-            taken = np.array(load.taken)
-            found.setdefault(load.load.name, LoadColumns(compiled(robot), load.load, spread, taken))
-    return tuple(found.values())
+    ordered = sorted(files, key=lambda one: one.record.sha256)
+    taken = {x.load.name: x.taken for one in reversed(ordered) for x in one.record.loads}
+    dynamics, spread = compiled(robot), settings.prior_spread
+    return tuple(
+        LoadColumns(dynamics, load, spread, np.array(taken[load.name]))
+        for load in joined(holding(ordered))
+    )
+
+
+def holding(files: Sequence[FactorFile]) -> Held:
+    """What the recordings of files hold."""
+    return [(one.record.log, [held.load for held in one.record.loads]) for one in files]

@@ -12,8 +12,8 @@ from deltaid.factors.record import (
     KnownLag,
     SeenVerdict,
 )
+from deltaid.identification.assembled import doubts_of_fit
 from deltaid.identification.lag_columns import LagColumns
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.robot.description import RobotDescription
 
 
@@ -28,7 +28,7 @@ def record_of(
         found: its factors.
         quantities: names of tolerances among these.
     """
-    log, problem = result.recordings[0].log, result.problem
+    log, repairs = result.recordings[0].log, result.recordings[0].repairs
     low, high = log.reach.tolist()
     return FactorRecord(
         deltaid=version("deltaid"),
@@ -44,9 +44,8 @@ def record_of(
         reach=(tuple(low), tuple(high)),
         lags=_lags(result),
         loads=tuple(
-            GatheredLoad(load=one.load, taken=tuple(one.taken.tolist()))
-            for one in problem.additions
-            if isinstance(one, LoadColumns)
+            GatheredLoad(load=load, taken=taken)
+            for load, taken in zip(log.columns.loads, repairs.loads, strict=True)
         ),
         verdicts=tuple(
             SeenVerdict(
@@ -55,7 +54,14 @@ def record_of(
             )
             for one in result.verdicts
         ),
+        warnings=_warnings(result),
     )  # fmt: skip
+
+
+def _warnings(result: Judged) -> tuple[str, ...]:
+    """Warnings of the survey: what neither a verdict says nor the fit."""
+    others = {one.sentence for one in result.verdicts} | set(doubts_of_fit(result.problem))
+    return tuple(text for text in result.model.warnings if text not in others)
 
 
 def _fastest(result: Judged) -> list[float]:
@@ -75,6 +81,8 @@ def _lags(result: Judged) -> tuple[KnownLag, ...]:
     for one in result.problem.additions:
         if isinstance(one, LagColumns):
             for group in one.groups:
+                if not group.free:
+                    continue
                 sure = group.deviation if np.isfinite(group.deviation) else None
                 for i in group.drives:
                     known[i] = KnownLag(

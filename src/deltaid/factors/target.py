@@ -1,4 +1,4 @@
-"""From the columns that were gathered to those of a fit: linear maps, drive by drive.
+"""From the columns that were gathered to those of a fit: a linear map.
 
 A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by the mechanism alone
 (base parameters of a generic motion), of a friction term by its values at the knots of a spline.
@@ -17,31 +17,27 @@ from deltaid.factors.speed_columns import Shape, SpeedColumns
 from deltaid.identification.additions import Addition
 from deltaid.identification.friction_curves import LawConstants, term_values
 from deltaid.identification.friction_shapes import slopes
-from deltaid.identification.gains import Gains
-from deltaid.identification.lag_columns import LagColumns
 from deltaid.robot.friction_terms import FrictionTerm
 
 # Friction at rest is that of hardly moving: its side of the step is told by the direction.
 _CREEP = 1e-12
 
-# For each drive what the columns of a fit are in gathered ones.
-Maps = Float[np.ndarray, "drives kept columns"]
+# What the columns of a fit are in gathered ones.
+Map = Float[np.ndarray, "kept columns"]
 
 
-def maps(columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Maps:
-    """T of every drive for a robot with any friction law, and of additions behind its columns.
+def map_to(columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Map:
+    """T for a robot with any friction law, and for additions behind its columns.
 
     Args:
         columns: what was gathered.
         dynamics: of the same mechanism.
-        additions: each of a kind that was gathered with, or a combination of what was.
+        additions: loads that were gathered, and constants of the robot's laws.
     """
-    place = {columns.names[k]: i for i, k in enumerate(columns.kept)}
-    of_robot = _of_robot(columns, dynamics, place)
-    parts = [np.broadcast_to(of_robot, (dynamics.dof, *of_robot.shape))]
-    for one in additions:
-        parts.append(_of_addition(one, columns, dynamics, place, np.concatenate(parts, axis=2)))
-    return np.concatenate(parts, axis=2)
+    place = {name: i for i, name in enumerate(columns.kept_names)}
+    parts = [_of_robot(columns, dynamics, place)]
+    parts += [_of_addition(one, columns, place) for one in additions]
+    return np.hstack(parts)
 
 
 def _of_robot(
@@ -102,30 +98,18 @@ def _speed_columns(columns: GatheredColumns, joint: str) -> SpeedColumns:
 
 
 def _of_addition(
-    one: Addition,
-    columns: GatheredColumns,
-    dynamics: Dynamics,
-    place: dict[str, int],
-    before: Maps,
-) -> Float[np.ndarray, "drives kept own"]:
-    """The columns of an addition, those before it known."""
-    T = np.zeros((dynamics.dof, len(place), len(one.parameters)))
-    if isinstance(one, LagColumns):
-        drives = dynamics.robot.drives
-        free = (group for group in one.groups if group.free)
-        for k, group in enumerate(free):
-            T[:, [place[f"lag.{drives[i]}"] for i in group.drives], k] = 1.0
-    elif isinstance(one, LawConstants):
+    one: Addition, columns: GatheredColumns, place: dict[str, int]
+) -> Float[np.ndarray, "kept own"]:
+    """The columns of an addition; those that no torque shows are zero."""
+    T = np.zeros((len(place), len(one.parameters)))
+    if isinstance(one, LawConstants):
         for k, (term, name) in enumerate(one.constants):
             shape = partial(_slope, term, name)
-            T[:, :, k] = _along_speed(columns, term.joint, shape, np.zeros(len(place)), place)
-    elif isinstance(one, Gains):
-        torque = before @ one.values[: before.shape[2]]
-        T[np.arange(dynamics.dof), :, np.arange(dynamics.dof)] = -torque
-    else:
-        for k, parameter in enumerate(one.parameters):
-            if parameter.name in place:  # others have no effect on any torque
-                T[:, place[parameter.name], k] = 1.0
+            T[:, k] = _along_speed(columns, term.joint, shape, np.zeros(len(place)), place)
+        return T
+    for k, parameter in enumerate(one.parameters):
+        if parameter.name in place:
+            T[place[parameter.name], k] = 1.0
     return T
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,34 +11,26 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.additions import Addition
+from deltaid.identification.assembled import assembled
 from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.contradicted import contradicted
-from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import (
     FittedProblem,
     Progress,
     fit,
-    widened_priors,
     with_geometry,
     with_widened_prior,
 )
-from deltaid.identification.friction_curves import freed, friction_curves
+from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import (
-    eigenvalues,
-    judged_base,
     judged_parameters,
-    record,
 )
 from deltaid.identification.lag_stage import doubtful_lags_left
 from deltaid.identification.left_out import events, left_out
-from deltaid.identification.loads import found_loads, unloaded
-from deltaid.identification.marginal import posterior_record
-from deltaid.identification.sensor_stage import fitted_sensors
+from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.identification.torque_scale import torque_scale
 from deltaid.identification.watch import unwatched, watched
 from deltaid.model.above import above
 from deltaid.model.corrections import Correction
@@ -145,40 +136,24 @@ def identify(
     robot, recordings = setup.robot, setup.recordings
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged, own = judged_parameters(freed(problem)), len(problem.p)
-    loads = found_loads(setup, judged[own:])
+    loads = found_loads(setup.additions, judged[own:], held(setup.recordings))
     recordings = tuple(unloaded(one, {load.name: load.p for load in loads}) for one in recordings)
     progress("comparing torques")
     some = [one.sparser(_COMPARED) for one in recordings]
     errors = [torque_error(compiled(robot), problem.p, one) for one in some]
-    error = _mean(errors, problem.used)
-    model = IdentifiedModel(
-        deltaid=version("deltaid"),
-        robot=robot,
-        parameters=judged[:own],
-        base_parameters=judged_base(problem),
-        consistency=eigenvalues(problem.layout, problem.p),
-        fit=record(problem, error),
-        settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
-        posterior=posterior_record(problem),
+    model = assembled(
+        problem,
+        settings,
+        _mean(errors, problem.used),
+        judged,
         loads=loads,
-        sensors=fitted_sensors(problem, judged[own:]),
-        corrections=(
-            *setup.corrections,
-            *_told(setup.additions, judged[own:]),
-            *widened_priors(problem),
-        ),
-        friction_choice=setup.friction_choice,
-        friction_curves=friction_curves(problem, error.fastest),
+        corrections=(*setup.corrections, *_told(setup.additions, judged[own:])),
         sources=tuple(
             _source(*one, robot.drives)
             for one in zip(recordings, problem.used, errors, strict=True)
         ),
-        warnings=(
-            *(f"{one.path}: {text}" for one in recordings for text in one.log.warnings),
-            *doubts(problem),
-            *contradicted(problem),
-            *torque_scale(problem),
-        ),
+        remarks=[f"{one.path}: {text}" for one in recordings for text in one.log.warnings],
+        choice=setup.friction_choice,
     )
     return Identification(model, problem, recordings, _unchanged(setup))
 

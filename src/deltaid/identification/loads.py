@@ -8,12 +8,13 @@ p_L less what was taken out.
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.identification.additions import extended
+from deltaid.identification.additions import Addition, extended
 from deltaid.identification.fit import pose
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.load_columns import LoadColumns, Ten
@@ -29,21 +30,30 @@ from deltaid.recording.recording import Recording
 _WINDOWS = 16
 
 
-def joined(recordings: Sequence[Recording]) -> tuple[Load, ...]:
+# Of each recording its name, for messages, and the loads that it holds.
+Held = Sequence[tuple[str, Sequence[Load]]]
+
+
+def held(recordings: Sequence[Recording]) -> Held:
+    """What recordings hold."""
+    return [(str(one.path), one.log.columns.loads) for one in recordings]
+
+
+def joined(holding: Held) -> tuple[Load, ...]:
     """The loads of recordings, one of each name, with all that is said of it anywhere.
 
     Raises:
         RecordingError: two recordings say different things of one load.
     """
     loads: dict[str, Load] = {}
-    for recording in recordings:
-        for load in recording.log.columns.loads:
+    for where, own in holding:
+        for load in own:
             before = loads.setdefault(load.name, load)
             for key, value in load.known.items():
                 if before.known.get(key, value) != value:
                     raise RecordingError(
                         f"load {load.name} has another {key} than in the recording before",
-                        where=str(recording.path),
+                        where=where,
                         cure="say the same of it everywhere, or give two loads two names",
                     )
             loads[load.name] = before.changed(**load.known)
@@ -52,7 +62,7 @@ def joined(recordings: Sequence[Recording]) -> tuple[Load, ...]:
 
 def declared_loads(setup: Setup, progress: Progress) -> Setup:
     """What the recordings' mappings say is held: known, or found roughly, and taken out."""
-    loads = joined(setup.recordings)
+    loads = joined(held(setup.recordings))
     if not loads:
         return setup
     spread, none = setup.settings.prior_spread, np.zeros(10)
@@ -72,29 +82,52 @@ def with_loads(setup: Setup, loads: dict[str, Ten]) -> Setup:
 
 def unloaded(recording: Recording, loads: dict[str, Ten]) -> Recording:
     """A recording without the torques of the loads that it holds."""
-    held = tuple(tuple(loads[load.name].tolist()) for load in recording.log.columns.loads)
-    return replace(recording, repairs=replace(recording.repairs, loads=held)) if held else recording
+    taken = tuple(tuple(loads[load.name].tolist()) for load in recording.log.columns.loads)
+    if not taken:
+        return recording
+    return replace(recording, repairs=replace(recording.repairs, loads=taken))
 
 
-def found_loads(setup: Setup, judged: Sequence[Judged]) -> tuple[HeldLoad, ...]:
+def found_loads(
+    additions: Sequence[Addition], judged: Sequence[Judged], holding: Held
+) -> tuple[HeldLoad, ...]:
     """Loads with what a fit found of them.
 
     Args:
-        judged: the parameters of all additions.
+        additions: of the fit.
+        judged: the parameters of all of them.
+        holding: which recording held what.
     """
     found, rest = list[HeldLoad](), iter(judged)
-    for one in setup.additions:
+    for one in additions:
         own = tuple(islice(rest, len(one.parameters)))
         if isinstance(one, LoadColumns):
             name = one.load.name
             logs = tuple(
-                str(recording.path.name)
-                for recording in setup.recordings
-                if any(load.name == name for load in recording.log.columns.loads)
+                Path(where).name for where, loads in holding if name in {x.name for x in loads}
             )
             parameters = one.whole(own)
             found.append(HeldLoad(name=name, body=one.body, logs=logs, parameters=parameters))
     return tuple(found)
+
+
+def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
+    """p_L of a load as a model knows it, or as it is declared.
+
+    Raises:
+        RecordingError: neither.
+    """
+    identified = model.identified.loads if model.identified else ()
+    known = {load.name: load.p for load in identified}
+    name = columns.load.name
+    if name not in known and columns.load.mass is None:
+        raise RecordingError(
+            f"holds load {name}, which is not one of the model's",
+            where=where,
+            cure="call it as the recording did that the model was identified from, or give "
+            "its mass in the mapping (load: {mass: …, centre: […]})",
+        )
+    return known.get(name, columns.prior)
 
 
 def as_known(recording: Recording, model: Model) -> Recording:
@@ -103,18 +136,10 @@ def as_known(recording: Recording, model: Model) -> Recording:
     Raises:
         RecordingError: one of the loads is neither.
     """
-    identified = model.identified.loads if model.identified else ()
-    known = {load.name: load.p for load in identified}
+    spread, known = model.prior_spread, dict[str, Ten]()
     for load in recording.log.columns.loads:
-        columns = LoadColumns(model.dynamics, load, model.prior_spread, np.zeros(10))
-        if load.name not in known and load.mass is None:
-            raise RecordingError(
-                f"holds load {load.name}, which is not one of the model's",
-                where=str(recording.path),
-                cure="call it as the recording did that the model was identified from, or give "
-                "its mass in the mapping (load: {mass: …, centre: […]})",
-            )
-        known.setdefault(load.name, columns.prior)
+        columns = LoadColumns(model.dynamics, load, spread, np.zeros(10))
+        known[load.name] = known_load(columns, model, str(recording.path))
     return unloaded(recording, known)
 
 
