@@ -31,15 +31,16 @@ from scipy.signal import lfilter
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
-from deltaid.factors.condensed import Condensed, Group
+from deltaid.factors.condensed import Condensed, Group, Groups
 from deltaid.factors.file import FactorFile
 from deltaid.factors.gather import condensed, gathered, gathered_columns, with_geometry
 from deltaid.factors.identify import identify_gathered
-from deltaid.factors.problem import columns_of
+from deltaid.factors.problem import merging_of
 from deltaid.factors.record import FactorRecord, Temperature
 from deltaid.factors.record_of import record_of
-from deltaid.factors.target import maps
+from deltaid.factors.target import map_to
 from deltaid.identification.additions import Addition, Own, Values
+from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
@@ -123,13 +124,28 @@ class Template:
 
     @cached_property
     def to_columns(self) -> np.ndarray:
-        """For each drive from parameters, those of loads behind them, to gathered columns."""
+        """From parameters, those of loads behind them, to gathered columns."""
         found = FactorFile(self.record, replace(self.condensed, names=self.names))
-        columns = columns_of([found], self.record.robot)
-        own = [one for one in columns.additions if type(one).__name__ == "LoadColumns"]
-        T = maps(columns, compiled(self.record.robot), own)
-        place = {columns.names[k]: i for i, k in enumerate(columns.kept)}
-        return T[:, [place[name] for name in self.names]]
+        merging = merging_of([found], self.record.robot, SETTINGS)
+        loads = [one for one in merging.additions if isinstance(one, LoadColumns)]
+        T = map_to(merging.columns, merging.dynamics, loads)
+        wide = np.zeros((len(self.names), T.shape[1]))  # lags are no parameters
+        for k, name in enumerate(merging.columns.kept_names):
+            wide[self.names.index(name)] = T[k]
+        return wide
+
+    @cached_property
+    def groups(self) -> list[tuple[Group, list[tuple[np.ndarray, np.ndarray]]]]:
+        """The whole and every group, with R_G and R_N of each drive."""
+        n, found = len(self.names), []
+        for group in (self.condensed.whole, *self.condensed.groups):
+            split = []
+            for R, at in zip(group.factors, self.condensed.felt, strict=True):
+                own = int(np.sum(at < n))
+                rows = int(np.flatnonzero(np.any(R != 0, axis=1))[-1]) + 1
+                split.append((R[:own, :own], R[:rows, own:-1]))
+            found.append((replace(group, factors=()), split))
+        return found
 
     def with_load(self, p: np.ndarray) -> np.ndarray:
         """Parameters with those of the load as columns have them."""
@@ -330,25 +346,26 @@ def _drawn(
 ) -> Condensed:
     """Factors of a recording."""
     dof, n, layout, values = len(gain), len(one.names), one.layout, one.with_load(p)
-    theta = np.einsum("ikp,p->ik", one.to_columns, values)
-    base = np.einsum("ikp,p->ik", one.to_columns, one.with_load(one.truth))
-    coulomb = p[layout.coulomb][:dof]
-    whole, a = one.condensed.whole, []
-    for i in range(dof):
-        white = sensing.torque * whole.torque_max[i] * rng.standard_normal(WHITE) / np.sqrt(WHITE)
+    theta = one.to_columns @ values
+    off = theta - one.to_columns @ one.with_load(one.truth)
+    coulomb, a, felt = p[layout.coulomb][:dof], [], []
+    for i, at in enumerate(one.condensed.felt):
+        largest = one.condensed.whole.torque_max[i]
+        white = sensing.torque * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
         slow = sensing.wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
         a.append(np.concatenate([white, slow]))
+        felt.append(at[at < n])
 
-    def drawn(group: Group) -> Group:
+    def drawn(group: Group, split: list[tuple[np.ndarray, np.ndarray]]) -> Group:
         factors = []
-        for i, R in enumerate(group.factors):
-            at = one.condensed.felt[i]
-            own = int(np.sum(at < n))
-            tau = gain[i] * (R[:, :own] @ theta[i][at[:own]] + R[:, own:-1] @ a[i])
-            head, rest = np.column_stack([R[:own, :own], tau[:own]]), tau[own:]
-            if rest.size:
-                head = np.vstack([head, np.append(np.zeros(own), np.linalg.norm(rest))])
-            factors.append(head)
+        for i, (R, N) in enumerate(split):
+            own, e = len(R), N @ a[i]
+            square = np.zeros((own + 1, own + 1))
+            square[:own, :own], square[:own, own] = R, R @ theta[felt[i]]
+            square[: min(own, len(e)), own] += e[:own]
+            square[own, own] = np.linalg.norm(e[own:])
+            square[:, own] *= gain[i]
+            factors.append(square)
         return replace(group, factors=tuple(factors))
 
     geometry = one.condensed.geometry
@@ -356,14 +373,14 @@ def _drawn(
         factors = []
         for i, R in enumerate(geometry.factors):
             at = one.condensed.felt[i]
-            own = int(np.sum(at < n))
+            own = len(felt[i])
             Y, D = R[:, :own], R[:, len(at) : -1]
-            tau = R[:, -1] + Y @ (theta[i] - base[i])[at[:own]]
+            tau = R[:, -1] + Y @ off[felt[i]]
             factors.append(np.column_stack([Y, D, gain[i] * tau]))
         geometry = replace(geometry, factors=tuple(factors))
-    found = _own(one.condensed, n)
-    groups = tuple(drawn(group) for group in one.condensed.groups)
-    return replace(found, whole=drawn(whole), groups=groups, geometry=geometry)
+    whole, *groups = (drawn(*each) for each in one.groups)
+    packed = Groups.of(groups)
+    return replace(_own(one.condensed, n), whole=whole, groups=packed, geometry=geometry)
 
 
 def _record(one: Template, key: str, log: str, temperature: float | None, day: int) -> FactorRecord:
