@@ -1,0 +1,141 @@
+"""Parameters of a robot: over the periods, what decided each, and how far it is from its type."""
+
+from collections.abc import Mapping
+
+import polars as pl
+
+from deltaid.fleet_site.panels import Panel, grid, numbers
+from deltaid.fleet_site.parts import MOST, NOTHING, between, shown
+from deltaid.fleet_site.state import Robot
+from deltaid.report import style
+from deltaid.report.numbers import with_uncertainty
+from deltaid.report.page import Block, Chart, Section
+from deltaid.report.table import Table
+
+# What says that a value is seen and not taken from elsewhere.
+SEEN = ("data", "sum", "measured", "sensors")
+
+
+def parameter_section(parameters: pl.DataFrame) -> tuple[Section, ...]:
+    """Parameters over the periods, and all of the last one."""
+    if parameters.is_empty():
+        return ()
+    ordered = parameters.sort("period", maintain_order=True)
+    last = ordered["period"][-1]
+    now = ordered.filter(pl.col("period") == last)
+    rows = tuple(_parameter(row, ordered) for row in now.iter_rows(named=True))
+    columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
+               "periods by data")  # fmt: skip
+    by_data = [row["decided_by"] in SEEN for row in now.iter_rows(named=True)]
+    table = Table(
+        columns,
+        rows,
+        f"Fitted to the recordings of {last}. Grey: taken from the prior, not seen.",
+        muted=frozenset(k for k, seen in enumerate(by_data) if not seen),
+    )
+    poor = {row["period"]: row["verdicts"] for row in ordered.iter_rows(named=True)}
+    doubts = tuple((period, keys) for period, keys in poor.items() if keys)
+    blocks: list[Block] = [*_over_periods(ordered), table]
+    if doubts:
+        blocks.append(Table(("period", "checks that are not good"), doubts))
+    about = f"by period, {len(poor)} in all; what decided each"
+    return (Section("Parameters", tuple(blocks), about),)
+
+
+def _parameter(row: Mapping[str, object], ordered: pl.DataFrame) -> tuple[str, ...]:
+    value, std = row["value"], row["std"]
+    known = isinstance(value, float) and isinstance(std, float)
+    said, width = with_uncertainty(value, std) if known else (NOTHING, "")  # type: ignore[arg-type]
+    own = ordered.filter(pl.col("parameter") == row["parameter"])
+    seen = own.filter(pl.col("decided_by").is_in(SEEN)).height
+    return (
+        str(row["parameter"]),
+        said,
+        width,
+        str(row["unit"]),
+        between(row["low"], row["high"]),  # type: ignore[arg-type]
+        shown(row["prior"]),  # type: ignore[arg-type]
+        str(row["decided_by"]),
+        f"{seen} of {len(own)}",
+    )
+
+
+def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
+    """Those that data shows, over the periods; open where the prior decided."""
+    seen = ordered.filter(pl.col("decided_by").is_in(SEEN))
+    names = list(dict.fromkeys(seen["parameter"].to_list()))
+    if not names or ordered["period"].n_unique() < 2:
+        return ()
+    panels = [_panel(ordered.filter(pl.col("parameter") == name)) for name in names[:MOST]]
+    left = len(names) - len(panels)
+    said = (
+        "Parameters that data shows, by period, with 95 % intervals; open where the prior decided."
+        + f" {left} more are in the table." * (left > 0)
+    )
+    figure = grid(panels, columns=3, row=130, x={"type": "category", "nticks": 4})
+    return (Chart(figure, said),)
+
+
+def _panel(rows: pl.DataFrame) -> Panel:
+    """One parameter."""
+    value, decided = rows["value"], rows["decided_by"].to_list()
+    trace = {
+        "type": "scatter",
+        "x": rows["period"].to_list(),
+        "y": numbers(value),
+        "error_y": {
+            "type": "data",
+            "array": numbers((rows["high"] - value).fill_null(0.0)),
+            "arrayminus": numbers((value - rows["low"]).fill_null(0.0)),
+            "width": 0,
+            "thickness": 1,
+        },
+        "text": [style.label(by) for by in decided],
+        "hovertemplate": "%{x}: %{y:.4g}, %{text}<extra></extra>",
+        "mode": "markers",
+        "marker": {
+            "color": style.IDENTIFIED,
+            "size": 5,
+            "symbol": ["circle" if by in SEEN else "circle-open" for by in decided],
+        },
+    }
+    unit = rows["unit"][0]
+    return Panel(f"{rows['parameter'][0]} [{unit}]" if unit else rows["parameter"][0], (trace,))
+
+
+def type_section(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:
+    """How far it is from its type."""
+    if members.is_empty():
+        return ()
+    ordered = members.with_columns(size=pl.col("deviation").abs()).sort(
+        "size", descending=True, nulls_last=True
+    )
+    rows = tuple(
+        (
+            row["parameter"],
+            shown(row["deviation"], 3),
+            *(
+                with_uncertainty(row["value"], row["std"])
+                if row["std"] is not None
+                else (NOTHING, "")
+            ),
+            between(row["low"], row["high"]),
+            shown(row["alone_std"], 2),
+            "no" if row["belongs"] is False else "yes",
+            row["reason"],
+        )
+        for row in ordered.iter_rows(named=True)
+    )
+    columns = ("parameter", "deviation [spreads]", "value", "±", "95 % interval", "± alone",
+               "belongs", "why")  # fmt: skip
+    table = Table(
+        columns,
+        rows,
+        "Values with what the fleet knows of the type; ± alone is by this robot's own recordings.",
+        marked=frozenset(k for k, belongs in enumerate(ordered["belongs"].to_list())
+                         if belongs is False),
+    )  # fmt: skip
+    return (
+        Section("Beside its type", (table,), "how far it is from others of its type",
+                unfolded=robot.belongs is False),
+    )  # fmt: skip
