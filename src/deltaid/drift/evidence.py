@@ -143,9 +143,7 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
         - np.einsum("kspa,sp->ksa", C, prior.mean)
         - np.einsum("kspa,ksp->ksa", C, plain)
     )
-    log_none = prior.log_kinds - 0.5 * (
-        sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r)
-    )
+    log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))
     known = np.maximum(a, 0.0) + changes.scale**-2.0
     left = np.maximum(r[..., None] - c**2 / known, 1e-12)
     gain = -0.5 * (np.log(known * changes.scale**2) + nu[:, None] * np.log(left / r[..., None]))

@@ -198,7 +198,9 @@ def _horizon(
     if found.value is None or found.value > far:
         return Between(), f"the limit is more than {_FAR:.0f} years away"
     high = found.high if found.high is not None and found.high <= far else None
-    return Between(found.value, found.low, high), "the limit is passed" if found.value <= last else ""
+    return Between(
+        found.value, found.low, high
+    ), "the limit is passed" if found.value <= last else ""
 
 
 def _reason(
