@@ -247,13 +247,25 @@ def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: 
     assert "is a folder, not a log" in empty.err
 
 
-def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files) -> None:
+def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_path: Path) -> None:
     model = identify_gathered(ROBOT, files[:2], SETTINGS).model
     expected, _ = validate(model, logs[2])
     found = validate_gathered(model, files[2])
     np.testing.assert_allclose(found.rms, expected.rms, rtol=0.05)
     np.testing.assert_allclose(found.nrmse, expected.nrmse, rtol=0.05)
     np.testing.assert_allclose(found.rms_unfiltered, expected.rms_unfiltered, rtol=0.05)
+    saved, file = tmp_path / "model.yaml", tmp_path / "log.factors.parquet"
+    model.save(saved)
+    write(files[2], file)
+    done = run("validate", saved, file, "--json")
+    assert json.loads(done.out)["rms"] == found.rms.tolist()
+    own = tmp_path / "own.factors.parquet"
+    write(files[0], own)
+    assert "so it verifies nothing" in run("validate", saved, own).err
+    refused = run("validate", saved, file, "--report", tmp_path / "a.html")
+    assert (refused.code, "--report: needs samples" in refused.err) == (2, True)
+    again = run("identify", ROBOT, logs[0], "--cutoff", 15, "--verify", file, "--json")
+    assert max(json.loads(again.out)["verify"]["nrmse"]) < 0.01
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,9 @@ from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.check.identified import Judged
+    from deltaid.factors.record import FactorRecord
+    from deltaid.identification.torque_error import TorqueError
+    from deltaid.model.model import Model
     from deltaid.model.record import Settings
 
 
@@ -39,8 +42,8 @@ def are_factor_files(logs: Sequence[Path]) -> bool:
     return any(given)
 
 
-def require_open(given: Mapping[str, bool]) -> None:
-    """Refuse options that were decided as recordings were gathered.
+def require_open(given: Mapping[str, bool], report: Path | None) -> None:
+    """Refuse options that were decided as recordings were gathered, and a page with samples.
 
     Args:
         given: options, and whether each is another one than by default.
@@ -55,6 +58,12 @@ def require_open(given: Mapping[str, bool]) -> None:
                 where=option,
                 cure=f"give {option} to `deltaid gather`, into another folder",
             )
+    if report is not None:
+        raise DeltaidError(
+            "needs samples, which factor files do not hold",
+            where="--report",
+            cure="give recordings",
+        )
 
 
 def identified(robot: str, logs: Sequence[Path], settings: "Settings") -> "Judged":
@@ -63,3 +72,12 @@ def identified(robot: str, logs: Sequence[Path], settings: "Settings") -> "Judge
     from deltaid.factors.identify import identify_gathered
 
     return identify_gathered(robot, [read(one) for one in logs], settings)
+
+
+def validated(model: "Model", path: Path) -> "tuple[TorqueError, FactorRecord]":
+    """A model compared with a recording by its factors, and what is known of the recording."""
+    from deltaid.factors.file import read
+    from deltaid.factors.torques import validate_gathered
+
+    file = read(path)
+    return validate_gathered(model, file), file.record

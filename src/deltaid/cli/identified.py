@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.torque_error import TorqueError
+    from deltaid.identification.validation import Compared
     from deltaid.model.record import Source
     from deltaid.recording.log import Log
 
@@ -29,7 +30,7 @@ def write_report(
 
 
 def as_dictionary(
-    result: "Identification", verification: "TorqueError | None", log: "Log | None" = None
+    result: "Identification", verification: "TorqueError | None", log: "Compared | None" = None
 ) -> dict[str, Any]:
     """The result as one JSON object; `log` is the recording of the verification."""
     from deltaid.cli.validate import error_dictionary
@@ -84,7 +85,7 @@ def print_result(
     result: "Identification",
     verification: "TorqueError | None",
     output: Path | None,
-    log: "Log | None" = None,
+    log: "Compared | None" = None,
 ) -> None:
     """The result as tables, and the verdict at their end; `log` was verified on."""
     from deltaid.cli.output import console, print_verdict, shown

@@ -99,7 +99,13 @@ def identify(
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
     with uncollected():
         from deltaid.check.identified import identify as run
-        from deltaid.cli.gathered import are_factor_files, identified, in_folders, require_open
+        from deltaid.cli.gathered import (
+            are_factor_files,
+            identified,
+            in_folders,
+            require_open,
+            validated,
+        )
         from deltaid.cli.identified import as_dictionary, print_result, write_report
         from deltaid.cli.output import (
             console,
@@ -148,36 +154,40 @@ def identify(
         require_open(
             {"--columns": columns is not None, "--cutoff": cutoff is not None,
              "--lag": lag != "estimate", "--compliance": compliance != "estimate",
-             "--keep-all": keep_all, "--no-events": not events}
+             "--keep-all": keep_all, "--no-events": not events},
+            report,
         )  # fmt: skip
-        if report is not None:
-            raise DeltaidError(
-                "needs samples, which factor files do not hold",
-                where="--report",
-                cure="give recordings, or make the page of one with `deltaid validate --report`",
-            )
+    verify_from_factors = verify is not None and are_factor_files([verify])
+    if verify_from_factors:
+        require_open({}, report)
     with progress(as_json) as say:
         if from_factors:
             say(f"merging {len(logs)} factor files")
             result = identified(robot, logs, settings)
         else:
             result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
-        verification, log, doubts = None, None, list(result.model.warnings)
+        verification, seen, surveyed = None, None, None
+        doubts = list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
-            verification, log = validate(result.model, verify, columns=of_verify, keep_all=keep_all)
-            texts = remarks(result.model, log, verification)
-            doubts += [f"{log.path}: {text}" for text in texts]
+            if verify_from_factors:
+                verification, seen = validated(load(result.model), verify)
+            else:
+                verification, surveyed = validate(
+                    result.model, verify, columns=of_verify, keep_all=keep_all
+                )
+                seen = surveyed
+            doubts += [f"{verify}: {text}" for text in remarks(result.model, seen, verification)]
     print_warnings(doubts)
     with together():
         if output is not None:
             result.model.save(output)
         if report is not None:
-            write_report(result, log, verification, report)
+            write_report(result, surveyed, verification, report)
     if as_json:
-        print_json(as_dictionary(result, verification, log))
+        print_json(as_dictionary(result, verification, seen))
     else:
-        print_result(result, verification, output, log)
+        print_result(result, verification, output, seen)
         if report is not None:
             console.print(f"wrote {report}")
 

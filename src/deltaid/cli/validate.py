@@ -23,7 +23,7 @@ def validate(
     model: Annotated[
         str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
     ],
-    log: Annotated[Path, typer.Argument(help="A recording, in any kind of file.")],
+    log: Annotated[Path, typer.Argument(help="A recording, in any kind of file; or its factors.")],
     columns: Annotated[
         Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
     ] = None,
@@ -34,6 +34,7 @@ def validate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare a model's torques with a recording, drive by drive."""
+    from deltaid.cli.gathered import are_factor_files, require_open, validated
     from deltaid.cli.output import (
         console,
         print_json,
@@ -56,27 +57,35 @@ def validate(
 
     if report is not None:
         require_report(report, [Path(model), log, *([columns] if columns else [])])
+    from_factors = are_factor_files([log])
+    if from_factors:
+        require_open({"--columns": columns is not None, "--keep-all": keep_all}, report)
     mapping = load_mapping(columns) if columns else None
     known = load(model)
     print_origin(known)
     with progress(as_json) as say:
         say(f"comparing with {log}")
-        error, surveyed = run(known, log, columns=mapping, keep_all=keep_all)
-        if report is not None:
-            say(f"writing {report}")
-            write_report(known, surveyed, error, report)
-    print_warnings([f"{log}: {text}" for text in remarks(known, surveyed, error)])
-    missing = left_out(surveyed, known.robot.drives, error)
+        if from_factors:
+            error, seen = validated(known, log)
+            about: dict[str, Any] = {"log": seen.log, "sha256": seen.sha256}
+            missing = seen.model.sources[0].left_out
+        else:
+            error, seen = run(known, log, columns=mapping, keep_all=keep_all)
+            clock = asdict(model_filtered(known, seen).clock)
+            about = {"log": log.name, "sha256": seen.sha256, "clock": clock}
+            missing = left_out(seen, known.robot.drives, error)
+            if report is not None:
+                say(f"writing {report}")
+                write_report(known, seen, error, report)
+    print_warnings([f"{log}: {text}" for text in remarks(known, seen, error)])
     if as_json:
         told = {"left_out": [one.model_dump() for one in missing]}
-        clock = asdict(model_filtered(known, surveyed).clock)
-        about = {"log": log.name, "sha256": surveyed.sha256, "clock": clock}
         print_json(about | error_dictionary(error) | told)
     else:
         console.print(shown(error_table(known, error)))
         if (table := left_out_table([(log.name, missing)])) is not None:
             console.print(shown(table))
-        print_verdict(summary(known, error, surveyed).text)
+        print_verdict(summary(known, error, seen).text)
         if report is not None:
             console.print(f"wrote {report}")
 

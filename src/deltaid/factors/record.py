@@ -64,7 +64,7 @@ class FactorRecord(Part):
         noise: level of each drive's filtered torque that its own fit leaves [N m or N].
         fastest: largest speed of each drive [rad/s or m/s].
         first, last: stamps of the first and last row [s].
-        remarks: warnings of its survey beside verdicts.
+        warnings: of its survey, beside verdicts.
     """
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
@@ -83,7 +83,7 @@ class FactorRecord(Part):
     loads: tuple[GatheredLoad, ...] = ()
     temperature: Temperature | None = None
     verdicts: tuple[SeenVerdict, ...] = ()
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def log(self) -> str:

@@ -59,11 +59,11 @@ def record_of(
             )
             for one in result.verdicts
         ),
-        remarks=_remarks(result),
+        warnings=_warnings(result),
     )  # fmt: skip
 
 
-def _remarks(result: Judged) -> tuple[str, ...]:
+def _warnings(result: Judged) -> tuple[str, ...]:
     """Warnings of the survey: what neither a verdict says nor the fit."""
     others = {one.sentence for one in result.verdicts} | set(doubts_of_fit(result.problem))
     return tuple(text for text in result.model.warnings if text not in others)

@@ -46,7 +46,7 @@ def remarks(files: Sequence[FactorFile], gains: Sequence[Correction]) -> list[st
     what factor files do not hold."""
     said = [one.sentence for one in verdicts(files) if one.grade is not Grade.GOOD]
     for one in files:
-        said += one.record.remarks
+        said += one.record.warnings
         if one.record.model.sensors:
             names = ", ".join(sensor.name for sensor in one.record.model.sensors)
             said.append(

@@ -1,6 +1,6 @@
 """Comparing a saved model with a recording that it has not seen."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -76,12 +76,27 @@ def validate(
     return Validation(torque_error(dynamics, model.p, recording), recording.log, model)
 
 
-def remarks(model: ModelLike, log: Log, error: TorqueError) -> tuple[str, ...]:
+@runtime_checkable
+class Compared(Protocol):
+    """A recording that a model was compared with: surveyed, or in a factor file."""
+
+    @property
+    def sha256(self) -> str:
+        """Its checksum."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be said of it."""
+        ...
+
+
+def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, ...]:
     """What is to be said about comparing a model with a recording, one sentence each."""
     return (*log.warnings, *_seen(load(model), log), *misfit(model, error))
 
 
-def _seen(model: Model, log: Log) -> tuple[str, ...]:
+def _seen(model: Model, log: Compared) -> tuple[str, ...]:
     """A warning when the model was identified from the very recording."""
     sources = model.identified.sources if model.identified else ()
     own = [source.log for source in sources if source.sha256 == log.sha256]

@@ -10,10 +10,9 @@ import numpy as np
 from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.identification.identify import Identification
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import misfit, remarks
+from deltaid.identification.validation import Compared, misfit, remarks
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel
-from deltaid.recording.log import Log
 from deltaid.report.corrected import corrected, in_words
 from deltaid.report.numbers import percent
 
@@ -69,7 +68,7 @@ class Summary:
 def summary(
     of: Identification | IdentifiedModel | Model,
     error: TorqueError | None = None,
-    log: Log | None = None,
+    log: Compared | None = None,
 ) -> Summary:
     """The verdict on an identification or a model.
 
