@@ -75,7 +75,7 @@ def _with_others(
     if not at.size:
         return replace(prior, log_kinds=log - logsumexp(log, axis=0))
     spread = np.diag(unlike[at] ** 2)
-    grid = np.ix_(range(len(mean)), at, at)
+    grid = np.ix_(np.arange(len(mean)), at, at)
     W = np.linalg.inv(covariance[grid] + spread).reshape(-1, drives, len(at), len(at))
     Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, at].reshape(-1, drives, len(at)))
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
