@@ -17,14 +17,14 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2, f
+from scipy.special import chdtri, fdtrc
 
 from deltaid.population.coordinates import Coordinates
 from deltaid.population.mixed import Mean, Rows, mean
 from deltaid.population.spreads import ENOUGH, Spreads, fitted_spreads, prior_spreads
 
 # Variance of what may be anything: a hundred times its own size.
-_ANYTHING = 1e4
+ANYTHING = 1e4
 # Rounds of naming at most.
 _ROUNDS = 8
 # From so many robots on one can be named.
@@ -58,7 +58,8 @@ class LeftOut:
 
     def chance(self, distance: float, rank: int) -> float:
         """How often a robot that belongs is as far in so many directions."""
-        return float(f.sf(distance / max(rank, 1), max(rank, 1), self.freedom))
+        n = max(rank, 1)
+        return float(fdtrc(n, self.freedom, distance / n))
 
     def along(self, HF: Float[np.ndarray, "rows k"]) -> "Along":
         """What is left goes along some rows so far."""
@@ -167,7 +168,7 @@ def sorted_out(
         naming: the share of robots that belong that are named.
         count: of robots, the first ones; what is behind them belongs.
     """
-    friction = np.where(coordinates.is_friction, _ANYTHING, 0.0)
+    friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
     spreads = prior_spreads(coordinates)
     count = len(rows.H) if count is None else count
     chances = np.ones(count)
@@ -200,7 +201,7 @@ def _belonging(
     it should be."""
     if not first:
         return chances >= naming
-    ratio = np.array([each.distance / chi2.ppf(0.5, max(each.rows, 1)) for each in one])
+    ratio = np.array([each.distance / chdtri(max(each.rows, 1), 0.5) for each in one])
     scale = max(float(np.median(ratio)), 1.0)
     return np.array([each.chance(each.distance / scale, each.rows) >= naming for each in one])
 
