@@ -87,9 +87,8 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
     if bad:
         all_of_them = sum(one.recordings for one in robots)
         lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
-    alarms = [row["false_alarms"] for row in drives if row["false_alarms"] is not None]
-    if alarms:
-        lines.append(f"False alarms of changes: at most {shown(max(alarms))} a drive and year.")
+    alarms = dict.fromkeys(row["false_alarms"] for row in drives if row["false_alarms"])
+    lines += [f"False alarms of changes: {text}." for text in list(alarms)[:1]]
     return lines
 
 

@@ -1,15 +1,12 @@
 """Parameters of a robot: over the periods, what decided each, and how far it is from its type."""
 
-from collections.abc import Mapping
-
 import polars as pl
 
 from deltaid.fleet_site.panels import Panel, grid, numbers
-from deltaid.fleet_site.parts import MOST, NOTHING, between, shown
-from deltaid.fleet_site.state import Robot
+from deltaid.fleet_site.parts import MOST, between, known, shown
+from deltaid.fleet_site.state import Robot, Row
 from deltaid.report import style
-from deltaid.report.numbers import with_uncertainty
-from deltaid.report.page import Block, Chart, Section
+from deltaid.report.page import Block, Chart, Section, Text
 from deltaid.report.table import Table
 
 # What says that a value is seen and not taken from elsewhere.
@@ -42,10 +39,8 @@ def parameter_section(parameters: pl.DataFrame) -> tuple[Section, ...]:
     return (Section("Parameters", tuple(blocks), about),)
 
 
-def _parameter(row: Mapping[str, object], ordered: pl.DataFrame) -> tuple[str, ...]:
-    value, std = row["value"], row["std"]
-    known = isinstance(value, float) and isinstance(std, float)
-    said, width = with_uncertainty(value, std) if known else (NOTHING, "")  # type: ignore[arg-type]
+def _parameter(row: Row, ordered: pl.DataFrame) -> tuple[str, ...]:
+    said, width = known(row["value"], row["std"])
     own = ordered.filter(pl.col("parameter") == row["parameter"])
     seen = own.filter(pl.col("decided_by").is_in(SEEN)).height
     return (
@@ -53,8 +48,8 @@ def _parameter(row: Mapping[str, object], ordered: pl.DataFrame) -> tuple[str, .
         said,
         width,
         str(row["unit"]),
-        between(row["low"], row["high"]),  # type: ignore[arg-type]
-        shown(row["prior"]),  # type: ignore[arg-type]
+        between(row["low"], row["high"]),
+        shown(row["prior"]),
         str(row["decided_by"]),
         f"{seen} of {len(own)}",
     )
@@ -107,35 +102,35 @@ def type_section(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:
     """How far it is from its type."""
     if members.is_empty():
         return ()
-    ordered = members.with_columns(size=pl.col("deviation").abs()).sort(
+    ordered = members.with_columns(size=pl.col("spreads").abs()).sort(
         "size", descending=True, nulls_last=True
     )
     rows = tuple(
         (
             row["parameter"],
             shown(row["deviation"], 3),
-            *(
-                with_uncertainty(row["value"], row["std"])
-                if row["std"] is not None
-                else (NOTHING, "")
-            ),
+            row["unit"],
+            shown(row["spreads"], 2),
+            *known(row["value"], row["std"]),
             between(row["low"], row["high"]),
             shown(row["alone_std"], 2),
-            "no" if row["belongs"] is False else "yes",
-            row["reason"],
         )
         for row in ordered.iter_rows(named=True)
     )
-    columns = ("parameter", "deviation [spreads]", "value", "±", "95 % interval", "± alone",
-               "belongs", "why")  # fmt: skip
+    columns = ("parameter", "deviation", "unit", "in spreads", "value", "±", "95 % interval",
+               "± alone")  # fmt: skip
+    foreign = robot.belongs is False
     table = Table(
         columns,
         rows,
-        "Values with what the fleet knows of the type; ± alone is by this robot's own recordings.",
-        marked=frozenset(k for k, belongs in enumerate(ordered["belongs"].to_list())
-                         if belongs is False),
-    )  # fmt: skip
+        "Deviation from the mean of its type. "
+        + ("Values by its own recordings, " if foreign else "Values with what the type tells, ")
+        + "± alone is by its own recordings. A spread is the standard deviation between robots.",
+    )
+    reasons = dict.fromkeys(reason for reason in members["reason"].to_list() if reason)
+    said = "It does not belong to its type: " if foreign else "It belongs to its type, but: "
+    words = (Text(f"{said}{'; '.join(reasons)}."),) if reasons else ()
     return (
-        Section("Beside its type", (table,), "how far it is from others of its type",
-                unfolded=robot.belongs is False),
+        Section("Beside its type", (*words, table), "how far it is from others of its type",
+                unfolded=foreign),
     )  # fmt: skip

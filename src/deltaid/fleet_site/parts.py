@@ -8,7 +8,7 @@ import polars as pl
 from deltaid.fleet_site.panels import Data, dots, numbers
 from deltaid.fleet_site.state import Row, Urgency, day
 from deltaid.report import style
-from deltaid.report.numbers import number, percent, span
+from deltaid.report.numbers import number, percent, span, with_uncertainty
 from deltaid.report.table import Table
 
 NOTHING = "—"
@@ -30,6 +30,13 @@ def count(value: int | None) -> str:
 def share(value: float | None) -> str:
     """A share in per cent, or a dash."""
     return NOTHING if value is None else percent(value)
+
+
+def known(value: float | None, std: float | None) -> tuple[str, str]:
+    """A number and its ±, or a dash."""
+    if value is None:
+        return NOTHING, ""
+    return with_uncertainty(value, std) if std is not None else (number(value), "")
 
 
 def between(low: float | None, high: float | None) -> str:
@@ -87,8 +94,8 @@ def _shares(low: float | None, high: float | None) -> str:
 def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
     """Deviations from the type's mean, a box a parameter; robots that do not belong stand out."""
     own = members.filter(
-        pl.col("parameter").is_in(list(parameters)) & pl.col("deviation").is_not_null()
-    ).rename({"deviation": "x"})
+        pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
+    ).rename({"spreads": "x"})
     alike, foreign = (own.filter(pl.col("belongs").fill_null(True) == is_) for is_ in (True, False))
     common = {"orientation": "h", "hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
     traces = [dots(alike, "x", "robot") | common | {"y": alike["parameter"].to_list()}]
@@ -117,12 +124,13 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
 
 def most_spread(members: pl.DataFrame) -> list[str]:
     """Parameters of which robots differ most, in the order of the table."""
+    members = members.filter(pl.col("spreads").is_not_null())
     if members.is_empty():
         return []
     order = list(dict.fromkeys(members["parameter"].to_list()))
     largest = (
         members.group_by("parameter")
-        .agg(pl.col("deviation").abs().max().fill_null(0.0).alias("largest"))
+        .agg(pl.col("spreads").abs().max().alias("largest"))
         .sort("largest", "parameter", descending=[True, False])
         .head(MOST)["parameter"]
     )

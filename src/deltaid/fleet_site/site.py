@@ -14,7 +14,7 @@ from deltaid.fleet_site.names import address, file_names, type_labels
 from deltaid.fleet_site.overview import overview
 from deltaid.fleet_site.robot_page import robot_page
 from deltaid.fleet_site.state import Robot, by_robot, robots_of
-from deltaid.fleet_site.tables import COLUMNS, Tables, read_tables
+from deltaid.fleet_site.tables import Tables, read_tables
 from deltaid.fleet_site.type_page import type_page
 from deltaid.report.page import Page, contents, environment, part
 
@@ -65,8 +65,12 @@ def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str
     yield "index.html", _rendered(overview(tables, robots, links, types, labels), "", ())
     home = (title, f"{_UP}index.html")
     parts = {name: by_robot(getattr(tables, name)) for name in _OF_ROBOTS}
+    empty = {name: getattr(tables, name).clear() for name in _OF_ROBOTS}
     for one in robots:
-        own = {name: part.get(one.name, _empty(name)) for name, part in parts.items()}
+        own = {
+            name: part[one.name] if one.name in part else empty[name]
+            for name, part in parts.items()
+        }
         way = (home, (labels[one.type], _UP + types[one.type]))
         page = robot_page(one, labels[one.type], own)
         yield f"{ROBOTS}/{pages[one.name]}", _rendered(page, _UP, way)
@@ -81,10 +85,6 @@ def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str
 
 
 _OF_ROBOTS = ("recordings", "quarantine", "parameters", "friction", "members")
-
-
-def _empty(name: str) -> pl.DataFrame:
-    return pl.DataFrame(schema=COLUMNS[name])
 
 
 def _shared() -> Iterable[tuple[str, str]]:
