@@ -22,6 +22,7 @@ TYPE = "clavel-delta3"
 SETTINGS = Settings(cutoff=15.0, friction="described")
 DAYS = ("2026-01-05", "2026-01-07", "2026-01-14")
 ROBOTS = ("north", "south")
+NAMES = (*(f"north/{day}" for day in DAYS), f"south/{DAYS[0]}")
 
 
 @cache
@@ -29,16 +30,12 @@ def recordings() -> dict[str, pl.DataFrame]:
     """Tables of all recordings, by their names: robot/day."""
     robot = load_robot(TYPE)
     dynamics, found = compiled(robot), dict[str, pl.DataFrame]()
-    for k, name in enumerate(ROBOTS):
+    for k, name in enumerate(NAMES):
         p = prior_parameters(robot)
-        p[dynamics.layout.friction] *= 1.0 + 0.2 * k
-        for j, day in enumerate(DAYS):
-            rng = np.random.default_rng([k, j])
-            motion = random_motion(dynamics.kinematics, rng)
-            noise = SensorNoise(torque=0.02)
-            found[f"{name}/{day}"] = simulate_recording(
-                dynamics, p, motion, rng, duration=3.0, noise=noise
-            )
+        p[dynamics.layout.friction] *= 1.2 if name.startswith("south") else 1.0
+        rng, noise = np.random.default_rng(k), SensorNoise(torque=0.02)
+        motion = random_motion(dynamics.kinematics, rng)
+        found[name] = simulate_recording(dynamics, p, motion, rng, duration=3.0, noise=noise)
     return found
 
 

@@ -1,27 +1,50 @@
-"""A fleet on this machine: what is done is not done again, and what is bad stops nothing else."""
+"""A fleet, on this machine and on a cluster: what is done is not done again, and what is bad or
+fails stops nothing else, loses nothing and doubles nothing.
+
+Store, scheduler and workers are processes of their own.
+"""
 
 import json
 import os
 import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
+from time import monotonic, sleep
+from unittest.mock import Mock
 
 import polars as pl
+import psutil
 import pytest
+import s3fs
 
 from command import run
+from deltaid.errors import DeltaidError
 from deltaid.fleet import cluster
+from deltaid.fleet.cluster import client, done, require_shared
 from deltaid.fleet.fleet import find_fleet
+from deltaid.fleet.run import run_fleet
 from deltaid.fleet.store import Store
-from plant import DAYS, TYPE, Plant, plant, recordings
+from plant import DAYS, SETTINGS, Plant, manifest, plant, recordings
+from stores import KEYS, dask_cluster, s3_server, unreliable
 
 FIRST = [f"north/{day}" for day in DAYS[:2]]
+
+
+def cut_short(whole: Plant) -> bytes:
+    """A recording whose end has been lost."""
+    return whole.path("south/2026-01-05").read_bytes()[:-900]
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     """All recordings, in one call, beside one that is none."""
     found = plant(tmp_path_factory.mktemp("whole")).record(*recordings())
-    found.path("south/2026-01-09").write_bytes(found.path("south/2026-01-07").read_bytes()[:-900])
+    found.path("south/2026-01-09").write_bytes(cut_short(found))
     found.run()
     return found
 
@@ -29,9 +52,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Plant:
 def test_a_robot_and_a_period_are_rows_of_one_table(whole: Plant) -> None:
     table = whole.table()
     assert table.select("robot", "period", "recordings").unique(maintain_order=True).rows() == [
-        (robot, period, count)
-        for robot in ("north", "south")
-        for period, count in (("2026-W02", 2), ("2026-W03", 1), ("all", 3))
+        ("north", "2026-W02", 2),
+        ("north", "2026-W03", 1),
+        ("north", "all", 3),
+        ("south", "2026-W02", 1),
+        ("south", "all", 1),
     ]
     mass = table.filter(pl.col("parameter") == "coulomb.drive1", pl.col("period") == "all")
     assert mass["decided_by"].to_list() == ["data", "data"]
@@ -61,7 +86,7 @@ def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
     assert done.code == 0, done.err
     told = json.loads(done.out)
     assert {key: told[key] for key in ("robots", "used", "gathered", "fits", "fitted")} == {
-        "robots": 2, "used": 6, "gathered": 0, "fits": 6, "fitted": 0,
+        "robots": 2, "used": 4, "gathered": 0, "fits": 4, "fitted": 0,
     }  # fmt: skip
     assert [line["which"] for line in told["quarantine"]] == [str(whole.path("south/2026-01-09"))]
 
@@ -69,7 +94,7 @@ def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
 def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:
     """Meanwhile a factor file is cut short, a recording is thrown away, another one copied."""
     own = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
-    assert own.run().computed == (2, 2)
+    assert own.run().computed == (2, 1)
     own.record(f"north/{DAYS[2]}").path(FIRST[1]).unlink()
     shutil.copy(own.path(FIRST[0]), own.path("north/2026-01-08"))
     cut = next((own.output / "factors" / "north").glob("2026-01-05*"))
@@ -81,88 +106,6 @@ def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -
     assert own.table().equals(whole.table().filter(pl.col("robot") == "north"))
     gone = own.table("recordings.parquet").filter(~pl.col("there"))
     assert gone["path"].to_list() == [str(own.path(FIRST[1]))]
-
-
-MANIFEST = f"type: {TYPE}\nrobots:\n  - robot: north\n    recordings: north/*.parquet\n"
-
-
-def test_a_table_says_the_same_as_yaml(tmp_path: Path) -> None:
-    own = plant(tmp_path).record(*FIRST)
-    rows = {"robot": ["north"] * 2, "type": [TYPE] * 2, "load": [None, 0.5]}
-    frame = pl.DataFrame(rows | {"recording": [f"{name}.parquet" for name in FIRST]})
-    frame.write_csv(tmp_path / "fleet.csv")
-    frame.write_parquet(tmp_path / "fleet.parquet")
-    (tmp_path / "fleet.yaml").write_text(
-        MANIFEST.replace("north/*.parquet", f"\n    - {FIRST[0]}.parquet\n    - path: "
-                         f"{FIRST[1]}.parquet\n      load: 0.5"),
-        encoding="utf-8",
-    )  # fmt: skip
-    found = [
-        find_fleet(str(tmp_path / f"fleet.{kind}"), Store()) for kind in ("yaml", "csv", "parquet")
-    ]
-    assert found[0].recordings == found[1].recordings == found[2].recordings
-    assert [one.load for one in found[0].recordings] == [None, 0.5]
-    assert [f"{one.time:%Y-%m-%d}" for one in found[0].recordings] == list(DAYS[:2])
-    assert own.manifest.exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (MANIFEST.replace("robot:", "robt:"), "line 3, robots.0.robt: unknown key"),
-        (MANIFEST.replace(f"type: {TYPE}\n", ""), "robot north has no type"),
-        (MANIFEST + "period: year\n", "line 5, period: "),
-        (MANIFEST + "  - robot: south\n    recordings: north/*05.parquet\n", "is given twice, for"),
-        (MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n", "has two types"),
-    ],
-)
-def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, words: str) -> None:
-    own = plant(tmp_path).record(*FIRST)
-    own.manifest.write_text(text, encoding="utf-8")
-    refused = run("fleet", own.manifest, "-o", own.output, width=300)
-    assert refused.code == 2
-    assert refused.errors == 1
-    assert words in refused.err
-    assert not own.output.exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("robot,recording\n,a.csv\n", "row 2: robot is missing"),
-        ("robot,recording,lood\nn,a.csv,1\n", "has the unknown column lood"),
-        ("robot,time\nn,2026-01-01\n", "has no column recording"),
-        ("robot,recording,load\nn,a.csv,1\nn,b.csv,much\n", "row 2: load: must be a number"),
-        ("robot,recording,time\nn,a.csv,31/01/2026\n", "row 2: time: must be written as 2026-"),
-        ("robot,recording,time\nn,a.csv,20260131\n", "row 2: time: must be written as 2026-"),
-        ("robot,recording\n", "has no rows"),
-    ],
-)
-def test_a_mistake_in_a_row_is_one_message(tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "fleet.csv").write_text(text, encoding="utf-8")
-    refused = run("fleet", tmp_path / "fleet.csv", "-o", tmp_path / "out", width=300)
-    assert refused.code == 2
-    assert words in refused.err
-
-
-@pytest.mark.parametrize(
-    ("name", "time"),
-    [
-        ("2026-01-31.csv", "2026-01-31 00:00:00"),
-        ("line1_20260131_0830.csv", "2026-01-31 08:30:00"),
-        ("log-2026-01-31T08-30-15.csv", "2026-01-31 08:30:15"),
-        ("year=2026/month=01/day=31/part.csv", "2026-01-31 00:00:00"),
-        ("2026/01/31/a.csv", "2026-01-31 00:00:00"),
-    ],
-)
-def test_names_and_folders_say_when(tmp_path: Path, name: str, time: str) -> None:
-    path = tmp_path / "r" / name
-    path.parent.mkdir(parents=True)
-    path.touch()
-    text = f"type: {TYPE}\nrobots: [{{robot: a, recordings: 'r/**/*.csv'}}]\n"
-    (tmp_path / "fleet.yaml").write_text(text, encoding="utf-8")
-    (found,) = find_fleet(str(tmp_path / "fleet.yaml"), Store()).recordings
-    assert str(found.time) == time
 
 
 def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:
@@ -178,3 +121,118 @@ def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(who
     assert done.code == 0, done.err
     assert "x/a.csv: nothing says when it was made" in done.err
     assert "x.yaml: no such file" in done.err or "no robot file" in done.err
+
+
+FLEET = "s3://plant/fleet"
+
+
+@dataclass(frozen=True)
+class Site:
+    """A store with recordings, and a cluster that works on them."""
+
+    files: s3fs.S3FileSystem
+    scheduler: str
+
+    def workers(self) -> list[psutil.Process]:
+        """Processes that do the work."""
+        nannies = [one for one in psutil.process_iter(["cmdline"])
+                   if {"worker", self.scheduler} <= set(one.info["cmdline"] or ())]  # fmt: skip
+        return [
+            child for one in nannies for child in one.children(recursive=True)
+            if "spawn_main" in " ".join(child.cmdline())
+        ]  # fmt: skip
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
+    for name, value in KEYS.items():
+        monkeypatch.setenv(name, value)
+    with s3_server(tmp_path) as address, unreliable(address) as before_it:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", before_it)
+        environment = {"PYTHONPATH": os.pathsep.join(sys.path)}
+        with dask_cluster(tmp_path, 4, environment) as scheduler:
+            files = s3fs.S3FileSystem(endpoint_url=address, use_listings_cache=False)
+            files.mkdir("plant")
+            files.pipe_file("plant/fleet.yaml", manifest().encode())
+            for name, frame in recordings().items():
+                buffer = BytesIO()
+                frame.write_parquet(buffer)
+                files.pipe_file(f"plant/{name}.parquet", buffer.getvalue())
+            yield Site(files, scheduler)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the store comes for Linux only")
+def test_a_cluster_and_a_store_that_fail_give_the_same_bits(whole: Plant, site: Site) -> None:
+    site.files.pipe_file("plant/south/2026-01-09.parquet", cut_short(whole))
+    _killed_call(site)
+
+    hurt = set[str]()
+
+    def hurting(text: str) -> None:
+        """A worker is killed in each stage."""
+        stage = text.partition(" ")[0]
+        if stage in ("gathered", "fitted") and stage not in hurt:
+            hurt.add(stage)
+            site.workers()[0].send_signal(signal.SIGKILL)
+
+    fleet = find_fleet("s3://plant/fleet.yaml", Store())
+    run = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler=site.scheduler, progress=hurting)
+    assert hurt == {"gathered", "fitted"}
+    assert [line.which for line in run.quarantine] == ["s3://plant/south/2026-01-09.parquet"]
+    assert "is no Parquet file" in run.quarantine[0].reason
+    assert "/tmp" not in run.quarantine[0].reason
+    found = pl.read_parquet(BytesIO(site.files.cat_file("plant/fleet/parameters.parquet")))
+    assert found.drop("key").equals(whole.table())
+    assert len(site.files.find("plant/fleet/factors")) == 4
+    again = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler="tcp://127.0.0.1:1")
+    assert again.computed == (0, 0)
+
+
+def _killed_call(site: Site) -> None:
+    """A call that is killed when a recording has been gathered."""
+    words = ["fleet", "s3://plant/fleet.yaml", "-o", FLEET, "--scheduler", site.scheduler,
+             "--cutoff", str(SETTINGS.cutoff), "--friction", "described"]  # fmt: skip
+    code = f"import sys; sys.argv[1:] = {words}; from deltaid.cli import main; main()"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    call, end = subprocess.Popen([sys.executable, "-c", code], env=environment), monotonic() + 60
+    while not site.files.find("plant/fleet/factors"):
+        assert call.poll() is None
+        assert monotonic() < end
+        sleep(0.05)
+    call.kill()
+    call.wait()
+
+
+def _deadly(number: int) -> int:
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 5:
+        raise ZeroDivisionError("a defect")
+    return number
+
+
+def test_what_kills_workers_stops_nothing_else() -> None:
+    failed: dict[int, str] = {}
+    with client(workers=1) as found:
+        results = list(
+            done(found, _deadly, range(8), lambda item, why: failed.setdefault(item, why))
+        )
+    assert sorted(one for one in results if isinstance(one, int)) == [0, 1, 2, 4, 6, 7]
+    assert "workers die of it" in failed[3]
+    assert "ZeroDivisionError: a defect" in failed[5]
+
+
+def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
+    blind = Mock(run=lambda *_: {"tcp://far:1": False, "tcp://near:1": True})
+    with pytest.raises(DeltaidError, match=r"not seen by 1 of 2 workers.* tcp://far:1(.|\n)*s3://"):
+        require_shared(blind, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltaid.fleet.cluster._PATIENCE", 1)
+    with (
+        pytest.raises(DeltaidError, match=r"--scheduler tcp://127.0.0.1:1: no scheduler answers"),
+        client("tcp://127.0.0.1:1"),
+    ):
+        pass

@@ -1,6 +1,6 @@
 """Fits of a fleet: each robot in each period, and in all, from the factors of its recordings."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
@@ -50,7 +50,7 @@ class FitJob:
 
     Attributes:
         robot, type: whose.
-        period: when; 'all' for all recordings.
+        periods: when, 'all' for all recordings; several where these have the same recordings.
         files: factor files seen from the fleet's folder, in the order of time.
         key: checksum of all that the fit follows from.
         description: of the robot.
@@ -59,7 +59,7 @@ class FitJob:
 
     robot: str
     type: str
-    period: str
+    periods: tuple[str, ...]
     files: tuple[str, ...]
     key: str
     description: RobotDescription = field(compare=False)
@@ -92,27 +92,35 @@ def fit_jobs(
     settings: Settings,
 ) -> list[FitJob]:
     """All fits that recordings ask for: by robot, its periods in order and then all of them."""
-    groups: dict[tuple[str, str, str], list[Outcome]] = {}
+    robots: dict[tuple[str, str], dict[str, list[Outcome]]] = {}
     for one in sorted(outcomes, key=lambda one: one.recorded):
         if one.file:
-            recorded = one.recorded
-            for name in dict.fromkeys((period_of(recorded.time, period), ALL)):
-                groups.setdefault((recorded.robot, recorded.type, name), []).append(one)
+            own = robots.setdefault((one.recorded.robot, one.recorded.type), {})
+            own.setdefault(period_of(one.recorded.time, period), []).append(one)
     fit = settings.model_dump(mode="json", include=FIT_SETTINGS)
     common = {
         kind: digest([version("deltaid"), one.model_dump(mode="json"), fit])
         for kind, one in descriptions.items()
     }
-    ordered = sorted(groups.items(), key=lambda item: (item[0][0], item[0][2] == ALL, item[0][2]))
     return [
         FitJob(
-            robot, kind, name,
+            robot, kind, names,
             tuple(one.file for one in own),
-            digest([common[kind], robot, name, sorted((one.sha256, one.file) for one in own)]),
+            digest([common[kind], robot, sorted((one.sha256, one.file) for one in own)]),
             descriptions[kind], settings,
         )
-        for (robot, kind, name), own in ordered
+        for (robot, kind), periods in robots.items()
+        for names, own in _with_all(periods)
     ]  # fmt: skip
+
+
+def _with_all(periods: dict[str, list[Outcome]]) -> list[tuple[tuple[str, ...], list[Outcome]]]:
+    """Periods, and all of them together; the only one is all."""
+    if len(periods) == 1:
+        ((name, own),) = periods.items()
+        return [(tuple(dict.fromkeys((name, ALL))), own)]
+    every = [one for own in periods.values() for one in own]
+    return [*(((name,), own) for name, own in periods.items()), ((ALL,), every)]
 
 
 def fit_period(job: FitJob, place: Place) -> Fitted:
@@ -124,7 +132,7 @@ def fit_period(job: FitJob, place: Place) -> Fitted:
         try:
             done = place.table(_journal(job, PARAMETERS))
             if done is not None:
-                return Fitted(job, {PARAMETERS: done})
+                return as_known(job, {PARAMETERS: done})
             files, damaged = _read(job, place)
             if damaged:
                 reason = f"{damaged[0]} is damaged\n  → call again: it is gathered anew"
@@ -137,15 +145,24 @@ def fit_period(job: FitJob, place: Place) -> Fitted:
     return Fitted(job, {PARAMETERS: table})
 
 
+def as_known(job: FitJob, tables: Mapping[str, pl.DataFrame]) -> Fitted:
+    """A fit that has been made, perhaps when its recordings were those of other periods."""
+    parameters = tables[PARAMETERS]
+    one = parameters.filter(pl.col("period") == parameters["period"][0])
+    each = [one.with_columns(period=pl.lit(name)) for name in job.periods]
+    return Fitted(job, {**tables, PARAMETERS: pl.concat(each)})
+
+
 def parameter_rows(
     job: FitJob, model: IdentifiedModel, files: Sequence[FactorFile]
 ) -> pl.DataFrame:
     """A fit as rows of the table of parameters."""
     verdicts, worst = poor(list(files)), max(model.fit.nrmse)
     rows = [
-        (job.robot, job.type, job.period, len(files), one.name, one.value, one.std, one.low,
+        (job.robot, job.type, period, len(files), one.name, one.value, one.std, one.low,
          one.high, one.unit, one.prior, one.determined_by, model.fit.noise_level, worst, verdicts,
          job.key)
+        for period in job.periods
         for one in model.parameters
     ]  # fmt: skip
     return pl.DataFrame(rows, schema=SCHEMA, orient="row")

@@ -11,7 +11,16 @@ import polars as pl
 
 from deltaid.errors import DeltaidError
 from deltaid.fleet.cluster import client, done, require_shared
-from deltaid.fleet.fits import JOURNAL, PARAMETERS, SCHEMA, FitJob, Fitted, fit_jobs, fit_period
+from deltaid.fleet.fits import (
+    JOURNAL,
+    PARAMETERS,
+    SCHEMA,
+    FitJob,
+    Fitted,
+    as_known,
+    fit_jobs,
+    fit_period,
+)
 from deltaid.fleet.fleet import Fleet, Recorded
 from deltaid.fleet.gathering import FACTORS, Job, Outcome, gather_recorded
 from deltaid.fleet.known import (
@@ -178,7 +187,7 @@ class _Run:
         found = dict[FitJob, Fitted]()
         for job in jobs:
             if job.key in there:
-                found[job] = Fitted(job, {PARAMETERS: there[job.key]})
+                found[job] = as_known(job, {PARAMETERS: there[job.key]})
             elif job.key in self.known.refused:
                 found[job] = Fitted(job, reason=self.known.refused[job.key])
         left = [job for job in jobs if job not in found]
@@ -260,7 +269,9 @@ def _quarantine(
         if one.reason
     ]
     lines += [
-        Quarantined("fit", one.job.robot, one.job.period, one.reason, one.job.key * one.lasting)
+        Quarantined(
+            "fit", one.job.robot, ", ".join(one.job.periods), one.reason, one.job.key * one.lasting
+        )
         for one in fits
         if one.reason
     ]

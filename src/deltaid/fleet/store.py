@@ -3,6 +3,7 @@
 import glob
 import os
 import re
+import sys
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
@@ -214,6 +215,16 @@ def _stamp(info: Mapping[str, Any]) -> str:
     return f"{info.get('size')} {tag}".strip()
 
 
+def _failures() -> tuple[type[BaseException], ...]:
+    """What libraries of stores raise when they cannot get through; most of it is an OSError."""
+    found: list[type[BaseException]] = [OSError]
+    for module, name in (("aiohttp", "ClientError"), ("botocore.exceptions", "BotoCoreError"),
+                         ("botocore.exceptions", "ClientError")):  # fmt: skip
+        if module in sys.modules:
+            found.append(getattr(sys.modules[module], name))
+    return tuple(found)
+
+
 def _asked(ask: Callable[[], _Result], path: str) -> _Result:
     """What a store answers, asked again where it fails.
 
@@ -226,7 +237,7 @@ def _asked(ask: Callable[[], _Result], path: str) -> _Result:
             return ask()
         except FileNotFoundError:
             raise
-        except OSError as error:
+        except _failures() as error:
             said = re.sub(r"\s+", " ", str(error))[:300] or type(error).__name__
             refused = isinstance(error, PermissionError)
             if k == _TRIES - 1 or refused:
