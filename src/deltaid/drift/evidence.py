@@ -23,14 +23,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp, stdtr
 
-from deltaid.drift.wander import Scatter, Sums
+from deltaid.drift.wander import Sums
 
 # Of σ before any recording [%]: degrees of freedom and size.
 FREEDOM, SIZE = 4.0, 1.0
 # Kinds of change with how usual they are: a ramp upwards, a ramp downwards, a step each way.
 KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
 # Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
-RAMP, STEP = 3.0, 6.0
+RAMP, STEP = 2.5, 6.0
 MONTH, YEAR = 30.4375, 365.25
 # Onsets lie a week apart, or so many in all.
 _APART, _MOST = 7.0, 60
@@ -63,6 +63,14 @@ class Changes:
         scale = np.repeat([RAMP, STEP], [ramps.shape[1], steps.shape[1]])
         both = np.concatenate([onsets, onsets[1:]])
         return cls(both, np.hstack([ramps, steps]), scale, apart / YEAR)
+
+    @classmethod
+    def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
+        """Steps at each recording, where they are large enough for a day to matter."""
+        onsets = days[1:]
+        columns = (days[:, None] >= onsets).astype(float)
+        years = float(days[-1] - days[0]) / len(onsets) / YEAR
+        return cls(onsets, columns, np.full(len(onsets), STEP), years)
 
     @property
     def is_ramp(self) -> np.ndarray:
@@ -143,9 +151,7 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
         - np.einsum("kspa,sp->ksa", C, prior.mean)
         - np.einsum("kspa,ksp->ksa", C, plain)
     )
-    log_none = prior.log_kinds - 0.5 * (
-        sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r)
-    )
+    log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))
     known = np.maximum(a, 0.0) + changes.scale**-2.0
     left = np.maximum(r[..., None] - c**2 / known, 1e-12)
     gain = -0.5 * (np.log(known * changes.scale**2) + nu[:, None] * np.log(left / r[..., None]))

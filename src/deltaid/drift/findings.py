@@ -86,7 +86,7 @@ def finding(one: Explained, drive: int, settings: DriftSettings, drives: int) ->
     count = int(there.sum())
     span = float(np.ptp(one.days[there])) if count else 0.0
     few = count < FEWEST or span < SHORTEST
-    alarm = R >= threshold and not few
+    alarm = threshold <= R and not few
     draws = _drawn(one, drive, alarm=alarm)
     states = [KINDS[k][0] for k in range(len(KINDS))]
     shares = {name: float(np.mean([states[k] == name for k in draws.kind])) for name in states}
@@ -190,7 +190,7 @@ def _horizon(
         return (Between(last, None, None), "the limit is passed") if above else (Between(), "")
     if state != "rising":
         return Between(), ""
-    spread = (b[:, 0] - np.median(b[:, 0])) / 100.0 if limit is not None else 0.0
+    spread = (b[:, 0] - np.median(b[:, 0])) / 100.0
     months = (np.log(limit / level) - spread) / np.maximum(draws.size / 100.0, 1e-9)
     when = np.minimum(one.changes.onsets[draws.at] + MONTH * months, last + 2 * _FAR * YEAR)
     found = _between(when)
@@ -198,7 +198,9 @@ def _horizon(
     if found.value is None or found.value > far:
         return Between(), f"the limit is more than {_FAR:.0f} years away"
     high = found.high if found.high is not None and found.high <= far else None
-    return Between(found.value, found.low, high), "the limit is passed" if found.value <= last else ""
+    return Between(
+        found.value, found.low, high
+    ), "the limit is passed" if found.value <= last else ""
 
 
 def _reason(

@@ -48,9 +48,7 @@ class Recorded:
         if self.load is not None:
             return self.load
         found = {one.name: one.parameters[0].value for one in self.file.record.model.loads}
-        masses = [
-            found.get(one.load.name, one.load.mass or 0.0) for one in self.file.record.loads
-        ]
+        masses = [found.get(one.load.name, one.load.mass or 0.0) for one in self.file.record.loads]
         return max(masses, default=0.0)
 
     @property

@@ -57,6 +57,17 @@ class RobotDrift:
         return self.date(days.value), self.date(days.low), self.date(days.high)
 
     @property
+    def common(self) -> str | None:
+        """A remark where friction of all drives changes in one way: few things do that."""
+        states = {one.state for one in self.findings}
+        if len(self.drives) < 2 or len(states) != 1 or not states & {"rising", "falling"}:
+            return None
+        return (
+            "all drives change alike: look for another lubricant, a temperature that is not that "
+            "of the gears, or torques that are scaled in another way, before bearings"
+        )
+
+    @property
     def bound(self) -> str:
         """What bounds false alarms, in words."""
         rate, drives = self.settings.false_alarms, len(self.drives)
@@ -102,12 +113,14 @@ def robot_drift(
     found = explained(
         days,
         *in_percent(friction.mean, friction.std),
-        Regressors.of(
-            days,
-            np.array([one.degrees for one in own]),
-            np.array([one.held for one in own]),
-            [one.day for one in tools],
-        ),
+        [
+            Regressors.of(
+                days,
+                np.array([one.degrees for one in own]),
+                np.array([one.held for one in own]),
+                [one.day for one in tools],
+            )
+        ],
     )
     drives = model.robot.drives
     findings = tuple(finding(found, i, settings, len(drives)) for i in range(len(drives)))

@@ -77,7 +77,7 @@ class Regressors:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """A robot's series and what was found in them.
+    """Series and what was found in them.
 
     Attributes:
         days: of the recordings, ascending.
@@ -89,8 +89,8 @@ class Explained:
     """
 
     days: Float[np.ndarray, " n"]
-    y: Float[np.ndarray, "drives n"]
-    start: Float[np.ndarray, " drives"]
+    y: Float[np.ndarray, "series n"]
+    start: Float[np.ndarray, " series"]
     regressors: Regressors
     changes: Changes
     found: Evidence
@@ -107,25 +107,29 @@ def in_percent(
 
 def explained(
     days: Float[np.ndarray, " n"],
-    y: Float[np.ndarray, "drives n"],
-    std: Float[np.ndarray, "drives n"],
-    regressors: Regressors,
+    y: Float[np.ndarray, "series n"],
+    std: Float[np.ndarray, "series n"],
+    regressors: Sequence[Regressors],
 ) -> Explained:
-    """Evidence of changes in the series of one robot.
+    """Evidence of changes in the series of one robot, or of several with recordings on the same
+    days.
 
     Args:
-        y, std: as of `in_percent`.
+        y, std: as of `in_percent`; of a robot after the other.
+        regressors: of each robot, as many columns of each.
     """
-    drives, X = len(y), regressors.columns
-    wide = np.broadcast_to(X, (drives, *X.shape))
-    start = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0
-                      for own in y])  # fmt: skip
+    drives = len(y) // len(regressors)
+    X = np.repeat(np.stack([one.columns for one in regressors]), drives, axis=0)
+    unknown = np.repeat(np.stack([one.unknown for one in regressors]), drives, axis=0)
+    told = np.isfinite(y)
+    start = np.array([np.median(own[there]) if there.any() else 0.0
+                      for own, there in zip(y, told, strict=True)])  # fmt: skip
     z = y - start[:, None]
-    variance = 1.0 + (std / SIZE) ** 2 + (regressors.unknown / SIZE) ** 2
-    variance = np.where(np.isfinite(z), variance * inflation(z, wide[..., 1:]), np.inf)
-    base = np.concatenate([wide, np.nan_to_num(z)[..., None]], axis=2)
-    changes, scatter = Changes.over(days), Scatter.grid()
+    variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
+    variance = np.where(told, variance * inflation(z, X[..., 1:]), np.inf)
+    base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
+    changes, scatter, first = Changes.over(days), Scatter.grid(), regressors[0]
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
-    prior = first_prior(regressors.scale, scatter, drives)
-    found = together(sums, changes, prior, regressors.unlike, drives)
-    return Explained(days, z, start, regressors, changes, found)
+    prior = first_prior(first.scale, scatter, len(y))
+    found = together(sums, changes, prior, first.unlike, drives)
+    return Explained(days, z, start, first, changes, found)

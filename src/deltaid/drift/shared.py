@@ -21,9 +21,7 @@ _A_YEAR = 0.2
 _TOGETHER = 0.7
 
 
-def first_prior(
-    scale: Float[np.ndarray, " regressors"], scatter: Scatter, series: int
-) -> Prior:
+def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, series: int) -> Prior:
     """What is known of any drive.
 
     Args:
@@ -77,7 +75,7 @@ def _with_others(
     if not at.size:
         return replace(prior, log_kinds=log - logsumexp(log, axis=0))
     spread = np.diag(unlike[at] ** 2)
-    grid = np.ix_(range(len(mean)), at, at)
+    grid = np.ix_(np.arange(len(mean)), at, at)
     W = np.linalg.inv(covariance[grid] + spread).reshape(-1, drives, len(at), len(at))
     Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, at].reshape(-1, drives, len(at)))
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
@@ -94,7 +92,9 @@ def _with_others(
 
 def _moments(
     found: Evidence, changed: Float[np.ndarray, " series"]
-) -> tuple[Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]]:
+) -> tuple[
+    Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
+]:
     """Mean and covariance of coefficients, with and without a change."""
     w, none = found.of_changes.sum(axis=0) * changed[:, None], found.of_kinds * (1.0 - changed)
     moved = found.plain[..., None] - found.per_size * found.size[..., None, :]

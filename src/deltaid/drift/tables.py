@@ -2,11 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
+from io import BytesIO
+from pathlib import Path
 
 import polars as pl
 
 from deltaid.drift.findings import Between
 from deltaid.drift.robot_drift import RobotDrift
+from deltaid.errors import DeltaidError
+from deltaid.files import write_bytes
 
 _TIME = pl.Datetime("us")
 FRICTION = {
@@ -79,6 +83,31 @@ def drift_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
     """What is said of each drive."""
     rows = [row for one in found for row in _rows(one)]
     return pl.DataFrame(rows, schema=DRIFT, orient="row")
+
+
+def require_table(path: Path) -> None:
+    """Refuse a name before any work.
+
+    Raises:
+        DeltaidError: it ends in neither .parquet nor .csv.
+    """
+    if path.suffix.lower() not in (".parquet", ".csv"):
+        raise DeltaidError("must end in .parquet or .csv", where=str(path))
+
+
+def save(table: pl.DataFrame, path: Path) -> None:
+    """Write a table, whole or not at all.
+
+    Raises:
+        DeltaidError: its name ends in neither .parquet nor .csv, or it cannot be written.
+    """
+    require_table(path)
+    buffer = BytesIO()
+    if path.suffix.lower() == ".csv":
+        table.write_csv(buffer)
+    else:
+        table.write_parquet(buffer, compression="zstd")
+    write_bytes(path, buffer.getvalue())
 
 
 def _rows(one: RobotDrift) -> Sequence[tuple[object, ...]]:

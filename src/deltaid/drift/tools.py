@@ -1,7 +1,7 @@
 """Tools that were changed and nobody told: steps in what recordings say is held.
 
-The mass that a recording shows beside what was told is a series like friction's. Where it steps, the
-change has its day, and friction may step with it without being called drift.
+The mass that a recording shows beside what was told is a series like friction's. Where it steps,
+the change has its day, and friction may step with it without being called drift.
 """
 
 from dataclasses import dataclass
@@ -75,28 +75,10 @@ def _step(
     wide, z = X[None], (y - np.median(y))[None]
     variance = (0.5 + 0.5 * std[None] ** 2) * inflation(z, wide[..., 1:])
     base = np.concatenate([wide, z[..., None]], axis=2)
-    changes, scatter = Changes.over(days), Scatter.grid()
+    changes, scatter = Changes.steps(days), Scatter.grid()
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
     scale = np.array([np.inf, *([100.0] * len(known))])
     found = together(sums, changes, first_prior(scale, scatter, 1), scale, 1)
-    shares = found.of_changes.sum(axis=(0, 1))[0]
-    steps = shares * ~changes.is_ramp
-    if found.R[0] < _YEARS or steps.sum() < 0.5:
+    if found.R[0] < _YEARS:
         return None
-    return _refined(days, z[0] - _fitted(X, z[0]), float(changes.onsets[np.argmax(steps)]))
-
-
-def _fitted(X: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return X @ np.linalg.lstsq(X, y, rcond=None)[0]
-
-
-def _refined(days: np.ndarray, y: np.ndarray, about: float) -> float | None:
-    """The recording near a day that parts the series best."""
-    best, least = None, np.inf
-    near = 2.0 * max(7.0, (days[-1] - days[0]) / 60)
-    for k in range(_LEAST, len(days) - _LEAST + 1):
-        if abs(days[k] - about) <= near:
-            left = np.abs(y[:k] - np.median(y[:k])).sum() + np.abs(y[k:] - np.median(y[k:])).sum()
-            if left < least:
-                best, least = float(days[k]), left
-    return best
+    return float(changes.onsets[np.argmax(found.of_changes.sum(axis=(0, 1))[0])])

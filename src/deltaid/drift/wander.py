@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 # Memories [days] and shares of the wander that are tried, beside none at all, with how usual each
 # is before any recording: long memories and wanders that are most of the scatter are rare.
-MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.4, 30.0: 0.1}
+MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.15, 30.0: 0.03}
 SHARES = {0.15: 1.0, 0.35: 0.6, 0.6: 0.3, 0.85: 0.1}
 _NONE = 2.0
 
