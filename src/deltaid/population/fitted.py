@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
@@ -82,33 +82,44 @@ class Population:
     """A type and its robots.
 
     Attributes:
-        robot: the type, as described.
-        layout: of p.
+        coordinates: the type as described, and the variables that are free.
         mean: of the type, inside the cone of what can be.
-        covariance: of the mean.
-        between: covariance of robots about it.
+        covariance: of the free variables' mean.
+        variance: of robots about it.
         spread: of each parameter between robots; `spread_low` and `spread_high` its 95 % interval.
-        free: which parameters the fit may change.
-        members: of all robots, in the order of their names.
+        members: all robots, in the order of their names.
         spreads: by kind.
         moved: 'mean' and names of robots whose most likely values no bodies have: the nearest ones
             that some have are given, and are more than a standard deviation away.
         naming: as of the settings.
     """
 
-    robot: RobotDescription
-    layout: ParameterLayout
+    coordinates: Coordinates
     mean: Estimates
-    covariance: Float[np.ndarray, "parameters parameters"]
-    between: Float[np.ndarray, "parameters parameters"]
+    covariance: Float[np.ndarray, "u u"]
+    variance: Float[np.ndarray, " u"]
     spread: Float[np.ndarray, " parameters"]
     spread_low: Float[np.ndarray, " parameters"]
     spread_high: Float[np.ndarray, " parameters"]
-    free: np.ndarray
     members: tuple[MemberEstimate, ...]
     spreads: Spreads
     moved: tuple[str, ...]
     naming: float
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The type, as described."""
+        return self.coordinates.robot
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Of p."""
+        return self.coordinates.reduction.layout
+
+    @property
+    def free(self) -> Bool[np.ndarray, " parameters"]:
+        """Which parameters the fit may change."""
+        return np.any(self.coordinates.to_p != 0, axis=1)
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -258,7 +269,6 @@ def _population(
     p = consistent(coordinates, mean_, square)
     if _far(p, T @ mean_ + p_0, _std(T, square)):
         moved.append("mean")
-    covariance = T @ square @ T.T
     alone = _alone(rows, coordinates)
     estimates = list[MemberEstimate]()
     for k, one in enumerate(members):
@@ -274,15 +284,13 @@ def _population(
                                         reasons[k], float(found.chances[k])))  # fmt: skip
     spread, low, high = _spread(T, found.spreads, coordinates)
     return Population(
-        robot=coordinates.robot,
-        layout=coordinates.reduction.layout,
+        coordinates=coordinates,
         mean=Estimates(p, _std(T, square), _NORMAL * _std(T, square)),
-        covariance=covariance,
-        between=(T * between) @ T.T,
+        covariance=square,
+        variance=between,
         spread=spread,
         spread_low=low,
         spread_high=high,
-        free=np.any(T != 0, axis=1),
         members=tuple(estimates),
         spreads=found.spreads,
         moved=tuple(moved),
