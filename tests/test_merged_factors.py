@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from deltaid.errors import RecordingError
@@ -10,11 +11,14 @@ from deltaid.factors.condensed import Group, Groups
 from deltaid.factors.file import FactorFile, read, write
 from deltaid.factors.gather import gathered
 from deltaid.factors.identify import identify_gathered
+from deltaid.factors.merged import merged
+from deltaid.factors.problem import merging_of
+from deltaid.factors.torques import validate_gathered
 from deltaid.identification.identify import identify
+from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.tolerances import Tolerances
 from test_friction_by_itself import cooling, recorded
@@ -125,13 +129,49 @@ def test_a_lag_is_as_sure_as_in_the_recording(tmp_path: Path) -> None:
     require_same(identify_gathered(robot, [one], PLAIN).model, one.record.model)
 
 
-def test_torque_constants_put_right_in_one_of_several_are_refused(loaded) -> None:
-    gain = Correction(kind="gain", subject="drive1", value=1.05, low=1.0, high=1.1, text="was off")
-    model = loaded[0].record.model
-    with_gain = model.changed(corrections=(*model.corrections, gain))
-    one = FactorFile(loaded[0].record.changed(model=with_gain), loaded[0].condensed, "a")
-    described: RobotDescription = robot()[0].robot
-    with pytest.raises(RecordingError, match="torque constant of drive1 was put right"):
+def with_gain(one: FactorFile, low: float, high: float) -> FactorFile:
+    """As if the torque constant of drive1 had been put right."""
+    value = 0.5 * (low + high)
+    gain = Correction(
+        kind="gain", subject="drive1", value=value, low=low, high=high, text="was off"
+    )
+    model = one.record.model
+    model = model.changed(corrections=(*model.corrections, gain))
+    return replace(one, record=one.record.changed(model=model))
+
+
+def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[FactorFile]) -> None:
+    described, one = robot()[0].robot, with_gain(loaded[0], 1.0, 1.1)
+    with pytest.raises(RecordingError, match=r"drive1 was put right .*and in .* it was not"):
         identify_gathered(described, [one, loaded[1]], PLAIN)
-    alone = identify_gathered(described, [one], PLAIN).model
-    assert any("torque constant" in text and "known" in text for text in alone.warnings)
+    for low, high in ((1.15, 1.2), (0.8, 0.95)):
+        with pytest.raises(RecordingError, match=r"drive1 was put right .* by 1\.05, and in .* by"):
+            identify_gathered(described, [one, with_gain(loaded[1], low, high)], PLAIN)
+    alike = [one, with_gain(loaded[1], 1.02, 1.04)]
+    for files, gain in (([one], 1.05), (alike, 1.03)):
+        model = identify_gathered(described, files, PLAIN).model
+        assert model.gains[0] == pytest.approx(gain)
+        assert any("torque constant" in text and "known" in text for text in model.warnings)
+
+
+def test_places_of_all_recordings_add_up(loaded: list[FactorFile]) -> None:
+    merging = merging_of(loaded, robot()[0].robot, PLAIN)
+    apart = [merged(merging, [one]).places.sum(axis=0) for one in loaded]
+    together = merged(merging, loaded)
+    np.testing.assert_allclose(together.places.sum(axis=0), sum(apart), rtol=1e-9, atol=1e-6)
+    assert len(together.parts) == 3
+    assert all(20 < len(part) <= 26 for part in together.parts)
+
+
+def test_a_load_is_compared_as_the_model_knows_it(loaded: list[FactorFile]) -> None:
+    model = identify_gathered(robot()[0].robot, loaded[:1], PLAIN).model
+    found = validate_gathered(model, loaded[1])
+    expected = validate(model, table(2, "cycles"), columns=GRIPPER).error
+    np.testing.assert_allclose(found.rms, expected.rms, rtol=0.05)
+    (held,) = model.loads
+    mass = held.parameters[0].changed(value=held.p[0] + 0.5)
+    heavier = held.changed(parameters=(mass, *held.parameters[1:]))
+    worse = validate_gathered(model.changed(loads=(heavier,)), loaded[1])
+    assert np.all(worse.rms[:3] > 1.5 * found.rms[:3])
+    with pytest.raises(RecordingError, match="holds load load, which is not one of the model's"):
+        validate_gathered(model.changed(loads=()), loaded[1])
