@@ -76,7 +76,7 @@ def test_what_is_no_recording_is_told_and_stops_nothing(whole: Plant) -> None:
 def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (whole.output / "parameters.parquet").read_bytes()
     monkeypatch.setattr(cluster, "require_dask", lambda: pytest.fail("workers were started"))
-    assert whole.run().computed == (0, 0)
+    assert whole.run().computed == (0, 0, 0)
     assert (whole.output / "parameters.parquet").read_bytes() == before
 
 
@@ -94,13 +94,13 @@ def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
 def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:
     """Meanwhile a factor file is cut short, a recording is thrown away, another one copied."""
     own = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
-    assert own.run().computed == (2, 1)
+    assert own.run().computed == (2, 1, 1)
     own.record(f"north/{DAYS[2]}").path(FIRST[1]).unlink()
     shutil.copy(own.path(FIRST[0]), own.path("north/2026-01-08"))
     cut = next((own.output / "factors" / "north").glob("2026-01-05*"))
     cut.write_bytes(cut.read_bytes()[:-500])
     second = own.run()
-    assert second.computed == (3, 2)
+    assert second.computed == (3, 3, 1)
     assert [line.which for line in second.quarantine] == [str(own.path("north/2026-01-08"))]
     assert "is a copy of" in second.quarantine[0].reason
     assert own.table().equals(whole.table().filter(pl.col("robot") == "north"))
@@ -185,7 +185,7 @@ def test_a_cluster_and_a_store_that_fail_give_the_same_bits(whole: Plant, site: 
     assert found.drop("key").equals(whole.table())
     assert len(site.files.find("plant/fleet/factors")) == 4
     again = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler="tcp://127.0.0.1:1")
-    assert again.computed == (0, 0)
+    assert again.computed == (0, 0, 0)
 
 
 def _killed_call(site: Site) -> None:

@@ -1,5 +1,6 @@
 """`deltaid fleet`: hundreds of robots and all their recordings, from a manifest to tables."""
 
+import re
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -12,10 +13,12 @@ from deltaid.errors import DeltaidError
 from deltaid.model.options import ComplianceChoice, FrictionLaws, Period
 
 if TYPE_CHECKING:
+    from deltaid.drift.settings import DriftSettings
     from deltaid.fleet.run import FleetRun
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
+_LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
 # What a shell calls a command that Ctrl-C has ended.
 _INTERRUPTED = 130
 
@@ -72,6 +75,16 @@ def fleet(
         FrictionLaws,
         typer.Option(help="choose: further terms where recordings ask for one; described: none."),
     ] = "choose",
+    limit: Annotated[
+        str | None,
+        typer.Option(
+            help="Friction that is too much: times what it was, such as 1.5, or 12Nm, or 40N.",
+            metavar="LIMIT",
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        float, typer.Option(help="Of drift: so many a robot and year, at most.")
+    ] = 0.1,
     force: Annotated[
         bool, typer.Option("--force", help="Go on with what the checks call wrong.")
     ] = False,
@@ -80,7 +93,8 @@ def fleet(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Gather the recordings of many robots in parallel, and fit each robot in each period.
+    """Gather the recordings of many robots in parallel, fit each robot in each period, and look for
+    drift.
 
     It may be ended at any time: the same call does what is left. A recording or a robot that cannot
     be used is put into quarantine with its reason and stops nothing else.
@@ -99,13 +113,13 @@ def fleet(
         cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
     )  # fmt: skip
-    store = Store()
+    drift, store = _drift(limit, false_alarms), Store()
     try:
         with _bar(as_json) as say:
             say("looking for recordings")
             found = find_fleet(manifest, store, period)
             run = run_fleet(
-                found, output, settings=settings, store=store, scheduler=scheduler,
+                found, output, settings=settings, drift=drift, store=store, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, progress=say,
                 dashboard=lambda link: None if as_json else print_note(f"dashboard at {link}"),
             )  # fmt: skip
@@ -125,6 +139,28 @@ def fleet(
         raise typer.Exit(2)
 
 
+def _drift(limit: str | None, false_alarms: float) -> "DriftSettings":
+    """What is asked of drift.
+
+    Raises:
+        DeltaidError: a limit is no number, or cannot be.
+    """
+    from deltaid.drift.settings import DriftSettings
+
+    if limit is None:
+        return DriftSettings(false_alarms=false_alarms)
+    found = _LIMIT.fullmatch(limit.strip())
+    if found is None:
+        raise DeltaidError(
+            f"must be a number such as 1.5, or a torque or force such as 12Nm or 40N, not {limit!r}",
+            where="--limit",
+        )
+    number, unit = float(found[1]), found[2]
+    if not unit:
+        return DriftSettings(limit=number, false_alarms=false_alarms)
+    return DriftSettings(limit=number, limit_is="torque", false_alarms=false_alarms)
+
+
 def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
     from dataclasses import asdict
 
@@ -136,6 +172,7 @@ def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
         "used": sum(bool(one.file) for one in run.outcomes),
         "fits": sum(bool(one.tables) for one in run.fits),
         "fitted": run.computed[1],
+        "site": None if not run.site else f"{output}/{run.site}",
         "quarantine": [asdict(line) for line in run.quarantine],
     }
 
@@ -151,6 +188,8 @@ def _print(run: "FleetRun", output: str) -> None:
         f"{_count(sum(bool(one.tables) for one in run.fits), 'fit')} "
         f"({run.computed[1]} made now); in {output}"
     )
+    if run.site:
+        console.print(f"pages: {output}/{run.site}")
     if not run.quarantine:
         return
     print_note(f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")

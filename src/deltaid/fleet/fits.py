@@ -1,8 +1,10 @@
 """Fits of a fleet: each robot in each period, and in all, from the factors of its recordings."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import polars as pl
 
@@ -23,7 +25,7 @@ from deltaid.robot.description import RobotDescription
 JOURNAL = "unfinished"
 # All recordings of a robot.
 ALL = "all"
-PARAMETERS = "parameters"
+PARAMETERS, MODELS = "parameters", "models"
 SCHEMA = {
     "robot": pl.String,
     "type": pl.String,
@@ -106,7 +108,7 @@ def fit_jobs(
         FitJob(
             robot, kind, names,
             tuple(one.file for one in own),
-            digest([common[kind], robot, sorted((one.sha256, one.file) for one in own)]),
+            digest([common[kind], robot, names, sorted((one.sha256, one.file) for one in own)]),
             descriptions[kind], settings,
         )
         for (robot, kind), periods in robots.items()
@@ -132,25 +134,19 @@ def fit_period(job: FitJob, place: Place) -> Fitted:
         try:
             done = place.table(_journal(job, PARAMETERS))
             if done is not None:
-                return as_known(job, {PARAMETERS: done})
+                return Fitted(job, {PARAMETERS: done})
             files, damaged = _read(job, place)
             if damaged:
                 reason = f"{damaged[0]} is damaged\n  → call again: it is gathered anew"
                 return Fitted(job, reason=reason, lasting=False, damaged=damaged)
             model = identify_gathered(job.description, files, job.settings).model
             table = parameter_rows(job, model, files)
+            if ALL in job.periods:
+                _save(model, model_file(job.robot), place)
             place.save(_journal(job, PARAMETERS), table)
         except DeltaidError as error:
             return Fitted(job, reason=str(error), lasting=not isinstance(error, StoreError))
     return Fitted(job, {PARAMETERS: table})
-
-
-def as_known(job: FitJob, tables: Mapping[str, pl.DataFrame]) -> Fitted:
-    """A fit that has been made, perhaps when its recordings were those of other periods."""
-    parameters = tables[PARAMETERS]
-    one = parameters.filter(pl.col("period") == parameters["period"][0])
-    each = [one.with_columns(period=pl.lit(name)) for name in job.periods]
-    return Fitted(job, {**tables, PARAMETERS: pl.concat(each)})
 
 
 def parameter_rows(
@@ -168,12 +164,16 @@ def parameter_rows(
     return pl.DataFrame(rows, schema=SCHEMA, orient="row")
 
 
-def together(
-    fits: Iterable[Fitted], name: str, schema: dict[str, type[pl.DataType]]
-) -> pl.DataFrame:
-    """One table of all fits, in their order."""
-    tables = [one.tables[name] for one in fits if name in one.tables]
-    return pl.concat(tables) if tables else pl.DataFrame(schema=schema)
+def model_file(robot: str) -> str:
+    """Where the model of a robot is, by all of its recordings."""
+    return f"{MODELS}/{robot}.yaml"
+
+
+def _save(model: IdentifiedModel, name: str, place: Place) -> None:
+    with TemporaryDirectory(prefix="deltaid-") as folder:
+        path = Path(folder) / "model.yaml"
+        model.save(path)
+        place.store.write(place.at(name), path.read_bytes())
 
 
 def _read(job: FitJob, place: Place) -> tuple[list[FactorFile], tuple[str, ...]]:

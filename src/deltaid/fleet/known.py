@@ -12,6 +12,8 @@ from deltaid.fleet.fits import SCHEMA as PARAMETERS_SCHEMA
 from deltaid.fleet.fleet import Absent, Recorded
 from deltaid.fleet.gathering import Outcome
 from deltaid.fleet.place import Place
+from deltaid.fleet.studies import TABLES as STUDY_TABLES
+from deltaid.fleet.types import TABLES as TYPE_TABLES
 
 RECORDINGS, QUARANTINE = "recordings.parquet", "quarantine.csv"
 RECORDINGS_SCHEMA = {
@@ -40,7 +42,7 @@ class Quarantined:
     """A line of the quarantine.
 
     Attributes:
-        what: 'recording', 'fit', 'robot'.
+        what: 'recording', 'fit', 'drift', 'type'.
         robot: whose.
         which: path, period or type.
         reason: in words.
@@ -80,10 +82,11 @@ class Known:
         """
         table = place.table(RECORDINGS)
         rows = () if table is None else table.iter_rows(named=True)
-        parameters = place.table(f"{PARAMETERS}.parquet")
+        schemas = {PARAMETERS: PARAMETERS_SCHEMA, **STUDY_TABLES, **TYPE_TABLES}
+        tables = {name: place.table(f"{name}.parquet") for name in schemas}
         for name, found, schema in (
             (RECORDINGS, table, RECORDINGS_SCHEMA),
-            (f"{PARAMETERS}.parquet", parameters, PARAMETERS_SCHEMA),
+            *((f"{name}.parquet", tables[name], schemas[name]) for name in schemas),
         ):
             if found is not None and found.schema != pl.Schema(schema):
                 raise DeltaidError(
@@ -94,7 +97,7 @@ class Known:
         return cls(
             {row["key"]: row for row in rows if row["file"]},
             {} if retry else _refused(place),
-            {} if parameters is None else {PARAMETERS: parameters},
+            {name: one for name, one in tables.items() if one is not None},
         )
 
     def gathered(self, recorded: Recorded, key: str, listing: Mapping[str, int]) -> Outcome | None:

@@ -1,28 +1,21 @@
 """A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from deltaid.errors import DeltaidError
-from deltaid.fleet.cluster import client, done, require_shared
-from deltaid.fleet.fits import (
-    JOURNAL,
-    PARAMETERS,
-    SCHEMA,
-    FitJob,
-    Fitted,
-    as_known,
-    fit_jobs,
-    fit_period,
-)
-from deltaid.fleet.fleet import Fleet, Recorded
-from deltaid.fleet.gathering import FACTORS, Job, Outcome, gather_recorded
+from deltaid.drift.settings import DriftSettings
+from deltaid.fleet.call import Call, Say
+from deltaid.fleet.cluster import client, require_shared
+from deltaid.fleet.fits import JOURNAL, PARAMETERS, SCHEMA, Fitted
+from deltaid.fleet.fleet import Fleet
+from deltaid.fleet.gathering import Outcome
 from deltaid.fleet.known import (
     QUARANTINE,
     RECORDINGS,
@@ -33,17 +26,21 @@ from deltaid.fleet.known import (
     recordings_table,
 )
 from deltaid.fleet.place import Place
+from deltaid.fleet.steps import fit_all, gather_again, gather_all, how_digest, study_all, type_all
 from deltaid.fleet.store import Store
+from deltaid.fleet.studies import MEMBERS, TABLES, Studied
+from deltaid.fleet.types import TABLES as TYPE_TABLES
+from deltaid.fleet.types import Typed
 from deltaid.fleet.ways import Ways, with_cutoffs
+from deltaid.fleet_site.site import SITE
+from deltaid.fleet_site.site import write as write_site
 from deltaid.model.record import Settings
 
 if TYPE_CHECKING:
     from distributed import Client
 
-Say = Callable[[str], None]
-Clients = Callable[[], "Client"]
-_Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
+
+_TABLES = (PARAMETERS, *TABLES, *TYPE_TABLES)
 
 
 @dataclass(frozen=True)
@@ -53,14 +50,23 @@ class FleetRun:
     Attributes:
         outcomes: of all recordings, in the order of robots and time.
         fits: of all periods.
+        studies: of all robots.
+        types: of all types.
         quarantine: what could not be used, and why.
-        computed: how many recordings were gathered, and how many fits made, in this call.
+        computed: how many recordings were looked at, fits made, and robots studied in this call.
     """
 
     outcomes: tuple[Outcome, ...]
     fits: tuple[Fitted, ...]
+    studies: tuple[Studied, ...]
+    types: tuple[Typed, ...]
     quarantine: tuple[Quarantined, ...]
-    computed: tuple[int, int]
+    computed: tuple[int, int, int]
+
+    @property
+    def site(self) -> str:
+        """The first of its pages, seen from the folder; empty where there is nothing to show."""
+        return f"{SITE}/index.html" if any(one.file for one in self.outcomes) else ""
 
 
 def run_fleet(
@@ -68,6 +74,7 @@ def run_fleet(
     folder: str | Path,
     *,
     settings: Settings | None = None,
+    drift: DriftSettings | None = None,
     store: Store | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -76,13 +83,14 @@ def run_fleet(
     progress: Say = lambda _: None,
     dashboard: Say = lambda _: None,
 ) -> FleetRun:
-    """Gather all recordings of a fleet, and fit every robot in every period.
+    """Gather all recordings of a fleet, fit every robot in every period, and look for drift.
 
     It may be ended at any time: the next call does what is left. Results do not depend on the
     number of workers, on their order, nor on the number of calls.
 
     Args:
         folder: of factors and tables, a path or an address; made if there is none.
+        drift: of what is said of drift.
         store: where recordings lie.
         scheduler: address of a Dask scheduler; processes of this machine where None.
         workers: how many of these; one a core where None.
@@ -110,182 +118,102 @@ def run_fleet(
                 require_shared(found, Path(place.root))
             return found
 
-        ways = with_cutoffs(ways, fleet, place, started)
-        run = _Run(fleet, place, ways, known, started, progress)
-        outcomes = run.gathered()
-        fits = run.fitted(outcomes)
-        again = sorted({name for one in fits for name in one.damaged})
-        if again:
-            outcomes = run.again(outcomes, again)
-            fits = run.fitted(outcomes)
+        call = Call(
+            fleet, place, with_cutoffs(ways, fleet, place, started), known, started, progress
+        )
+        outcomes, gathered = gather_all(call)
+        fits, fitted = fit_all(call, outcomes)
+        damaged = {name for one in fits for name in one.damaged}
+        if damaged:
+            outcomes, more = gather_again(call, outcomes, damaged)
+            fits, again = fit_all(call, outcomes)
+            gathered, fitted = gathered + more, fitted + again
+        studies, studied = study_all(call, fits, outcomes, drift or DriftSettings())
+        types, _ = type_all(call, studies)
     finished = FleetRun(
         tuple(outcomes),
         tuple(fits),
-        _quarantine(fleet, outcomes, fits),
-        (run.computed_outcomes, run.computed_fits),
+        tuple(studies),
+        tuple(types),
+        tuple(_quarantine(fleet, outcomes, fits, studies, types)),
+        (gathered, fitted, studied),
     )
     progress("writing tables")
-    _write(place, ways, finished)
+    _write(call, finished)
+    if finished.site:
+        progress("writing the site")
+        _write_site(place)
     return finished
 
 
-class _Run:
-    """One call: what its steps have in common."""
-
-    def __init__(
-        self, fleet: Fleet, place: Place, ways: Ways, known: Known, client: "Clients", say: Say
-    ) -> None:
-        self.fleet, self.place, self.ways, self.known = fleet, place, ways, known
-        self.client, self.say = client, say
-        self.computed_outcomes = self.computed_fits = 0
-
-    def gathered(self) -> list[Outcome]:
-        """What became of all recordings, in their order."""
-        listing = {
-            f"{FACTORS}/{name}": size
-            for name, size in self.place.store.listing(self.place.at(FACTORS)).items()
-        }
-        outcomes, jobs = list[Outcome](), list[Job]()
-        for one in self.fleet.recordings:
-            if reason := self.ways.why_not(one):
-                outcomes.append(Outcome(one, "", reason=reason, is_new=False))
-                continue
-            try:
-                job = Job.of(one, self.ways.how(one))
-            except DeltaidError as error:
-                outcomes.append(Outcome(one, "", reason=str(error), is_new=False))
-                continue
-            there = self.known.gathered(one, job.key, listing)
-            if there is not None:
-                outcomes.append(there)
-            else:
-                jobs.append(job)
-        outcomes += self._gather(jobs) + self._gone(listing)
-        return _once(sorted(outcomes, key=lambda one: one.recorded))
-
-    def again(self, outcomes: Sequence[Outcome], files: Sequence[str]) -> list[Outcome]:
-        """The same with some recordings gathered anew, whose factor files are damaged."""
-        lost = {one.recorded: one for one in outcomes if one.file in set(files)}
-        jobs = [Job.of(one, self.ways.how(one)) for one in lost if one.stamp]
-        new = {one.recorded: one for one in self._gather(jobs)}
-        gone = {
-            one.recorded: replace(
-                one, key="", file="",
-                reason=f"{one.file} is damaged, and the recording is no longer there",
-            )
-            for one in lost.values()
-        }  # fmt: skip
-        return [(gone | new).get(one.recorded, one) for one in outcomes]
-
-    def fitted(self, outcomes: Sequence[Outcome]) -> list[Fitted]:
-        """All fits, in the order of robots and periods."""
-        jobs = fit_jobs(outcomes, self.fleet.period, dict(self.ways.robots), self.ways.settings)
-        there = dict[str, pl.DataFrame]()
-        if PARAMETERS in self.known.tables:
-            parts = self.known.tables[PARAMETERS].partition_by("key", as_dict=True)
-            there = {str(key): part for (key,), part in parts.items()}
-        found = dict[FitJob, Fitted]()
-        for job in jobs:
-            if job.key in there:
-                found[job] = as_known(job, {PARAMETERS: there[job.key]})
-            elif job.key in self.known.refused:
-                found[job] = Fitted(job, reason=self.known.refused[job.key])
-        left = [job for job in jobs if job not in found]
-        work = partial(fit_period, place=self.place)
-        for one in self._done(work, left, lambda job, why: Fitted(job, {}, why, False)):
-            found[one.job] = one
-            self.computed_fits += 1
-            self.say(f"fitted {len(found)} of {len(jobs)} periods")
-        return [found[job] for job in jobs]
-
-    def _gather(self, jobs: Sequence[Job]) -> list[Outcome]:
-        outcomes, work = list[Outcome](), partial(gather_recorded, place=self.place)
-        for one in self._done(work, jobs, lambda job, why: Outcome(job.recorded, "", reason=why)):
-            outcomes.append(one)
-            self.computed_outcomes += one.is_new
-            self.say(f"gathered {len(outcomes)} of {len(jobs)} recordings")
-        return outcomes
-
-    def _done(
-        self,
-        work: Callable[[_Item], _Result],
-        items: Sequence[_Item],
-        failed: Callable[[_Item, str], _Result],
-    ) -> Iterator[_Result]:
-        return done(self.client(), work, items, failed) if items else iter(())
-
-    def _gone(self, listing: dict[str, int]) -> list[Outcome]:
-        """Recordings that have been gathered, and thrown away since."""
-        from fsspec.utils import glob_translate
-
-        named = dict[str, set[str]]()
-        for robot, pattern in self.fleet.entries:
-            named.setdefault(robot, set()).add(glob_translate(pattern))
-        found = list[Outcome]()
-        for recorded, outcome, how in self.known.gone(self.fleet.recordings, named, listing):
-            if self._how(recorded) == how:
-                found.append(outcome)
-        return found
-
-    def _how(self, recorded: Recorded) -> str:
-        return how_digest(self.ways, recorded)
-
-
-def how_digest(ways: Ways, one: Recorded) -> str:
-    """The checksum of how a recording is gathered; empty where it cannot be."""
-    if one.type not in ways.robots or ways.why_not(one):
-        return ""
-    try:
-        return ways.how(one).digest
-    except DeltaidError:
-        return ""
-
-
-def _once(outcomes: Iterable[Outcome]) -> list[Outcome]:
-    """The same with every recording once: copies would narrow all intervals, telling nothing new.
-
-    What is still there comes before what is not, and the first in order before others.
-    """
-    found, first = list[Outcome](), dict[str, Recorded]()
-    ordered = sorted(outcomes, key=lambda one: (not one.recorded.stamp, one.recorded))
-    for one in ordered:
-        kept = first.setdefault(one.sha256, one.recorded) if one.file else one.recorded
-        if kept == one.recorded:
-            found.append(one)
-        elif one.recorded.stamp:
-            reason = f"is a copy of {kept.path} of {kept.robot}\n  → give each recording once"
-            found.append(replace(one, key="", file="", reason=reason))
-    return sorted(found, key=lambda one: one.recorded)
-
-
 def _quarantine(
-    fleet: Fleet, outcomes: Sequence[Outcome], fits: Sequence[Fitted]
-) -> tuple[Quarantined, ...]:
+    fleet: Fleet,
+    outcomes: Sequence[Outcome],
+    fits: Sequence[Fitted],
+    studies: Sequence[Studied],
+    types: Sequence[Typed],
+) -> Iterable[Quarantined]:
     there = {(one.recorded.robot, one.recorded.path) for one in outcomes if one.file}
-    lines = [absent_line(one) for one in fleet.absent if (one.robot, one.path) not in there]
-    lines += [
-        Quarantined("recording", one.recorded.robot, one.recorded.path, one.reason, one.key)
-        for one in outcomes
-        if one.reason
-    ]
-    lines += [
-        Quarantined(
-            "fit", one.job.robot, ", ".join(one.job.periods), one.reason, one.job.key * one.lasting
-        )
-        for one in fits
-        if one.reason
-    ]
-    return tuple(lines)
+    yield from (absent_line(one) for one in fleet.absent if (one.robot, one.path) not in there)
+    for one in outcomes:
+        if one.reason:
+            who = one.recorded
+            yield Quarantined("recording", who.robot, who.path, one.reason, one.key)
+    for one in fits:
+        if one.reason:
+            key = one.job.key * one.lasting
+            for period in one.job.periods:
+                yield Quarantined("fit", one.job.robot, period, one.reason, key)
+    for one in studies:
+        for what, reason in one.reasons.items():
+            yield Quarantined(what, one.job.robot, one.job.type, reason, one.job.key * one.lasting)
+    for one in types:
+        if one.reason:
+            yield Quarantined("type", "", one.job.type, one.reason, one.job.key * one.lasting)
 
 
-def _write(place: Place, ways: Ways, run: FleetRun) -> None:
-    """The tables; what fits have left behind is then no longer needed."""
-    how = {one.recorded: how_digest(ways, one.recorded) for one in run.outcomes}
-    tables = [one.tables[PARAMETERS] for one in run.fits if PARAMETERS in one.tables]
+def _write(call: Call, run: FleetRun) -> None:
+    """The tables; what tasks have left behind is then no longer needed."""
+    place = call.place
+    how = {one.recorded: how_digest(call, one.recorded) for one in run.outcomes}
     place.save(
-        f"{PARAMETERS}.parquet", pl.concat(tables) if tables else pl.DataFrame(schema=SCHEMA)
+        f"{PARAMETERS}.parquet", _together((one.tables for one in run.fits), PARAMETERS, SCHEMA)
     )
+    for name, schema in TABLES.items():
+        place.save(f"{name}.parquet", _together((one.tables for one in run.studies), name, schema))
+    for name, schema in TYPE_TABLES.items():
+        place.save(f"{name}.parquet", _together((one.tables for one in run.types), name, schema))
     place.save(RECORDINGS, recordings_table(run.outcomes, how))
     place.store.write(place.at(QUARANTINE), quarantine_csv(run.quarantine))
     for name in place.store.listing(place.at(JOURNAL)):
         place.store.remove(place.at(f"{JOURNAL}/{name}"))
+    used = {one.job.member_file for one in run.studies}
+    for name in place.store.listing(place.at(MEMBERS)):
+        if f"{MEMBERS}/{name}" not in used:
+            place.store.remove(place.at(f"{MEMBERS}/{name}"))
+
+
+def _write_site(place: Place) -> None:
+    """The pages; of a fleet in a store they are made here and copied there."""
+    if place.is_local:
+        write_site(Path(place.root))
+        return
+    with TemporaryDirectory(prefix="deltaid-") as name:
+        folder = Path(name)
+        for table in (*(f"{one}.parquet" for one in _TABLES), RECORDINGS, QUARANTINE):
+            data = place.store.read(place.at(table))
+            if data is not None:
+                (folder / table).write_bytes(data)
+        write_site(folder)
+        for page in sorted((folder / SITE).rglob("*")):
+            if page.is_file():
+                at = page.relative_to(folder).as_posix()
+                place.store.write(place.at(at), page.read_bytes())
+
+
+def _together(
+    parts: Iterable[dict[str, pl.DataFrame]], name: str, schema: dict[str, Any]
+) -> pl.DataFrame:
+    """One table of all parts, in their order."""
+    tables = [one[name] for one in parts if name in one]
+    return pl.concat(tables) if tables else pl.DataFrame(schema=schema)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleet.fleet import Fleet, Recorded
 from deltaid.fleet.gathering import How, Job, told_cutoff
 from deltaid.fleet.place import Place
@@ -36,7 +36,7 @@ class Ways:
         robots: descriptions, by type.
         mappings: by the manifest's name.
         cutoffs: of each type [Hz].
-        wrong: reasons, by type or mapping.
+        wrong: what is wrong, by type or mapping.
     """
 
     settings: Settings
@@ -44,12 +44,12 @@ class Ways:
     robots: Mapping[str, RobotDescription]
     mappings: Mapping[str, ColumnMapping]
     cutoffs: Mapping[str, float] = field(default_factory=dict)
-    wrong: Mapping[str, str] = field(default_factory=dict)
+    wrong: Mapping[str, DeltaidError] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool) -> "Ways":
         """What a fleet's manifest says; what cannot be read does not stop the rest."""
-        wrong = dict[str, str]()
+        wrong = dict[str, DeltaidError]()
 
         def read(name: str, at: str, how: Callable[[str], _Read]) -> Iterable[tuple[str, _Read]]:
             try:
@@ -59,9 +59,9 @@ class Ways:
                 else:
                     yield name, how(at)
             except FileNotFoundError:
-                wrong[name] = f"{at}: no such file\n  → check the manifest"
+                wrong[name] = RecordingError("no such file", where=at, cure="check the manifest")
             except DeltaidError as error:
-                wrong[name] = str(error)
+                wrong[name] = error
 
         def each(names: Mapping[str, str], how: Callable[[str], _Read]) -> dict[str, _Read]:
             return dict(pair for name, at in names.items() for pair in read(name, at, how))
@@ -84,9 +84,15 @@ class Ways:
         how = How(self.robots[one.type], mapping, settings, self.force)
         return how.holding(one.load, one.path)
 
-    def why_not(self, one: Recorded) -> str:
-        """Why a recording cannot be gathered; empty if it can."""
-        return self.wrong.get(one.type, "") or self.wrong.get(one.columns, "")
+    def require(self, one: Recorded) -> None:
+        """Refuse a recording that cannot be gathered.
+
+        Raises:
+            RecordingError: its description or its mapping is wrong.
+        """
+        for name in (one.type, one.columns):
+            if name in self.wrong:
+                raise self.wrong[name]
 
 
 def with_cutoffs(ways: Ways, fleet: Fleet, place: Place, client: "Callable[[], Client]") -> Ways:
@@ -102,7 +108,7 @@ def with_cutoffs(ways: Ways, fleet: Fleet, place: Place, client: "Callable[[], C
     for kind in ways.robots:
         if kind in found:
             continue
-        own = [one for one in fleet.recordings if one.type == kind and not ways.why_not(one)]
+        own = [one for one in fleet.recordings if one.type == kind and one.columns not in wrong]
         own.sort(key=lambda one: (one.time, one.path))
         for one in own[:_ASKED]:
             try:
@@ -115,9 +121,10 @@ def with_cutoffs(ways: Ways, fleet: Fleet, place: Place, client: "Callable[[], C
                 break
         else:
             if own:
-                wrong[kind] = (
-                    f"none of the first {len(own[:_ASKED])} recordings of {kind} tells a cut-off\n"
-                    "  → check these with `deltaid check`, or give --cutoff"
+                wrong[kind] = RecordingError(
+                    f"none of its first {len(own[:_ASKED])} recordings tells a cut-off",
+                    where=kind,
+                    cure="check these with `deltaid check`, or give --cutoff",
                 )
     if found != known:
         place.store.write(place.at(DECIDED), json.dumps({"cutoff_hz": found}, indent=2).encode())
