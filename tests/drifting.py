@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,14 +63,15 @@ def with_other(file: FactorFile, more: dict[str, float], name: str) -> FactorFil
     # Not validated: that of a year takes longer than all the rest.
     record, known = file.record, file.record.model
     source = known.sources[0].changed(log=name, sha256=f"{name}-sum")
-    model = type(known).model_construct(**dict(known) | {"sources": (source,)})
+    fields: dict[str, Any] = dict(known) | {"sources": (source,)}
+    own: dict[str, Any] = dict(record) | {"model": type(known).model_construct(**fields)}
     found = replace(
         condensed,
         whole=moved(condensed.whole),
         groups=Groups.of(moved(one) for one in condensed.groups),
         geometry=None if condensed.geometry is None else moved(condensed.geometry),
     )
-    return FactorFile(type(record).model_construct(**dict(record) | {"model": model}), found, name)
+    return FactorFile(type(record).model_construct(**own), found, name)
 
 
 def days(
