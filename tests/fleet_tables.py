@@ -16,7 +16,7 @@ TYPES = ("irb360-6-1600", "clavel-delta3")
 PARAMETERS = {"U.mcx": (0.42, "kg m"), "U.Izz": (0.11, "kg m²"), "EE.m": (1.3, "kg"),
               "S.m": (0.31, "kg"), "friction.viscous.q1": (0.24, "N m s/rad")}  # fmt: skip
 LEVEL, LIMIT, ONSET = 2.0, 3.0, 10  # [N m], [N m], [weeks]
-ALARMS = "at most 0.1 a robot-year"
+ALARMS = 0.1  # a robot and year, at most
 
 
 def name(k: int) -> str:
@@ -139,13 +139,13 @@ def _drift(named: Names, times: Times, rising: Which, usable: list[int]) -> pl.D
     slopes = ("temperature_slope", "temperature_slope_low", "temperature_slope_high", "level")
     kinds |= dict.fromkeys(slopes, pl.Float64)
     kinds |= {"unit": pl.String, "recordings": pl.Int64}
-    kinds |= {"false_alarms": pl.String, "reason": pl.String}
+    kinds |= {"false_alarms": pl.Float64, "reason": pl.String}
     return pl.DataFrame(rows, schema=kinds, orient="row")
 
 
 def _parameters(named: Names, times: Times, usable: list[int], rng: Random) -> pl.DataFrame:
     rows = []
-    periods = sorted({f"{time:%Y-%m}" for time in times})
+    periods = [*sorted({f"{time:%Y-%m}" for time in times}), "all"]
     for k in usable:
         for period in periods:
             for parameter, (mean, unit) in PARAMETERS.items():

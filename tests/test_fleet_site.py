@@ -77,6 +77,7 @@ def test_a_robots_page_tells_of_drives_parameters_type_and_recordings(fleet: Pat
     assert "3.1 % … 4.9 %" in said
     assert "2026-03-07 … 2026-03-27" in said
     assert "Fitted to the recordings of 2026-05" in said
+    assert "Fitted to all recordings together" in said
     assert "in spreads" in said
     assert "5 of 5" in said  # periods that data decided
     assert "1 of them in quarantine" not in words(fleet / "site" / "robots" / "R001.html")

@@ -4,7 +4,7 @@ import polars as pl
 
 from deltaid.fleet_site.panels import Panel, grid, numbers
 from deltaid.fleet_site.parts import MOST, between, known, shown
-from deltaid.fleet_site.state import Robot, Row
+from deltaid.fleet_site.state import ALL, Robot, Row, last_period
 from deltaid.report import style
 from deltaid.report.page import Block, Chart, Section, Text
 from deltaid.report.table import Table
@@ -14,29 +14,33 @@ SEEN = ("data", "sum", "measured", "sensors")
 
 
 def parameter_section(parameters: pl.DataFrame) -> tuple[Section, ...]:
-    """Parameters over the periods, and all of the last one."""
-    if parameters.is_empty():
+    """Parameters over the periods, and all of the last one and of all recordings together."""
+    told = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
+    if told.is_empty():
         return ()
-    ordered = parameters.sort("period", maintain_order=True)
-    last = ordered["period"][-1]
-    now = ordered.filter(pl.col("period") == last)
-    rows = tuple(_parameter(row, ordered) for row in now.iter_rows(named=True))
-    columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
-               "periods by data")  # fmt: skip
-    by_data = [row["decided_by"] in SEEN for row in now.iter_rows(named=True)]
-    table = Table(
-        columns,
-        rows,
-        f"Fitted to the recordings of {last}. Grey: taken from the prior, not seen.",
-        muted=frozenset(k for k, seen in enumerate(by_data) if not seen),
-    )
-    poor = {row["period"]: row["verdicts"] for row in ordered.iter_rows(named=True)}
+    whole, single = (told.filter((pl.col("period") == ALL) == is_) for is_ in (True, False))
+    ordered = (single if len(single) else whole).sort("period", maintain_order=True)
+    last = last_period(told)
+    tables = [_values(last, ordered, f"Fitted to the recordings of {last['period'][0]}.")]
+    if len(whole) and len(single):
+        tables.insert(0, _values(whole, ordered, "Fitted to all recordings together."))
+    poor = dict(ordered.select("period", "verdicts").unique(maintain_order=True).iter_rows())
     doubts = tuple((period, keys) for period, keys in poor.items() if keys)
-    blocks: list[Block] = [*_over_periods(ordered), table]
+    blocks: list[Block] = [*_over_periods(ordered), *tables]
     if doubts:
         blocks.append(Table(("period", "checks that are not good"), doubts))
-    about = f"by period, {len(poor)} in all; what decided each"
-    return (Section("Parameters", tuple(blocks), about),)
+    many = "by period, one" if len(poor) == 1 else f"by period, {len(poor)} of them"
+    return (Section("Parameters", tuple(blocks), f"{many}; what decided each"),)
+
+
+def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
+    """All parameters of one fit."""
+    rows = tuple(_parameter(row, ordered) for row in fit.iter_rows(named=True))
+    columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
+               "periods by data")  # fmt: skip
+    seen = fit["decided_by"].is_in(SEEN).to_list()
+    grey = frozenset(k for k, is_seen in enumerate(seen) if not is_seen)
+    return Table(columns, rows, f"{said} Grey: taken from the prior, not seen.", muted=grey)
 
 
 def _parameter(row: Row, ordered: pl.DataFrame) -> tuple[str, ...]:

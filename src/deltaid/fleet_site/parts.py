@@ -51,6 +51,16 @@ def days(low: datetime | None, high: datetime | None) -> str:
     return f"{day(low)} … {day(high) if high is not None else 'later'}"
 
 
+def bounds(drives: Sequence[Row]) -> list[str]:
+    """What bounds false alarms of drift, in words, each once."""
+    words = (
+        one["bound"] or f"at most {number(one['false_alarms'])} a robot-year"
+        for one in drives
+        if one["bound"] or one["false_alarms"] is not None
+    )
+    return list(dict.fromkeys(words))
+
+
 def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table]:
     """What is known of each drive's friction over time, and why."""
     rows = tuple(

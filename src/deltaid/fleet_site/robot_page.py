@@ -7,7 +7,7 @@ import polars as pl
 from deltaid.fleet_site.friction_figure import MAIN, friction_panel
 from deltaid.fleet_site.panels import dates, grid, numbers
 from deltaid.fleet_site.parameter_sections import parameter_section, type_section
-from deltaid.fleet_site.parts import NOTHING, count, drive_tables, share, shown
+from deltaid.fleet_site.parts import NOTHING, bounds, count, drive_tables, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.report import style
 from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
@@ -117,8 +117,7 @@ def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
 def _drives(robot: Robot) -> tuple[Section, ...]:
     if not robot.drives:
         return ()
-    alarms = robot.drives[0]["false_alarms"]
-    said = f"False alarms: {alarms}." if alarms else ""
+    said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
     tables = drive_tables(robot.drives, said)
     return (Section("Drives", tables, "changes of friction, rates, limits", unfolded=True),)
 

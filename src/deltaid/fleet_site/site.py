@@ -22,11 +22,14 @@ SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"
 
 
-def write(folder: Path) -> Path:
+def write(folder: Path, name: str = "") -> Path:
     """Write the site of a fleet from the tables in its folder, into `site` there.
 
     Pages of robots that the tables no longer have are removed. Either all pages are of this call,
     or none is.
+
+    Args:
+        name: of the fleet; the folder's if left out.
 
     Returns:
         The first page.
@@ -45,7 +48,7 @@ def write(folder: Path) -> Path:
     site = folder / SITE
     written = set[Path]()
     with together():
-        for place, text in _pages(tables, robots):
+        for place, text in _pages(tables, robots, f"Fleet {name or folder.resolve().name}"):
             with written_whole(site / place) as file:
                 file.write(text)
             written.add(site / place)
@@ -53,7 +56,7 @@ def write(folder: Path) -> Path:
     return site / "index.html"
 
 
-def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str]]:
+def _pages(tables: Tables, robots: tuple[Robot, ...], title: str) -> Iterable[tuple[str, str]]:
     """All files of a site: where each belongs, and what it holds."""
     kinds = tuple(sorted({one.type for one in robots} | set(tables.types["type"].to_list())))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
@@ -61,8 +64,7 @@ def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str
     yield from _shared()
     links = {name: address(ROBOTS, file) for name, file in pages.items()}
     types = {kind: address(TYPES, of_types[kind]) for kind in kinds}
-    title = f"Fleet {tables.folder.resolve().name}"
-    yield "index.html", _rendered(overview(tables, robots, links, types, labels), "", ())
+    yield "index.html", _rendered(overview(tables, robots, title, links, types, labels), "", ())
     home = (title, f"{_UP}index.html")
     parts = {name: by_robot(getattr(tables, name)) for name in _OF_ROBOTS}
     empty = {name: getattr(tables, name).clear() for name in _OF_ROBOTS}

@@ -18,6 +18,8 @@ Row = Mapping[str, Any]
 _SOON = timedelta(days=28)
 # A robot is silent after so long and so many times its usual pause between recordings.
 _SILENT, _PAUSES = timedelta(days=14), 4
+# The period of all recordings of a robot together.
+ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
 
 
@@ -106,13 +108,13 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
     parameters, drift = parts["parameters"], parts["drift"]
     rows = [] if recordings is None else recordings.sort("time").to_dicts()
     usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
-    last = None if parameters is None else parameters.sort("period").row(-1, named=True)
+    last = None if parameters is None else last_period(parameters).row(-1, named=True)
     drives = () if drift is None else tuple(drift.to_dicts())
     concerns = [one for row in drives if (one := _friction(row, now)) is not None]
     concerns += _recorded(rows, usable, now)
     foreign = [] if members is None else members.filter(~pl.col("belongs")).to_dicts()
     concerns += _foreign(foreign)
-    period = last["period"] if last else ""
+    period = last["period"] if last and last["period"] != ALL else ""
     concerns += _refused(parts["quarantine"], period, recorded=bool(rows))
     return Robot(
         name,
@@ -127,6 +129,13 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
         belongs=None if members is None else not foreign,
         concerns=tuple(sorted(concerns, key=lambda one: one.urgency)),
     )
+
+
+def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
+    """A robot's parameters of its last period; of all recordings where there is no other."""
+    periods = parameters.filter(pl.col("period") != ALL)
+    found = parameters if periods.is_empty() else periods
+    return found.filter(pl.col("period") == found["period"].max())
 
 
 def _friction(row: Row, now: datetime | None) -> Concern | None:

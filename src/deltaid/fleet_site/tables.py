@@ -36,7 +36,7 @@ _COLUMNS: dict[str, dict[str, Any]] = {
                         _NUMBER),
         **dict.fromkeys(("horizon", "horizon_low", "horizon_high"), _TIME),
         **dict.fromkeys(("temperature_slope", "level"), _NUMBER), "unit": _TEXT,
-        "recordings": pl.Int64, "false_alarms": _TEXT, "reason": _TEXT,
+        "recordings": pl.Int64, "false_alarms": _NUMBER, "bound": _TEXT, "reason": _TEXT,
     },
     "types": {
         **dict.fromkeys(("type", "parameter"), _TEXT),
@@ -51,6 +51,8 @@ _COLUMNS: dict[str, dict[str, Any]] = {
     },
 }  # fmt: skip
 COLUMNS = {name: pl.Schema(columns) for name, columns in _COLUMNS.items()}
+# Of which nothing is said where they are missing.
+_FURTHER = ("step", "step_low", "step_high", "bound", "told")
 _TELLS = {
     "recordings": "recordings and their verdicts",
     "quarantine": "fits that failed",
@@ -100,7 +102,7 @@ def read_tables(folder: Path) -> Tables:
             frames[name] = pl.DataFrame(schema=columns)
             continue
         frame = _read(path)
-        without = [column for column in columns if column not in frame.columns]
+        without = [column for column in columns if column not in (*frame.columns, *_FURTHER)]
         if without:
             words.append(f"{path.name} has no column {', '.join(without)}; it is left out.")
         frames[name] = _shaped(frame, columns, path)
