@@ -152,7 +152,7 @@ def _drift(limit: str | None, false_alarms: float) -> "DriftSettings":
     found = _LIMIT.fullmatch(limit.strip())
     if found is None:
         raise DeltaidError(
-            f"must be a number such as 1.5, or a torque or force such as 12Nm or 40N, not {limit!r}",
+            f"must be a number such as 1.5, or a torque or force, 12Nm or 40N, not {limit!r}",
             where="--limit",
         )
     number, unit = float(found[1]), found[2]

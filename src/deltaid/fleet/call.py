@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from deltaid.fleet.cluster import done
 from deltaid.fleet.fleet import Fleet
@@ -16,17 +16,7 @@ if TYPE_CHECKING:
 
 Say = Callable[[str], None]
 _Item = TypeVar("_Item")
-_Item_in = TypeVar("_Item_in", contravariant=True)
 _Result = TypeVar("_Result")
-_Result_out = TypeVar("_Result_out", covariant=True)
-
-
-class Work(Protocol[_Item_in, _Result_out]):
-    """A task: a job and the fleet's folder to a result."""
-
-    def __call__(self, job: _Item_in, /, place: Place) -> _Result_out:
-        """Do it."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +42,7 @@ class Call:
     def done(
         self,
         words: tuple[str, str],
-        work: Work[_Item, _Result],
+        work: Callable[..., _Result],
         jobs: Sequence[_Item],
         failed: Callable[[_Item, str], _Result],
     ) -> Iterator[_Result]:
@@ -60,6 +50,7 @@ class Call:
 
         Args:
             words: what is said, such as 'gathered' 'recordings'.
+            work: a job, and the fleet's folder as `place`, to a result.
             failed: the result of a job that nobody could do.
         """
         if not jobs:
