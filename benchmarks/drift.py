@@ -171,15 +171,15 @@ def series(robots: int) -> None:
     """All cases."""
     rows = []
     for case in CASES:
-        count = robots if case is CASES[0] else max(robots // 4, 100)
+        count = robots if case is CASES[0] else max(robots // 4, 50)
         every = 1 if case is CASES[0] else 3
         # Enough drives that drift where only these are counted.
         own = case if case is CASES[0] else replace(case, drifting=0.1)
         start, totals = time.time(), np.zeros(4, dtype=int)
         clean = 0.0
-        for first in range(0, count, 200):
+        for first in range(0, count, 50):
             rng = np.random.default_rng([7, CASES.index(case), first])
-            fleet = drawn(own, min(200, count - first), rng)
+            fleet = drawn(own, min(50, count - first), rng)
             looks, R = alarms(own, fleet, every)
             threshold = DRIVES / DriftSettings().false_alarms
             totals += judged(looks, threshold <= R, fleet.onset)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ from deltaid.drift.recorded import Recorded
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.factors.condensed import Group, Groups
-from deltaid.factors.file import FactorFile
+from deltaid.factors.file import ENDING, FactorFile, write
 from deltaid.factors.gather import gathered
 from deltaid.factors.problem import merging_of
+from deltaid.factors.record import Temperature
 from deltaid.factors.target import map_to
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
@@ -74,6 +76,36 @@ def with_other(file: FactorFile, more: dict[str, float], name: str) -> FactorFil
     return FactorFile(type(record).model_construct(**own), found, name)
 
 
+def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
+    """Files of a robot, whose second drive rises by 5 % a month from day 36 on; recorded every
+    other day
+
+    From day 20 on it has another gripper.
+    """
+    rng = np.random.default_rng(3)
+    at = every * np.arange(count)
+    warm = 24 + 4 * np.sin(at / 25) + 2 * rng.standard_normal(count)
+    scatter = 0.007 * rng.standard_normal((count, 3))
+
+    def share(k: int) -> Sequence[float]:
+        rise = np.array([0.0, 0.05 / 30.4375 * max(at[k] - 36, 0), 0.0])
+        return np.expm1(rise - 0.009 * (warm[k] - 24) + scatter[k]).tolist()
+
+    folder.mkdir(parents=True)
+
+    def held(k: int) -> float:
+        return 0.15 if at[k] >= 20 else 0.0
+
+    with TemporaryDirectory() as logs:
+        file = one_recording(Path(logs))
+    for k, one in enumerate(days(file, count, share, held=held, every=every)):
+        T = float(warm[k])
+        record = one.file.record
+        fields: dict[str, Any] = dict(record) | {"temperature": Temperature(mean=T, low=T, high=T)}
+        own = FactorFile(type(record).model_construct(**fields), one.file.condensed)
+        write(own, folder / f"{record.log.removesuffix('.csv')}{ENDING}")
+
+
 def days(
     file: FactorFile,
     count: int,
@@ -81,8 +113,9 @@ def days(
     *,
     held: Callable[[int], float] = lambda _: 0.0,
     temperature: Callable[[int], float | None] = lambda _: None,
+    every: int = 1,
 ) -> list[Recorded]:
-    """One recording a day.
+    """One recording a day, or every so many days; functions of its number.
 
     Args:
         share: by how much friction of each drive is more on a day, as a share.
@@ -96,6 +129,7 @@ def days(
             for kind in ("viscous", "coulomb"):
                 name = f"{kind}.{drive}"
                 more[name] = own * float(p[layout.names.index(name)])
-        one = with_other(file, more, f"a-{START + timedelta(days=day):%Y-%m-%d}.csv")
-        found.append(Recorded(one, START + timedelta(days=day), temperature(day)))
+        time = START + timedelta(days=every * day)
+        one = with_other(file, more, f"line3-{time:%Y-%m-%d}.csv")
+        found.append(Recorded(one, time, temperature(day)))
     return found

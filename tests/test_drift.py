@@ -40,7 +40,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> FactorFile:
 
 @pytest.fixture(scope="module")
 def months(file: FactorFile) -> list[Recorded]:
-    held = lambda day: 0.12 if day >= TOOL else 0.0  # noqa: E731
+    def held(day: int) -> float:
+        return 0.12 if day >= TOOL else 0.0
+
     return days(file, COUNT, _share, held=held, temperature=lambda day: float(WARM[day]))
 
 
@@ -146,8 +148,8 @@ def test_the_command(folder: Path, model: IdentifiedModel, tmp_path: Path) -> No
     done = run("drift", tmp_path / "model.yaml", folder, "--limit", "1.5", "-o", out, width=160)
     assert done.code == 0
     assert "30 recordings, 2026-01-01 to 2026-01-30" in done.out
-    assert "at most 0.1 a robot-year" in done.err
-    assert "no temperature" in done.err
+    assert "at most 0.1 a robot-year" in done.out
+    assert "no temperature" in done.out
     assert len(pl.read_parquet(out)) == 3
     told = json.loads(run("drift", ROBOT, folder, "--json").out)
     assert told["recordings"] == 30

@@ -53,7 +53,7 @@ def drift(
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
     from deltaid.cli.gathered import in_folders
-    from deltaid.cli.output import console, print_json, print_note, progress, require_outputs, shown
+    from deltaid.cli.output import console, print_json, progress, require_outputs, shown
     from deltaid.drift.recorded import recorded
     from deltaid.drift.robot_drift import robot_drift
     from deltaid.drift.settings import DriftSettings
@@ -82,8 +82,9 @@ def drift(
         print_json(as_dictionary(found))
         return
     console.print(shown(drift_shown(found)))
+    console.print()
     for text in sentences(found):
-        print_note(text)
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
     for path in writers:
         console.print(f"wrote {path}")
 

@@ -19,6 +19,8 @@ from jaxtyping import Float
 MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.15, 30.0: 0.03}
 SHARES = {0.15: 1.0, 0.35: 0.6, 0.6: 0.3, 0.85: 0.1}
 _NONE = 2.0
+# Rows whose products are taken at once.
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +82,15 @@ def whitened_sums(
     kinds, (series, n, width) = len(scatter.share), base.shape
     share, memory = scatter.share[:, None], scatter.memory[:, None]
     forget = np.exp(-np.diff(days, prepend=days[:1]) / memory)
+    known, count = np.isfinite(variance), alternatives.shape[1]
     P = np.broadcast_to(share, (kinds, series)).copy()
-    x, h = np.zeros((kinds, series, width)), np.zeros((kinds, series, alternatives.shape[1]))
-    sums = np.zeros((kinds, series, width, width)), np.zeros((*h.shape[:2], width, h.shape[2]))
+    x, h = np.zeros((kinds, series, width)), np.zeros((kinds, series, count))
+    white_x, white_h = (np.zeros((kinds, series, _AT_ONCE, m)) for m in (width, count))
+    squares, cross = (
+        np.zeros((kinds, series, width, width)),
+        np.zeros((kinds, series, width, count)),
+    )
     own, log_det = np.zeros_like(h), np.zeros((kinds, series))
-    known = np.isfinite(variance)
     for t in range(n):
         a = forget[:, t, None]
         if t:
@@ -93,13 +99,16 @@ def whitened_sums(
             h *= a[..., None]
         S = P + (1.0 - share) * np.where(known[:, t], variance[:, t], 1.0)
         gain, weight = np.where(known[:, t], P / S, 0.0), known[:, t] / np.sqrt(S)
-        new_x, new_h = base[:, t] - x, alternatives[t] - h
-        white_x, white_h = weight[..., None] * new_x, weight[..., None] * new_h
-        sums[0][...] += white_x[..., :, None] * white_x[..., None, :]
-        sums[1][...] += white_x[..., :, None] * white_h[..., None, :]
-        own += white_h**2
+        new_x, new_h, k = base[:, t] - x, alternatives[t] - h, t % _AT_ONCE
+        white_x[:, :, k] = weight[..., None] * new_x
+        white_h[:, :, k] = weight[..., None] * new_h
         log_det += np.where(known[:, t], np.log(S), 0.0)
         x += gain[..., None] * new_x
         h += gain[..., None] * new_h
         P = P * (1.0 - gain)
-    return Sums(sums[0], sums[1], own, log_det, known.sum(axis=1).astype(float))
+        if k == _AT_ONCE - 1 or t == n - 1:
+            X, H = white_x[:, :, : k + 1], white_h[:, :, : k + 1]
+            squares += X.swapaxes(2, 3) @ X
+            cross += X.swapaxes(2, 3) @ H
+            own += np.einsum("ksta,ksta->ksa", H, H)
+    return Sums(squares, cross, own, log_det, known.sum(axis=1).astype(float))

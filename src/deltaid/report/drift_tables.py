@@ -7,16 +7,7 @@ from deltaid.drift.robot_drift import RobotDrift
 from deltaid.report.numbers import number
 from deltaid.report.table import Table
 
-_COLUMNS = (
-    "drive",
-    "state",
-    "friction",
-    "unit",
-    "since",
-    "% a month",
-    "limit reached",
-    "% a degree",
-)
+_COLUMNS = ("drive", "state", "friction", "since", "% a month", "limit reached", "% a degree")
 
 
 def drift_shown(found: RobotDrift) -> Table:
@@ -26,12 +17,11 @@ def drift_shown(found: RobotDrift) -> Table:
         (
             drive,
             one.state,
-            number(one.level),
-            unit,
-            _days(found, one.change),
+            f"{number(one.level)} {unit}",
+            "" if one.change.value is None else _date(found.date(one.change.value)),
             _change(one),
             _limit(found, one),
-            _percent(one.temperature),
+            "" if one.temperature.value is None else f"{100 * one.temperature.value:+.2f}",
         )
         for drive, one, unit in zip(found.drives, found.findings, found.units, strict=True)
     )
@@ -47,9 +37,9 @@ def drift_shown(found: RobotDrift) -> Table:
 def sentences(found: RobotDrift) -> list[str]:
     """What each finding rests on, tools that were changed, what bounds false alarms."""
     told = [
-        f"{drive}: {one.reason}"
+        f"{drive}: {text}"
         for drive, one in zip(found.drives, found.findings, strict=True)
-        if one.reason and one.state != "steady"
+        if one.state != "steady" and (text := _told(found, one))
     ]
     for tool in found.tools:
         way = "heavier" if tool.mass > 0 else "lighter"
@@ -62,11 +52,20 @@ def sentences(found: RobotDrift) -> list[str]:
     return [*told, f"false alarms: {found.bound}"]
 
 
-def _days(found: RobotDrift, days: Between) -> str:
-    if days.value is None:
-        return ""
+def _told(found: RobotDrift, one: Finding) -> str:
+    """What stands in the table with its intervals, and why."""
+    parts = list[str]()
+    if one.change.value is not None:
+        parts.append(f"since {_between(found, one.change)}")
+    if one.horizon.value is not None and one.horizon.low is not None and one.limit is not None:
+        when = _between(found, one.horizon)
+        parts.append(f"friction of {number(one.limit)} is reached on {when}")
+    return "; ".join([*parts, *([one.reason] if one.reason else [])])
+
+
+def _between(found: RobotDrift, days: Between) -> str:
     middle, low, high = found.dates(days)
-    return f"{_date(middle)} ({_date(low)} … {_date(high)})"
+    return f"{_date(middle)} (95 %: {_date(low)} to {_date(high)})"
 
 
 def _change(one: Finding) -> str:
@@ -78,10 +77,7 @@ def _change(one: Finding) -> str:
 def _limit(found: RobotDrift, one: Finding) -> str:
     if one.horizon.value is None:
         return ""
-    middle, low, high = found.dates(one.horizon)
-    if low is None:
-        return "passed"
-    return f"{_date(middle)} ({_date(low)} … {_date(high) if high else 'unknown'})"
+    return "passed" if one.horizon.low is None else _date(found.date(one.horizon.value))
 
 
 def _date(day: datetime | None) -> str:
