@@ -16,6 +16,7 @@ TYPES = ("irb360-6-1600", "clavel-delta3")
 PARAMETERS = {"U.mcx": (0.42, "kg m"), "U.Izz": (0.11, "kg m²"), "EE.m": (1.3, "kg"),
               "S.m": (0.31, "kg"), "friction.viscous.q1": (0.24, "N m s/rad")}  # fmt: skip
 LEVEL, LIMIT, ONSET = 2.0, 3.0, 10  # [N m], [N m], [weeks]
+ALARMS = 0.1  # a robot and year, at most
 
 
 def name(k: int) -> str:
@@ -107,27 +108,44 @@ def _drift(named: Names, times: Times, rising: Which, usable: list[int]) -> pl.D
             if k in rising and d == 1:
                 change = START + timedelta(weeks=ONSET)
                 found = ("rising", change, change - timedelta(9), change + timedelta(11), 0.04,
-                         0.031, 0.049, LIMIT, times[-1] + timedelta(140),
+                         0.031, 0.049, None, None, None, LIMIT, times[-1] + timedelta(140),
                          times[-1] + timedelta(100), times[-1] + timedelta(200))  # fmt: skip
                 why = "friction rises by 4.0 % a month since 2026-03-16"
             else:
-                found = ("steady", None, None, None, 0.0, -0.004, 0.004, LIMIT, None, None, None)
+                found = (
+                    "steady",
+                    None,
+                    None,
+                    None,
+                    0.0,
+                    -0.004,
+                    0.004,
+                    None,
+                    None,
+                    None,
+                    LIMIT,
+                    None,
+                    None,
+                    None,
+                )
                 why = "no change is more likely than chance"
-            rows.append((named[k], drive, *found, -0.004, -0.0047, -0.0033, LEVEL, len(times), 0.1,
-                         why))  # fmt: skip
+            rows.append((named[k], drive, *found, -0.004, -0.0047, -0.0033, LEVEL, "N m",
+                         len(times), ALARMS, why))  # fmt: skip
     kinds = {"robot": pl.String, "drive": pl.String, "state": pl.String}
     kinds |= dict.fromkeys(("change", "change_low", "change_high"), pl.Datetime)
-    kinds |= dict.fromkeys(("rate", "rate_low", "rate_high", "limit"), pl.Float64)
+    kinds |= dict.fromkeys(("rate", "rate_low", "rate_high"), pl.Float64)
+    kinds |= dict.fromkeys(("step", "step_low", "step_high", "limit"), pl.Float64)
     kinds |= dict.fromkeys(("horizon", "horizon_low", "horizon_high"), pl.Datetime)
     slopes = ("temperature_slope", "temperature_slope_low", "temperature_slope_high", "level")
     kinds |= dict.fromkeys(slopes, pl.Float64)
-    kinds |= {"recordings": pl.Int64, "false_alarms": pl.Float64, "reason": pl.String}
+    kinds |= {"unit": pl.String, "recordings": pl.Int64}
+    kinds |= {"false_alarms": pl.Float64, "reason": pl.String}
     return pl.DataFrame(rows, schema=kinds, orient="row")
 
 
 def _parameters(named: Names, times: Times, usable: list[int], rng: Random) -> pl.DataFrame:
     rows = []
-    periods = sorted({f"{time:%Y-%m}" for time in times})
+    periods = [*sorted({f"{time:%Y-%m}" for time in times}), "all"]
     for k in usable:
         for period in periods:
             for parameter, (mean, unit) in PARAMETERS.items():
@@ -144,24 +162,25 @@ def _parameters(named: Names, times: Times, usable: list[int], rng: Random) -> p
 def _members(named: Names, foreign: Which, usable: list[int], rng: Random) -> pl.DataFrame:
     rows = []
     for k in usable:
-        for parameter, (mean, _) in PARAMETERS.items():
+        for parameter, (mean, unit) in PARAMETERS.items():
             away = 9.0 if k in foreign and parameter == "EE.m" else rng.normal()
             value, std = mean * (1 + 0.02 * away), 0.008 * mean
-            why = "EE.m is 9 spreads from its type" if k in foreign and away == 9.0 else ""
+            why = "EE.m is 9 spreads more than in the type" if k in foreign else ""
             rows.append((named[k], kind(k), parameter, value, std, value - 2 * std,
-                         value + 2 * std, 2 * std, away, not why, why))  # fmt: skip
+                         value + 2 * std, 2 * std, value - mean, unit,
+                         k not in foreign, why))  # fmt: skip
     names = ("robot", "type", "parameter", "value", "std", "low", "high", "alone_std", "deviation",
-             "belongs", "reason")  # fmt: skip
+             "unit", "belongs", "reason")  # fmt: skip
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
 def _types(robots: int) -> pl.DataFrame:
     rows = [
         (own, parameter, mean, 0.004 * mean, 0.992 * mean, 1.008 * mean, 0.02 * mean, 0.015 * mean,
-         0.03 * mean, unit, mean, len(range(k, robots, len(TYPES))))
+         0.03 * mean, unit, mean, len(range(k, robots, len(TYPES))), "")
         for k, own in enumerate(TYPES)
         for parameter, (mean, unit) in PARAMETERS.items()
     ]  # fmt: skip
     names = ("type", "parameter", "mean", "std", "low", "high", "spread", "spread_low",
-             "spread_high", "unit", "prior", "robots")  # fmt: skip
+             "spread_high", "unit", "prior", "robots", "told")  # fmt: skip
     return pl.DataFrame(rows, schema=names, orient="row")

@@ -204,7 +204,7 @@ def _write_site(place: Place) -> None:
             data = place.store.read(place.at(table))
             if data is not None:
                 (folder / table).write_bytes(data)
-        write_site(folder)
+        write_site(folder, place.root.rstrip("/").rpartition("/")[2])
         for page in sorted((folder / SITE).rglob("*")):
             if page.is_file():
                 at = page.relative_to(folder).as_posix()

@@ -50,7 +50,7 @@ def level_panel(robots: Iterable[Robot], title: str, unit: str) -> Panel:
 
 def unit_of(tables: Tables) -> str:
     """Of friction, where all drives have the same."""
-    units = tables.friction["unit"].unique().to_list()
+    units = tables.drift["unit"].unique().to_list()
     return units[0] if len(units) == 1 else "unit of the drive"
 
 
@@ -105,7 +105,7 @@ def quarantine(tables: Tables) -> tuple[Section, ...]:
         (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
         for said, whose in ordered[:50]
     )
-    text = f"{len(ordered)} reasons; the pages of robots have the recordings one by one."
+    text = "The pages of robots have the recordings one by one, each with its reason."
     table = Table(("how many", "of robots", "reason"), rows)
     return (Section("Quarantine", (Text(text), table), f"{len(bad)} that could not be used"),)
 
@@ -118,4 +118,4 @@ def _without_name(reason: str, which: str) -> str:
     """A reason without the recording's name, so that those of one cause are alike."""
     for name in (which, which.replace("\\", "/").rpartition("/")[2]):
         reason = reason.replace(name, "…") if name else reason
-    return reason
+    return reason.removeprefix("…: ")

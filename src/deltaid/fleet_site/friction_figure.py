@@ -9,14 +9,15 @@ from deltaid.fleet_site.state import Row
 from deltaid.report import style
 from deltaid.report.numbers import WIDTH, number
 
+# The quantity that drift is told of.
+MAIN = "friction"
+_NAME = "friction, with 95 % intervals"
 _MONTH = timedelta(days=30.4375)
 
 
 def main_quantity(seen: pl.DataFrame) -> pl.DataFrame:
-    """Rows of the quantity that comes first, which drift is told of."""
-    if seen.is_empty():
-        return seen
-    return seen.filter(pl.col("quantity") == seen["quantity"][0]).sort("time")
+    """Rows of mean friction, which drift is told of."""
+    return seen.filter(pl.col("quantity") == MAIN).sort("time")
 
 
 def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
@@ -24,39 +25,60 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
 
     Args:
         seen: its rows of the table of friction, of one quantity, in the order of time.
-        drift: its row of the table of drift.
+        drift: its row of the table of drift, if the quantity is the one that is told of.
     """
-    traces, shapes = [_dots(seen)], tuple[Data, ...]()
-    if drift is not None:
-        shapes = _change(drift)
-        if drift["state"] in ("rising", "falling"):
-            traces += _trend(drift, seen)
-    return Panel(title, tuple(traces), shapes, f"[{seen['unit'][0]}]")
+    unit = f"[{seen['unit'][0]}]"
+    slope = None if drift is None else drift["temperature_slope"]
+    if drift is None or slope is None or seen["temperature"].null_count() == len(seen):
+        traces = [_dots(seen, "value", _NAME) | _errors(seen)]
+    else:
+        warm = pl.col("temperature") - pl.col("temperature").mean()
+        cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
+        seen = seen.with_columns(cooled=cooled)
+        traces = [_faint(seen), _dots(seen, "cooled", f"{_NAME}, at one temperature")]
+        traces[1] |= _errors(seen)
+    if drift is None:
+        return Panel(title, tuple(traces), unit=unit)
+    if drift["state"] in ("rising", "falling"):
+        traces += _trend(drift, seen)
+    return Panel(title, tuple(traces), _change(drift), unit)
 
 
-def _dots(seen: pl.DataFrame) -> Data:
+def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
     """What was seen."""
-    warm = seen["temperature"].to_list()
     return {
         "type": "scatter",
         "x": dates(seen["time"]),
-        "y": numbers(seen["value"]),
-        "error_y": {
-            "type": "data",
-            "array": numbers(WIDTH * seen["std"].fill_null(0.0)),
-            "width": 0,
-            "thickness": 1,
-        },
-        "text": ["" if t is None else f" at {number(t, 3)} °C" for t in warm],
-        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
-        "name": "friction, with 95 % intervals",
+        "y": numbers(seen[value]),
+        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}<extra></extra>",
+        "name": name,
         "mode": "markers",
         "marker": {"color": style.MEASURED, "size": 5},
     }
 
 
+def _errors(seen: pl.DataFrame) -> Data:
+    half = numbers(WIDTH * seen["std"].fill_null(0.0))
+    return {"error_y": {"type": "data", "array": half, "width": 0, "thickness": 1}}
+
+
+def _faint(seen: pl.DataFrame) -> Data:
+    """Values as they were, at whatever temperature."""
+    marker = {"color": style.PRIOR, "size": 4, "opacity": 0.5}
+    warm = seen["temperature"].to_list()
+    return _dots(seen, "value", "as recorded") | {
+        "marker": marker,
+        "text": ["" if t is None else f" at {number(t, 3)} °C" for t in warm],
+        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
+    }
+
+
 def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
-    """The line of the rate with its interval, from the change on, and the limit."""
+    """The line of the rate with its interval, from the change on, and the limit.
+
+    A rate is a share a month of what friction is then, so it grows by itself; over what is drawn a
+    straight line is as good.
+    """
     first, last = seen["time"][0], seen["time"][-1]
     begin = row["change"] or first
     if row["rate"] is None or row["level"] is None:
@@ -65,7 +87,7 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     months = (end - begin) / _MONTH
 
     def at_end(rate: float) -> float:
-        return row["level"] * (1 + rate * months)
+        return row["level"] * (1 + rate) ** months
 
     traces = list[Data]()
     if row["rate_low"] is not None and row["rate_high"] is not None:

@@ -7,7 +7,7 @@ import polars as pl
 from deltaid.fleet_site.chapters import deviations, levels, quarantine, type_section
 from deltaid.fleet_site.friction_figure import friction_panel, main_quantity
 from deltaid.fleet_site.panels import Panel, grid
-from deltaid.fleet_site.parts import NOTHING, WORDS, share, shown
+from deltaid.fleet_site.parts import NOTHING, WORDS, bounds, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.fleet_site.tables import Tables
 from deltaid.report.page import Block, Chart, Fact, Page, Section
@@ -21,6 +21,7 @@ _TOLD, _PANELS = 6, 12
 def overview(
     tables: Tables,
     robots: Sequence[Robot],
+    title: str,
     links: Mapping[str, str],
     types: Mapping[str, str],
     labels: Mapping[str, str],
@@ -28,13 +29,14 @@ def overview(
     """The page of a fleet.
 
     Args:
+        title: of the page.
         links: addresses of the robots' pages.
         types: addresses of the types' pages.
         labels: what types are called.
     """
     urgent = [one for one in robots if one.urgency < Urgency.NONE]
     return Page(
-        title=f"Fleet {tables.folder.resolve().name}",
+        title=title,
         subtitle=_subtitle(robots, types),
         verdict=verdict(tables, robots),
         facts=_facts(tables, robots, urgent),
@@ -63,7 +65,8 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     lines += _untold(tables, robots)
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
-        grade, said = Grade.POOR, f"{many} attention, {act} of them now."
+        now = "now" if act == len(urgent) else f", {act} of them now"
+        grade, said = Grade.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
     elif urgent:
         grade, said = Grade.FAIR, f"{many} attention."
     elif tables.absent & {"drift", "recordings"}:
@@ -87,10 +90,7 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
     if bad:
         all_of_them = sum(one.recordings for one in robots)
         lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
-    alarms = [row["false_alarms"] for row in drives if row["false_alarms"] is not None]
-    if alarms:
-        lines.append(f"False alarms of changes: at most {shown(max(alarms))} a drive and year.")
-    return lines
+    return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
 
 
 def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:

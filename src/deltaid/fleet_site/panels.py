@@ -92,8 +92,9 @@ def numbers(values: pl.Series) -> list[float | None]:
 
 
 def dates(values: pl.Series) -> list[str]:
-    """Days and times as Plotly takes them."""
-    return values.dt.strftime("%Y-%m-%d %H:%M").to_list()
+    """Days as Plotly takes them, with hours where a day has several."""
+    several = values.dt.date().is_duplicated().any()
+    return values.dt.strftime("%Y-%m-%d %H:%M" if several else "%Y-%m-%d").to_list()
 
 
 def dots(rows: pl.DataFrame, value: str, text: str) -> Data:

@@ -1,15 +1,12 @@
 """Parameters of a robot: over the periods, what decided each, and how far it is from its type."""
 
-from collections.abc import Mapping
-
 import polars as pl
 
 from deltaid.fleet_site.panels import Panel, grid, numbers
-from deltaid.fleet_site.parts import MOST, NOTHING, between, shown
-from deltaid.fleet_site.state import Robot
+from deltaid.fleet_site.parts import MOST, between, known, shown
+from deltaid.fleet_site.state import ALL, Robot, Row, last_period
 from deltaid.report import style
-from deltaid.report.numbers import with_uncertainty
-from deltaid.report.page import Block, Chart, Section
+from deltaid.report.page import Block, Chart, Section, Text
 from deltaid.report.table import Table
 
 # What says that a value is seen and not taken from elsewhere.
@@ -17,35 +14,37 @@ SEEN = ("data", "sum", "measured", "sensors")
 
 
 def parameter_section(parameters: pl.DataFrame) -> tuple[Section, ...]:
-    """Parameters over the periods, and all of the last one."""
-    if parameters.is_empty():
+    """Parameters over the periods, and all of the last one and of all recordings together."""
+    told = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
+    if told.is_empty():
         return ()
-    ordered = parameters.sort("period", maintain_order=True)
-    last = ordered["period"][-1]
-    now = ordered.filter(pl.col("period") == last)
-    rows = tuple(_parameter(row, ordered) for row in now.iter_rows(named=True))
-    columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
-               "periods by data")  # fmt: skip
-    by_data = [row["decided_by"] in SEEN for row in now.iter_rows(named=True)]
-    table = Table(
-        columns,
-        rows,
-        f"Fitted to the recordings of {last}. Grey: taken from the prior, not seen.",
-        muted=frozenset(k for k, seen in enumerate(by_data) if not seen),
-    )
-    poor = {row["period"]: row["verdicts"] for row in ordered.iter_rows(named=True)}
+    whole, single = (told.filter((pl.col("period") == ALL) == is_) for is_ in (True, False))
+    ordered = (single if len(single) else whole).sort("period", maintain_order=True)
+    last = last_period(told)
+    tables = [_values(last, ordered, f"Fitted to the recordings of {last['period'][0]}.")]
+    if len(whole) and len(single):
+        tables.insert(0, _values(whole, ordered, "Fitted to all recordings together."))
+    poor = dict(ordered.select("period", "verdicts").unique(maintain_order=True).iter_rows())
     doubts = tuple((period, keys) for period, keys in poor.items() if keys)
-    blocks: list[Block] = [*_over_periods(ordered), table]
+    blocks: list[Block] = [*_over_periods(ordered), *tables]
     if doubts:
         blocks.append(Table(("period", "checks that are not good"), doubts))
-    about = f"by period, {len(poor)} in all; what decided each"
-    return (Section("Parameters", tuple(blocks), about),)
+    many = "by period, one" if len(poor) == 1 else f"by period, {len(poor)} of them"
+    return (Section("Parameters", tuple(blocks), f"{many}; what decided each"),)
 
 
-def _parameter(row: Mapping[str, object], ordered: pl.DataFrame) -> tuple[str, ...]:
-    value, std = row["value"], row["std"]
-    known = isinstance(value, float) and isinstance(std, float)
-    said, width = with_uncertainty(value, std) if known else (NOTHING, "")  # type: ignore[arg-type]
+def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
+    """All parameters of one fit."""
+    rows = tuple(_parameter(row, ordered) for row in fit.iter_rows(named=True))
+    columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
+               "periods by data")  # fmt: skip
+    seen = fit["decided_by"].is_in(SEEN).to_list()
+    grey = frozenset(k for k, is_seen in enumerate(seen) if not is_seen)
+    return Table(columns, rows, f"{said} Grey: taken from the prior, not seen.", muted=grey)
+
+
+def _parameter(row: Row, ordered: pl.DataFrame) -> tuple[str, ...]:
+    said, width = known(row["value"], row["std"])
     own = ordered.filter(pl.col("parameter") == row["parameter"])
     seen = own.filter(pl.col("decided_by").is_in(SEEN)).height
     return (
@@ -53,8 +52,8 @@ def _parameter(row: Mapping[str, object], ordered: pl.DataFrame) -> tuple[str, .
         said,
         width,
         str(row["unit"]),
-        between(row["low"], row["high"]),  # type: ignore[arg-type]
-        shown(row["prior"]),  # type: ignore[arg-type]
+        between(row["low"], row["high"]),
+        shown(row["prior"]),
         str(row["decided_by"]),
         f"{seen} of {len(own)}",
     )
@@ -107,35 +106,35 @@ def type_section(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:
     """How far it is from its type."""
     if members.is_empty():
         return ()
-    ordered = members.with_columns(size=pl.col("deviation").abs()).sort(
+    ordered = members.with_columns(size=pl.col("spreads").abs()).sort(
         "size", descending=True, nulls_last=True
     )
     rows = tuple(
         (
             row["parameter"],
             shown(row["deviation"], 3),
-            *(
-                with_uncertainty(row["value"], row["std"])
-                if row["std"] is not None
-                else (NOTHING, "")
-            ),
+            row["unit"],
+            shown(row["spreads"], 2),
+            *known(row["value"], row["std"]),
             between(row["low"], row["high"]),
             shown(row["alone_std"], 2),
-            "no" if row["belongs"] is False else "yes",
-            row["reason"],
         )
         for row in ordered.iter_rows(named=True)
     )
-    columns = ("parameter", "deviation [spreads]", "value", "±", "95 % interval", "± alone",
-               "belongs", "why")  # fmt: skip
+    columns = ("parameter", "deviation", "unit", "in spreads", "value", "±", "95 % interval",
+               "± alone")  # fmt: skip
+    foreign = robot.belongs is False
     table = Table(
         columns,
         rows,
-        "Values with what the fleet knows of the type; ± alone is by this robot's own recordings.",
-        marked=frozenset(k for k, belongs in enumerate(ordered["belongs"].to_list())
-                         if belongs is False),
-    )  # fmt: skip
+        "Deviation from the mean of its type. "
+        + ("Values by its own recordings, " if foreign else "Values with what the type tells, ")
+        + "± alone is by its own recordings. A spread is the standard deviation between robots.",
+    )
+    reasons = dict.fromkeys(reason for reason in members["reason"].to_list() if reason)
+    said = "It does not belong to its type: " if foreign else "It belongs to its type, but: "
+    words = (Text(f"{said}{'; '.join(reasons)}."),) if reasons else ()
     return (
-        Section("Beside its type", (table,), "how far it is from others of its type",
-                unfolded=robot.belongs is False),
+        Section("Beside its type", (*words, table), "how far it is from others of its type",
+                unfolded=foreign),
     )  # fmt: skip

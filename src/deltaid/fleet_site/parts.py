@@ -8,7 +8,7 @@ import polars as pl
 from deltaid.fleet_site.panels import Data, dots, numbers
 from deltaid.fleet_site.state import Row, Urgency, day
 from deltaid.report import style
-from deltaid.report.numbers import number, percent, span
+from deltaid.report.numbers import number, percent, span, with_uncertainty
 from deltaid.report.table import Table
 
 NOTHING = "—"
@@ -32,6 +32,13 @@ def share(value: float | None) -> str:
     return NOTHING if value is None else percent(value)
 
 
+def known(value: float | None, std: float | None) -> tuple[str, str]:
+    """A number and its ±, or a dash."""
+    if value is None:
+        return NOTHING, ""
+    return with_uncertainty(value, std) if std is not None else (number(value), "")
+
+
 def between(low: float | None, high: float | None) -> str:
     """An interval, or a dash."""
     return NOTHING if low is None or high is None else span(low, high)
@@ -42,6 +49,16 @@ def days(low: datetime | None, high: datetime | None) -> str:
     if low is None and high is None:
         return NOTHING
     return f"{day(low)} … {day(high) if high is not None else 'later'}"
+
+
+def bounds(drives: Sequence[Row]) -> list[str]:
+    """What bounds false alarms of drift, in words, each once."""
+    words = (
+        one["bound"] or f"at most {number(one['false_alarms'])} a robot-year"
+        for one in drives
+        if one["bound"] or one["false_alarms"] is not None
+    )
+    return list(dict.fromkeys(words))
 
 
 def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table]:
@@ -87,8 +104,8 @@ def _shares(low: float | None, high: float | None) -> str:
 def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
     """Deviations from the type's mean, a box a parameter; robots that do not belong stand out."""
     own = members.filter(
-        pl.col("parameter").is_in(list(parameters)) & pl.col("deviation").is_not_null()
-    ).rename({"deviation": "x"})
+        pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
+    ).rename({"spreads": "x"})
     alike, foreign = (own.filter(pl.col("belongs").fill_null(True) == is_) for is_ in (True, False))
     common = {"orientation": "h", "hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
     traces = [dots(alike, "x", "robot") | common | {"y": alike["parameter"].to_list()}]
@@ -117,12 +134,13 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
 
 def most_spread(members: pl.DataFrame) -> list[str]:
     """Parameters of which robots differ most, in the order of the table."""
+    members = members.filter(pl.col("spreads").is_not_null())
     if members.is_empty():
         return []
     order = list(dict.fromkeys(members["parameter"].to_list()))
     largest = (
         members.group_by("parameter")
-        .agg(pl.col("deviation").abs().max().fill_null(0.0).alias("largest"))
+        .agg(pl.col("spreads").abs().max().alias("largest"))
         .sort("largest", "parameter", descending=[True, False])
         .head(MOST)["parameter"]
     )

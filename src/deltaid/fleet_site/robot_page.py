@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from deltaid.fleet_site.friction_figure import friction_panel
+from deltaid.fleet_site.friction_figure import MAIN, friction_panel
 from deltaid.fleet_site.panels import dates, grid, numbers
 from deltaid.fleet_site.parameter_sections import parameter_section, type_section
-from deltaid.fleet_site.parts import NOTHING, count, drive_tables, share, shown
+from deltaid.fleet_site.parts import NOTHING, bounds, count, drive_tables, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.report import style
 from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
@@ -78,16 +78,18 @@ def _friction(
     drift = {row["drive"]: row for row in robot.drives}
     drives = list(dict.fromkeys(friction["drive"].to_list()))
     charts = list[Chart]()
-    for k, quantity in enumerate(dict.fromkeys(friction["quantity"].to_list())):
+    names = sorted(set(friction["quantity"].to_list()), key=lambda name: (name != MAIN, name))
+    for quantity in names:
+        main = quantity == MAIN
         rows = friction.filter(pl.col("quantity") == quantity).sort("time")
         parts = [(drive, rows.filter(pl.col("drive") == drive)) for drive in drives]
         panels = [
-            friction_panel(drive, part, None if k else drift.get(drive))
+            friction_panel(drive, part, drift.get(drive) if main else None)
             for drive, part in parts
             if len(part)
         ]
         caption = f"{quantity[:1].upper()}{quantity[1:]} of each drive over time."
-        if not k:
+        if main:
             caption += " Dotted: the day of a change, with the days it may have been."
         charts.append(Chart(grid(panels, x={"type": "date", "matches": "x"}, legend=True), caption))
     further: tuple[Block, ...] = (*charts[1:], *_temperature(friction))
@@ -115,8 +117,7 @@ def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
 def _drives(robot: Robot) -> tuple[Section, ...]:
     if not robot.drives:
         return ()
-    alarms = robot.drives[0]["false_alarms"]
-    said = f"False alarms: at most {shown(alarms)} a drive and year." if alarms is not None else ""
+    said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
     tables = drive_tables(robot.drives, said)
     return (Section("Drives", tables, "changes of friction, rates, limits", unfolded=True),)
 

@@ -14,7 +14,7 @@ from deltaid.fleet_site.names import address, file_names, type_labels
 from deltaid.fleet_site.overview import overview
 from deltaid.fleet_site.robot_page import robot_page
 from deltaid.fleet_site.state import Robot, by_robot, robots_of
-from deltaid.fleet_site.tables import COLUMNS, Tables, read_tables
+from deltaid.fleet_site.tables import Tables, read_tables
 from deltaid.fleet_site.type_page import type_page
 from deltaid.report.page import Page, contents, environment, part
 
@@ -22,11 +22,14 @@ SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"
 
 
-def write(folder: Path) -> Path:
+def write(folder: Path, name: str = "") -> Path:
     """Write the site of a fleet from the tables in its folder, into `site` there.
 
     Pages of robots that the tables no longer have are removed. Either all pages are of this call,
     or none is.
+
+    Args:
+        name: of the fleet; the folder's if left out.
 
     Returns:
         The first page.
@@ -45,7 +48,7 @@ def write(folder: Path) -> Path:
     site = folder / SITE
     written = set[Path]()
     with together():
-        for place, text in _pages(tables, robots):
+        for place, text in _pages(tables, robots, f"Fleet {name or folder.resolve().name}"):
             with written_whole(site / place) as file:
                 file.write(text)
             written.add(site / place)
@@ -53,7 +56,7 @@ def write(folder: Path) -> Path:
     return site / "index.html"
 
 
-def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str]]:
+def _pages(tables: Tables, robots: tuple[Robot, ...], title: str) -> Iterable[tuple[str, str]]:
     """All files of a site: where each belongs, and what it holds."""
     kinds = tuple(sorted({one.type for one in robots} | set(tables.types["type"].to_list())))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
@@ -61,12 +64,15 @@ def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str
     yield from _shared()
     links = {name: address(ROBOTS, file) for name, file in pages.items()}
     types = {kind: address(TYPES, of_types[kind]) for kind in kinds}
-    title = f"Fleet {tables.folder.resolve().name}"
-    yield "index.html", _rendered(overview(tables, robots, links, types, labels), "", ())
+    yield "index.html", _rendered(overview(tables, robots, title, links, types, labels), "", ())
     home = (title, f"{_UP}index.html")
     parts = {name: by_robot(getattr(tables, name)) for name in _OF_ROBOTS}
+    empty = {name: getattr(tables, name).clear() for name in _OF_ROBOTS}
     for one in robots:
-        own = {name: part.get(one.name, _empty(name)) for name, part in parts.items()}
+        own = {
+            name: part[one.name] if one.name in part else empty[name]
+            for name, part in parts.items()
+        }
         way = (home, (labels[one.type], _UP + types[one.type]))
         page = robot_page(one, labels[one.type], own)
         yield f"{ROBOTS}/{pages[one.name]}", _rendered(page, _UP, way)
@@ -81,10 +87,6 @@ def _pages(tables: Tables, robots: tuple[Robot, ...]) -> Iterable[tuple[str, str
 
 
 _OF_ROBOTS = ("recordings", "quarantine", "parameters", "friction", "members")
-
-
-def _empty(name: str) -> pl.DataFrame:
-    return pl.DataFrame(schema=COLUMNS[name])
 
 
 def _shared() -> Iterable[tuple[str, str]]:

@@ -18,6 +18,8 @@ Row = Mapping[str, Any]
 _SOON = timedelta(days=28)
 # A robot is silent after so long and so many times its usual pause between recordings.
 _SILENT, _PAUSES = timedelta(days=14), 4
+# The period of all recordings of a robot together.
+ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
 
 
@@ -106,13 +108,14 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
     parameters, drift = parts["parameters"], parts["drift"]
     rows = [] if recordings is None else recordings.sort("time").to_dicts()
     usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
-    last = None if parameters is None else parameters.sort("period").row(-1, named=True)
+    last = None if parameters is None else last_period(parameters).row(-1, named=True)
     drives = () if drift is None else tuple(drift.to_dicts())
     concerns = [one for row in drives if (one := _friction(row, now)) is not None]
     concerns += _recorded(rows, usable, now)
     foreign = [] if members is None else members.filter(~pl.col("belongs")).to_dicts()
     concerns += _foreign(foreign)
-    concerns += _unfitted(parts["quarantine"], last["period"] if last else "")
+    period = last["period"] if last and last["period"] != ALL else ""
+    concerns += _refused(parts["quarantine"], period, recorded=bool(rows))
     return Robot(
         name,
         kind,
@@ -128,23 +131,33 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
     )
 
 
+def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
+    """A robot's parameters of its last period; of all recordings where there is no other."""
+    periods = parameters.filter(pl.col("period") != ALL)
+    found = parameters if periods.is_empty() else periods
+    return found.filter(pl.col("period") == found["period"].max())
+
+
 def _friction(row: Row, now: datetime | None) -> Concern | None:
     """What a drive's friction asks for."""
     if row["state"] not in _CHANGED:
         return None
+    stepped = row["state"] == "stepped"
     said = f"friction of {row['drive']} {_CHANGED[row['state']]}"
-    if row["state"] != "stepped" and row["rate"] is not None:
-        said += f" by {percent(abs(row['rate']))} a month"
+    size = row["step"] if stepped else row["rate"]
+    if size is not None:
+        sign = "+" * (stepped and size > 0) + "−" * (stepped and size < 0)
+        said += f" by {sign}{percent(abs(size))}{'' if stepped else ' a month'}"
     if row["change"] is not None:
-        said += f" since {day(row['change'])}"
-    if row["state"] != "rising" or row["horizon"] is None:
+        said += f"{' about' if stepped else ' since'} {day(row['change'])}"
+    if row["state"] == "falling" or row["horizon"] is None:
         return Concern(Urgency.LOOK, said)
     soonest = row["horizon_low"] or row["horizon"]
     if now is not None and row["horizon"] <= now:
-        return Concern(Urgency.ACT, f"{said} and is at its limit")
+        return Concern(Urgency.ACT, f"{said} and is beyond its limit")
     said += f" and reaches its limit about {day(row['horizon'])}"
     if row["horizon_low"] is not None:
-        said += f", not before {day(row['horizon_low'])}"
+        said += f", hardly before {day(row['horizon_low'])}"
     urgent = now is not None and soonest <= now + _SOON
     return Concern(Urgency.ACT if urgent else Urgency.LOOK, said)
 
@@ -178,14 +191,20 @@ def _foreign(rows: Sequence[Row]) -> list[Concern]:
     return [Concern(Urgency.LOOK, f"does not belong to its type: {why}")]
 
 
-def _unfitted(quarantine: pl.DataFrame | None, last: str) -> list[Concern]:
-    """Periods that could not be fitted, unless a later one could."""
+def _refused(quarantine: pl.DataFrame | None, last: str, *, recorded: bool) -> list[Concern]:
+    """What the quarantine holds beside recordings that are there; no period before the last fit."""
     if quarantine is None:
         return []
-    fits = quarantine.filter((pl.col("what") != "recording") & (pl.col("which") > last)).to_dicts()
-    if not fits:
-        return []
-    return [Concern(Urgency.LOOK, f"no fit of {fits[-1]['which']}: {_short(fits[-1]['reason'])}")]
+    found = list[Concern]()
+    what = pl.col("what")
+    others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
+    for row in others.tail(1).iter_rows(named=True):
+        found.append(Concern(Urgency.LOOK, f"no fit of {row['which']}: {_short(row['reason'])}"))
+    if not recorded and len(absent := quarantine.filter(what == "recording")):
+        row = absent.row(-1, named=True)
+        why = f"no recording of it is there: {row['which']}: {_short(row['reason'])}"
+        found.append(Concern(Urgency.ACT, why))
+    return found
 
 
 def _short(reason: str, most: int = 160) -> str:

@@ -32,24 +32,27 @@ _COLUMNS: dict[str, dict[str, Any]] = {
     "drift": {
         **dict.fromkeys(("robot", "drive", "state"), _TEXT),
         **dict.fromkeys(("change", "change_low", "change_high"), _TIME),
-        **dict.fromkeys(("rate", "rate_low", "rate_high", "limit"), _NUMBER),
+        **dict.fromkeys(("rate", "rate_low", "rate_high", "step", "step_low", "step_high", "limit"),
+                        _NUMBER),
         **dict.fromkeys(("horizon", "horizon_low", "horizon_high"), _TIME),
-        **dict.fromkeys(("temperature_slope", "level"), _NUMBER), "recordings": pl.Int64,
-        "false_alarms": _NUMBER, "reason": _TEXT,
+        **dict.fromkeys(("temperature_slope", "level"), _NUMBER), "unit": _TEXT,
+        "recordings": pl.Int64, "false_alarms": _NUMBER, "bound": _TEXT, "reason": _TEXT,
     },
     "types": {
         **dict.fromkeys(("type", "parameter"), _TEXT),
         **dict.fromkeys(("mean", "std", "low", "high", "spread", "spread_low", "spread_high"),
                         _NUMBER),
-        "unit": _TEXT, "prior": _NUMBER, "robots": pl.Int64,
+        "unit": _TEXT, "prior": _NUMBER, "robots": pl.Int64, "told": _TEXT,
     },
     "members": {
         **dict.fromkeys(("robot", "type", "parameter"), _TEXT),
         **dict.fromkeys(("value", "std", "low", "high", "alone_std", "deviation"), _NUMBER),
-        "belongs": pl.Boolean, "reason": _TEXT,
+        "unit": _TEXT, "belongs": pl.Boolean, "reason": _TEXT,
     },
 }  # fmt: skip
 COLUMNS = {name: pl.Schema(columns) for name, columns in _COLUMNS.items()}
+# Of which nothing is said where they are missing.
+_FURTHER = ("step", "step_low", "step_high", "bound", "told")
 _TELLS = {
     "recordings": "recordings and their verdicts",
     "quarantine": "fits that failed",
@@ -69,6 +72,7 @@ class Tables:
         folder: where they lie.
         absent: names of those that are missing.
         words: what is left out for it, in sentences.
+        members: has `spreads` besides, deviations in spreads between robots.
     """
 
     folder: Path
@@ -98,7 +102,7 @@ def read_tables(folder: Path) -> Tables:
             frames[name] = pl.DataFrame(schema=columns)
             continue
         frame = _read(path)
-        without = [column for column in columns if column not in frame.columns]
+        without = [column for column in columns if column not in (*frame.columns, *_FURTHER)]
         if without:
             words.append(f"{path.name} has no column {', '.join(without)}; it is left out.")
         frames[name] = _shaped(frame, columns, path)
@@ -108,7 +112,16 @@ def read_tables(folder: Path) -> Tables:
             where=str(folder),
             cure="give the folder that `deltaid fleet MANIFEST -o FOLDER` has filled",
         )
+    frames["members"] = _in_spreads(frames["members"], frames["types"])
     return Tables(folder, **frames, absent=frozenset(absent), words=tuple(words))
+
+
+def _in_spreads(members: pl.DataFrame, types: pl.DataFrame) -> pl.DataFrame:
+    """Members with their deviations in spreads between robots too; null where none is known."""
+    spreads = types.select("type", "parameter", "spread").unique(["type", "parameter"])
+    joined = members.join(spreads, on=["type", "parameter"], how="left", maintain_order="left")
+    spread = pl.when(pl.col("spread") > 0).then(pl.col("spread"))
+    return joined.with_columns(spreads=pl.col("deviation") / spread).drop("spread")
 
 
 def _read(path: Path) -> pl.DataFrame:

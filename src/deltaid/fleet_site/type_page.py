@@ -6,9 +6,16 @@ import polars as pl
 
 from deltaid.fleet_site.chapters import level_panel
 from deltaid.fleet_site.panels import grid
-from deltaid.fleet_site.parts import NOTHING, between, count, deviation_figure, most_spread, shown
+from deltaid.fleet_site.parts import (
+    NOTHING,
+    between,
+    count,
+    deviation_figure,
+    known,
+    most_spread,
+    shown,
+)
 from deltaid.fleet_site.state import Robot, Urgency, day
-from deltaid.report.numbers import with_uncertainty
 from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
 from deltaid.report.summary import Grade, Summary
 from deltaid.report.table import Table
@@ -36,7 +43,7 @@ def type_page(
     return Page(
         title=label or "Robots of no type",
         subtitle=f"{len(robots)} robots" + (f", described by {kind}" if kind != label else ""),
-        verdict=_verdict(robots, foreign, known=not members.is_empty()),
+        verdict=_verdict(robots, foreign, told=not members.is_empty()),
         facts=(
             Fact("robots", str(len(robots))),
             Fact("need attention", str(sum(one.urgency < Urgency.NONE for one in robots))),
@@ -51,8 +58,8 @@ def type_page(
     )
 
 
-def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, known: bool) -> Summary:
-    if not known:
+def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, told: bool) -> Summary:
+    if not told:
         return Summary(Grade.UNTESTED, "Whether its robots are alike is not known.")
     if not foreign:
         return Summary(Grade.GOOD, f"All {len(robots)} robots belong to this type.")
@@ -97,11 +104,7 @@ def _means(types: pl.DataFrame) -> tuple[Section, ...]:
     rows = tuple(
         (
             row["parameter"],
-            *(
-                with_uncertainty(row["mean"], row["std"])
-                if row["std"] is not None
-                else (NOTHING, "")
-            ),
+            *known(row["mean"], row["std"]),
             row["unit"],
             between(row["low"], row["high"]),
             shown(row["spread"], 3),
@@ -114,9 +117,10 @@ def _means(types: pl.DataFrame) -> tuple[Section, ...]:
     columns = ("parameter", "mean", "±", "unit", "95 % interval", "spread", "its 95 % interval",
                "prior", "robots")  # fmt: skip
     said = "The spread is the standard deviation between robots, in the same unit."
+    told = dict.fromkeys(one for one in types["told"].to_list() if one)
     return (
-        Section("Mean and spread", (Table(columns, rows, said),), "what robots have in common",
-                unfolded=True),
+        Section("Mean and spread", (*map(Text, told), Table(columns, rows, said)),
+                "what robots have in common", unfolded=True),
     )  # fmt: skip
 
 
@@ -132,7 +136,7 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
     """All robots of the type with where they differ most."""
     largest = dict[str, tuple[str, float]]()
     for row in members.iter_rows(named=True):
-        size = abs(row["deviation"] or 0.0)
+        size = abs(row["spreads"] or 0.0)
         if size >= largest.get(row["robot"], ("", 0.0))[1]:
             largest[row["robot"]] = row["parameter"], size
     rows = tuple(
