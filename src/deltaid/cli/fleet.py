@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import KeepAll
+from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag
 from deltaid.errors import DeltaidError
-from deltaid.model.options import ComplianceChoice, FrictionLaws, Period
+from deltaid.model.options import FrictionLaws, Period
 
 if TYPE_CHECKING:
     from deltaid.drift.settings import DriftSettings
@@ -61,16 +61,10 @@ def fleet(
         float | None,
         typer.Option(help="Low-pass cut-off in Hz. Default: by the first recording of each type."),
     ] = None,
-    lag: Annotated[
-        str, typer.Option(help="Lag of torques behind positions: estimate, none, or ms.")
-    ] = "estimate",
-    compliance: Annotated[
-        ComplianceChoice, typer.Option(help="Gears that wind up: estimate, or none.")
-    ] = "estimate",
+    lag: Lag = "estimate",
+    compliance: Compliance = "estimate",
     keep_all: KeepAll = False,
-    events: Annotated[
-        bool, typer.Option(help="Look for contacts, stops, spikes and play, and leave them out.")
-    ] = True,
+    events: Events = True,
     friction: Annotated[
         FrictionLaws,
         typer.Option(help="choose: further terms where recordings ask for one; described: none."),
@@ -85,13 +79,11 @@ def fleet(
     false_alarms: Annotated[
         float, typer.Option(help="Of drift: so many a robot and year, at most.")
     ] = 0.1,
-    force: Annotated[
-        bool, typer.Option("--force", help="Go on with what the checks call wrong.")
-    ] = False,
+    force: Force = False,
     retry: Annotated[
         bool, typer.Option("--retry", help="Try again what was put into quarantine before.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Gather the recordings of many robots in parallel, fit each robot in each period, and look for
     drift.

@@ -6,10 +6,13 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from multiprocessing import get_all_start_methods
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 from deltaid.errors import DeltaidError
+from deltaid.libraries import require
+from deltaid.mechanism.user_code import named_path, use_mechanism
 from deltaid.parallel import cores
 
 if TYPE_CHECKING:
@@ -26,21 +29,14 @@ _PATIENCE = 15
 
 
 def require_dask() -> None:
-    """Find out whether Dask is there.
+    """Find out whether Dask is there, and what reaches files in any store.
 
     Raises:
         DeltaidError: it is not installed.
     """
-    try:
-        import distributed  # noqa: F401  # pyright: ignore[reportUnusedImport]
-        import fsspec  # noqa: F401  # pyright: ignore[reportUnusedImport]
-    except ImportError:
-        raise DeltaidError(
-            "needs Dask, which is not installed",
-            where="deltaid fleet",
-            cure="pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' "
-            "s3fs",
-        ) from None
+    cure = "pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' s3fs"
+    for module, name in (("distributed", "Dask"), ("fsspec", "fsspec")):
+        require(module, by="deltaid fleet", name=name, install=cure)
 
 
 @contextmanager
@@ -67,6 +63,7 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
             ) from None
         with found:
             _require_same_version(found, scheduler)
+            _share_code(found)
             yield found
         return
     with (
@@ -77,7 +74,31 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
         ) as cluster,
         Client(cluster, set_as_default=False) as found,
     ):  # fmt: skip
+        _share_code(found)
         yield found
+
+
+def _share_code(client: "Client") -> None:
+    """Give workers the Python file of the user's own mechanism, also those that start later."""
+    path = named_path()
+    if path is None:
+        return
+    from distributed import WorkerPlugin
+
+    class OwnMechanism(WorkerPlugin):
+        """Runs the file that the user has named, as it was when the command was called."""
+
+        def __init__(self, code: bytes) -> None:
+            self.code = code
+
+        def setup(self, worker: Any) -> None:
+            """On each worker."""
+            with TemporaryDirectory(prefix="deltaid-") as folder:
+                copy = Path(folder) / "mechanism.py"
+                copy.write_bytes(self.code)
+                use_mechanism(copy)
+
+    client.register_plugin(OwnMechanism(path.read_bytes()))
 
 
 def _settings() -> dict[str, Any]:
@@ -98,10 +119,10 @@ def require_shared(client: "Client", folder: Path) -> None:
     probe = folder / f".{uuid4().hex}"
     probe.touch()
     try:
-        seen = cast(dict[str, bool], client.run(_sees, str(probe)))
+        seen = _of_each(client, _sees, str(probe))
     finally:
         probe.unlink()
-    blind = sorted(address for address, found in seen.items() if not found)
+    blind = sorted(address for address, found in seen.items() if found is False)
     if blind:
         raise DeltaidError(
             f"is not seen by {len(blind)} of {len(seen)} workers, such as {blind[0]}",
@@ -162,21 +183,24 @@ def _said(error: object) -> str:
 
 def _require_same_version(client: "Client", scheduler: str) -> None:
     own = version("deltaid")
-    try:
-        found = cast(dict[str, str], client.run(_own_version))
-    except ImportError as error:
-        raise DeltaidError(
-            f"a worker cannot import deltaid: {error}",
-            where=f"--scheduler {scheduler}",
-            cure=f"install deltaid {own} where workers run",
-        ) from None
-    for worker, theirs in found.items():
-        if theirs != own:
+    for worker, theirs in _of_each(client, _own_version).items():
+        if isinstance(theirs, ImportError):
+            raise DeltaidError(
+                f"worker {worker} cannot import deltaid: {theirs}",
+                where=f"--scheduler {scheduler}",
+                cure=f"install deltaid {own} where workers run",
+            )
+        if isinstance(theirs, str) and theirs != own:
             raise DeltaidError(
                 f"worker {worker} has deltaid {theirs}, and this is {own}",
                 where=f"--scheduler {scheduler}",
                 cure="install the same version where workers run",
             )
+
+
+def _of_each(client: "Client", ask: Callable[..., object], *words: object) -> dict[str, object]:
+    """What each worker answers, or the error; one that dies just now answers with an error."""
+    return cast(dict[str, object], client.run(ask, *words, on_error="return"))
 
 
 def _own_version() -> str:
