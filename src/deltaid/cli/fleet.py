@@ -4,17 +4,20 @@ import re
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag
+from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag, output_file
 from deltaid.errors import DeltaidError
 from deltaid.model.options import FrictionLaws, Period
 
 if TYPE_CHECKING:
     from deltaid.drift.settings import DriftSettings
+    from deltaid.fleet.fleet import Fleet
     from deltaid.fleet.run import FleetRun
+    from deltaid.fleet.store import Store
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
@@ -69,6 +72,13 @@ def fleet(
         FrictionLaws,
         typer.Option(help="choose: further terms where recordings ask for one; described: none."),
     ] = "choose",
+    prior_out: Annotated[
+        Path | None,
+        output_file(
+            "--prior-out",
+            help="Description of the next robot, with what the fleet knows of its type.",
+        ),
+    ] = None,
     limit: Annotated[
         str | None,
         typer.Option(
@@ -92,6 +102,7 @@ def fleet(
     be used is put into quarantine with its reason and stops nothing else.
     """
     from deltaid.cli.output import lag_of, positive, print_error, print_json, print_note
+    from deltaid.files import require_writable
     from deltaid.fleet.cluster import require_dask
 
     require_dask()
@@ -106,10 +117,14 @@ def fleet(
         friction=friction,
     )  # fmt: skip
     drift, store = _drift(limit, false_alarms), Store()
+    if prior_out is not None:
+        require_writable(prior_out)
     try:
         with _bar(as_json) as say:
             say("looking for recordings")
             found = find_fleet(manifest, store, period)
+            if prior_out is not None:
+                _require_one_type(found)
             run = run_fleet(
                 found, output, settings=settings, drift=drift, store=store, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, progress=say,
@@ -123,12 +138,48 @@ def fleet(
             )
         )
         raise typer.Exit(_INTERRUPTED) from None
+    if prior_out is not None:
+        _write_prior(run, output, store, prior_out)
     if as_json:
         print_json(_as_dictionary(run, output))
     else:
         _print(run, output)
     if not any(one.tables for one in run.fits):
         raise typer.Exit(2)
+
+
+def _require_one_type(found: "Fleet") -> None:
+    """Refuse --prior-out for several types.
+
+    Raises:
+        DeltaidError: there are several.
+    """
+    if len(found.types) > 1:
+        raise DeltaidError(
+            f"is one file, and the fleet has {len(found.types)} types",
+            where="--prior-out",
+            cure="leave it out: the folder `types` of the fleet has a description of each",
+        )
+
+
+def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> None:
+    """The description of the next robot under a name of the user's.
+
+    Raises:
+        DeltaidError: the fleet knows nothing of its type, or it cannot be written.
+    """
+    from deltaid.files import write_bytes
+    from deltaid.fleet.place import Place
+
+    place = Place.of(output, store)
+    data = [store.read(place.at(one.job.file)) for one in run.types if not one.reason]
+    if not data or data[0] is None:
+        raise DeltaidError(
+            "there is nothing to write: no robot of the fleet could be used",
+            where="--prior-out",
+            cure="see quarantine.csv",
+        )
+    write_bytes(path, data[0])
 
 
 def _drift(limit: str | None, false_alarms: float) -> "DriftSettings":

@@ -21,6 +21,7 @@ from deltaid.fleet.fits import (
 from deltaid.fleet.fleet import Recorded
 from deltaid.fleet.gathering import FACTORS, Job, Outcome, gather_recorded
 from deltaid.fleet.studies import MEMBERS, TABLES, Studied, StudyJob, study_jobs, study_robot
+from deltaid.fleet.types import FOLDER as TYPES
 from deltaid.fleet.types import TABLES as TYPE_TABLES
 from deltaid.fleet.types import Typed, TypeJob, fit_type, type_jobs
 
@@ -109,9 +110,10 @@ def study_all(
 def type_all(call: Call, studies: Sequence[Studied]) -> tuple[list[Typed], int]:
     """What robots of each type say together, and how many types were fitted now."""
     jobs, there = type_jobs(studies), {name: _by_key(call, name) for name in TYPE_TABLES}
+    files = _listing(call, TYPES)
     found = dict[TypeJob, Typed]()
     for job in jobs:
-        if all(job.key in own for own in there.values()):
+        if all(job.key in own for own in there.values()) and job.file in files:
             found[job] = Typed(job, {name: own[job.key] for name, own in there.items()})
         elif job.key in call.known.refused:
             found[job] = Typed(job, reason=call.known.refused[job.key])
