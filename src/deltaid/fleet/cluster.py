@@ -23,7 +23,7 @@ _Result = TypeVar("_Result")
 # Tasks that the scheduler knows at once: all of a year of a fleet would slow it down.
 _AT_ONCE = 2000
 # Deaths of workers that a task may see before it is tried alone.
-_FAILURES = 1
+_FAILURES = 0
 # How long a scheduler may take to answer [s].
 _PATIENCE = 15
 
