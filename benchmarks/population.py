@@ -211,7 +211,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 def main() -> int:
     """Study, print, and write tables."""
     robots = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    types = int(sys.argv[2]) if len(sys.argv) > 2 else 4
+    types = int(sys.argv[2]) if len(sys.argv) > 2 else 3
     rows, holds = list[tuple[object, ...]](), list[tuple[object, ...]]()
     for name in WEIGHED:
         found, counts = study(name, robots, types)

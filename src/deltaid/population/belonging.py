@@ -91,12 +91,16 @@ class Along:
 
 
 def left_out(
-    rows: Rows, k: int, found: Mean, freedom: float, anything: Float[np.ndarray, " u"]
+    rows: Rows,
+    k: int,
+    found: Mean,
+    freedom: tuple[float, float],
+    anything: Float[np.ndarray, " u"],
 ) -> LeftOut:
     """Robot k against the others; what may be anything has that variance.
 
     Args:
-        freedom: of its noise.
+        freedom: of its noise, and of the spreads.
     """
     own = rows.at(slice(k, k + 1))
     information, right = found.information, found.right
@@ -110,10 +114,10 @@ def left_out(
     V = np.eye(len(H)) + (H * variance) @ H.T + H @ np.linalg.solve(information, H.T)
     e = b - H @ np.linalg.solve(information, right)
     aside = int(np.sum(np.any(np.abs(H[:, anything > 0]) > _ROUNDING, axis=0)))
-    # Only the noise has few degrees of freedom: its share of V is 1 over the eigenvalues.
+    # By Satterthwaite; the share of the noise in V is 1 over the eigenvalues.
     shares = np.sort(1.0 / np.linalg.eigvalsh(V))[aside:]
-    freedom = freedom / max(float(np.mean(shares**2)), 1e-6)
-    return LeftOut(e, V, H, constant, len(H) - aside, freedom)
+    inverse = float(np.mean(shares**2) / freedom[0] + np.mean((1 - shares) ** 2) / freedom[1])
+    return LeftOut(e, V, H, constant, len(H) - aside, 1.0 / inverse)
 
 
 def chance(one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> float:
@@ -182,7 +186,9 @@ def sorted_out(
     for _ in range(_ROUNDS):
         spreads = fitted_spreads(rows, coordinates, spreads if spreads.known else None)
         found = _mean(rows, spreads, coordinates)
-        one = [left_out(rows, k, found, freedom[k], friction) for k in range(count)]
+        one = [
+            left_out(rows, k, found, (freedom[k], spreads.freedom), friction) for k in range(count)
+        ]
         m = found.m
         chances = np.array([chance(each, coordinates, m) for each in one])
         counts = always.copy()

@@ -105,18 +105,20 @@ def _reasons(
     naming: float,
 ) -> tuple[Sorted, list[str]]:
     """Why robots do not belong; and friction of those that do, where it is unlike the others'."""
-    rows, m = found.rows, found.mean.m
+    rows, m, of_spreads = found.rows, found.mean.m, found.spreads.freedom
     friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
     extra, reasons = rows.extra.copy(), list[str]()
     for k in range(len(members)):
         if not rows.counts[k]:
-            one = left_out(rows, k, found.mean, float(freedom[k]), friction)
+            one = left_out(rows, k, found.mean, (float(freedom[k]), of_spreads), friction)
             reasons.append(reason(one, coordinates, m, naming))
             continue
         texts = list[str]()
         for _ in coordinates.robot.friction_joints if len(members) >= LEAST else ():
             now = rows.with_extra(extra)
-            one = left_out(now, k, found.mean, float(freedom[k]), np.zeros_like(friction))
+            one = left_out(
+                now, k, found.mean, (float(freedom[k]), of_spreads), np.zeros_like(friction)
+            )
             at, text = friction_reason(one, coordinates, m, naming)
             if not at or extra[k, at].any():
                 break
