@@ -159,7 +159,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where recordings go; much space")
     given = parser.parse_args()
     total = round(given.samples)
-    length = min(LONG, total // 2)
+    length = min(LONG, total // 4)
     with tempfile.TemporaryDirectory(dir=given.folder) as name:
         folder = Path(name)
         long = write_recordings(folder, [length] * (total // length))
