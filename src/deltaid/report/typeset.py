@@ -5,8 +5,9 @@ import re
 from markupsafe import Markup, escape
 
 from deltaid.errors import visible
-from deltaid.report.glossary import NAME, bodies_in, body_in_words, in_words, is_short
+from deltaid.report.glossary import NAME, bodies_in, in_words, is_short
 from deltaid.report.table import Table
+from deltaid.robot.body_words import body_in_words
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
 _STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number
