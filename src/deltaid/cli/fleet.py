@@ -4,17 +4,20 @@ import re
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import KeepAll
+from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag, output_file
 from deltaid.errors import DeltaidError
-from deltaid.model.options import ComplianceChoice, FrictionLaws, Period
+from deltaid.model.options import FrictionLaws, Period
 
 if TYPE_CHECKING:
     from deltaid.drift.settings import DriftSettings
+    from deltaid.fleet.fleet import Fleet
     from deltaid.fleet.run import FleetRun
+    from deltaid.fleet.store import Store
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
@@ -61,20 +64,21 @@ def fleet(
         float | None,
         typer.Option(help="Low-pass cut-off in Hz. Default: by the first recording of each type."),
     ] = None,
-    lag: Annotated[
-        str, typer.Option(help="Lag of torques behind positions: estimate, none, or ms.")
-    ] = "estimate",
-    compliance: Annotated[
-        ComplianceChoice, typer.Option(help="Gears that wind up: estimate, or none.")
-    ] = "estimate",
+    lag: Lag = "estimate",
+    compliance: Compliance = "estimate",
     keep_all: KeepAll = False,
-    events: Annotated[
-        bool, typer.Option(help="Look for contacts, stops, spikes and play, and leave them out.")
-    ] = True,
+    events: Events = True,
     friction: Annotated[
         FrictionLaws,
         typer.Option(help="choose: further terms where recordings ask for one; described: none."),
     ] = "choose",
+    prior_out: Annotated[
+        Path | None,
+        output_file(
+            "--prior-out",
+            help="Description of the next robot, with what the fleet knows of its type.",
+        ),
+    ] = None,
     limit: Annotated[
         str | None,
         typer.Option(
@@ -85,13 +89,11 @@ def fleet(
     false_alarms: Annotated[
         float, typer.Option(help="Of drift: so many a robot and year, at most.")
     ] = 0.1,
-    force: Annotated[
-        bool, typer.Option("--force", help="Go on with what the checks call wrong.")
-    ] = False,
+    force: Force = False,
     retry: Annotated[
         bool, typer.Option("--retry", help="Try again what was put into quarantine before.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Gather the recordings of many robots in parallel, fit each robot in each period, and look for
     drift.
@@ -100,6 +102,7 @@ def fleet(
     be used is put into quarantine with its reason and stops nothing else.
     """
     from deltaid.cli.output import lag_of, positive, print_error, print_json, print_note
+    from deltaid.files import require_writable
     from deltaid.fleet.cluster import require_dask
 
     require_dask()
@@ -114,10 +117,14 @@ def fleet(
         friction=friction,
     )  # fmt: skip
     drift, store = _drift(limit, false_alarms), Store()
+    if prior_out is not None:
+        require_writable(prior_out)
     try:
         with _bar(as_json) as say:
             say("looking for recordings")
             found = find_fleet(manifest, store, period)
+            if prior_out is not None:
+                _require_one_type(found)
             run = run_fleet(
                 found, output, settings=settings, drift=drift, store=store, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, progress=say,
@@ -127,16 +134,53 @@ def fleet(
         print_error(
             DeltaidError(
                 "stopped; what has been gathered and fitted is kept",
+                where=output,
                 cure="the same command does what is left",
             )
         )
         raise typer.Exit(_INTERRUPTED) from None
+    if prior_out is not None:
+        _write_prior(run, output, store, prior_out)
     if as_json:
         print_json(_as_dictionary(run, output))
     else:
         _print(run, output)
     if not any(one.tables for one in run.fits):
         raise typer.Exit(2)
+
+
+def _require_one_type(found: "Fleet") -> None:
+    """Refuse --prior-out for several types.
+
+    Raises:
+        DeltaidError: there are several.
+    """
+    if len(found.types) > 1:
+        raise DeltaidError(
+            f"is one file, and the fleet has {len(found.types)} types",
+            where="--prior-out",
+            cure="leave it out: the folder `types` of the fleet has a description of each",
+        )
+
+
+def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> None:
+    """The description of the next robot under a name of the user's.
+
+    Raises:
+        DeltaidError: the fleet knows nothing of its type, or it cannot be written.
+    """
+    from deltaid.files import write_bytes
+    from deltaid.fleet.place import Place
+
+    place = Place.of(output, store)
+    data = [store.read(place.at(one.job.file)) for one in run.types if not one.reason]
+    if not data or data[0] is None:
+        raise DeltaidError(
+            "there is nothing to write: no robot of the fleet could be used",
+            where="--prior-out",
+            cure="see quarantine.csv",
+        )
+    write_bytes(path, data[0])
 
 
 def _drift(limit: str | None, false_alarms: float) -> "DriftSettings":

@@ -11,7 +11,7 @@ between the recording's stretches of time.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -81,6 +81,12 @@ class FrictionSeries:
     unknowns: Unknowns
     days: tuple[DayFriction, ...]
     weights: Float[np.ndarray, "drives unknowns"]
+
+    def first(self, count: int) -> "FrictionSeries":
+        """What the first recordings say alone."""
+        days = self.days[:count]
+        weights = _weights(self.unknowns, days, len(self.drives))
+        return replace(self, days=days, weights=weights)
 
     @property
     def mean(self) -> Float[np.ndarray, "drives n"]:
@@ -182,7 +188,6 @@ def _day(
     count = np.maximum(part.information.samples[:dof], 1.0)
 
     def system(given: Information) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        N, g = np.zeros((len(known), len(known))), np.zeros(len(known))
         H = np.zeros((len(unknowns.at), len(unknowns.at)))
         N, g = np.zeros_like(H), np.zeros(len(H))
         for i in range(dof):

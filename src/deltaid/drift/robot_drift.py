@@ -107,26 +107,41 @@ def robot_drift(
             where="recordings",
             cure="give factor files of this robot",
         )
-    friction = friction_series([one.file for one in own], model)
-    days = days_of([one.time for one in own])
+    return drift_of(own, friction_series([one.file for one in own], model), model, settings, name)
+
+
+def drift_of(
+    recordings: Sequence[Recorded],
+    friction: FrictionSeries,
+    model: IdentifiedModel,
+    settings: DriftSettings,
+    name: str = "",
+) -> RobotDrift:
+    """Drift by what recordings say of friction.
+
+    Args:
+        recordings: in the order of time.
+        friction: of them.
+    """
+    days = days_of([one.time for one in recordings])
     tools = tool_changes(days, *friction.held)
-    found = explained(
+    beside = Regressors.of(
         days,
-        *in_percent(friction.mean, friction.std),
-        [
-            Regressors.of(
-                days,
-                np.array([one.degrees for one in own]),
-                np.array([one.held for one in own]),
-                [one.day for one in tools],
-            )
-        ],
+        np.array([one.degrees for one in recordings]),
+        np.array([one.held for one in recordings]),
+        [one.day for one in tools],
     )
+    found = explained(days, *in_percent(friction.mean, friction.std), [beside])
     drives = model.robot.drives
-    findings = tuple(finding(found, i, settings, len(drives)) for i in range(len(drives)))
-    units = tuple(model.robot.units(drive).force for drive in drives)
     return RobotDrift(
-        name or model.robot.name, drives, units, tuple(own), friction, findings, tools, settings
+        robot=name or model.robot.name,
+        drives=drives,
+        units=tuple(model.robot.units(drive).force for drive in drives),
+        recordings=tuple(recordings),
+        friction=friction,
+        findings=tuple(finding(found, i, settings, len(drives)) for i in range(len(drives))),
+        tools=tools,
+        settings=settings,
     )
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 from deltaid.errors import DeltaidError
+from deltaid.libraries import require
+from deltaid.mechanism.user_code import named_path
 from deltaid.parallel import cores
 
 if TYPE_CHECKING:
@@ -20,27 +22,20 @@ _Result = TypeVar("_Result")
 # Tasks that the scheduler knows at once: all of a year of a fleet would slow it down.
 _AT_ONCE = 2000
 # Deaths of workers that a task may see before it is tried alone.
-_FAILURES = 1
+_FAILURES = 0
 # How long a scheduler may take to answer [s].
 _PATIENCE = 15
 
 
 def require_dask() -> None:
-    """Find out whether Dask is there.
+    """Find out whether Dask is there, and what reaches files in any store.
 
     Raises:
         DeltaidError: it is not installed.
     """
-    try:
-        import distributed  # noqa: F401  # pyright: ignore[reportUnusedImport]
-        import fsspec  # noqa: F401  # pyright: ignore[reportUnusedImport]
-    except ImportError:
-        raise DeltaidError(
-            "needs Dask, which is not installed",
-            where="deltaid fleet",
-            cure="pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' "
-            "s3fs",
-        ) from None
+    cure = "pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' s3fs"
+    for module, name in (("distributed", "Dask"), ("fsspec", "fsspec")):
+        require(module, by="deltaid fleet", name=name, install=cure)
 
 
 @contextmanager
@@ -67,6 +62,7 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
             ) from None
         with found:
             _require_same_version(found, scheduler)
+            _share_code(found)
             yield found
         return
     with (
@@ -77,7 +73,17 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
         ) as cluster,
         Client(cluster, set_as_default=False) as found,
     ):  # fmt: skip
+        _share_code(found)
         yield found
+
+
+def _share_code(client: "Client") -> None:
+    """Give workers the Python file of the user's own mechanism, if there is one."""
+    path = named_path()
+    if path is not None:
+        from deltaid.fleet.own_code import OwnCode
+
+        client.register_plugin(OwnCode(path.read_bytes()))
 
 
 def _settings() -> dict[str, Any]:
@@ -98,10 +104,10 @@ def require_shared(client: "Client", folder: Path) -> None:
     probe = folder / f".{uuid4().hex}"
     probe.touch()
     try:
-        seen = cast(dict[str, bool], client.run(_sees, str(probe)))
+        seen = _of_each(client, _sees, str(probe))
     finally:
         probe.unlink()
-    blind = sorted(address for address, found in seen.items() if not found)
+    blind = sorted(address for address, found in seen.items() if found is False)
     if blind:
         raise DeltaidError(
             f"is not seen by {len(blind)} of {len(seen)} workers, such as {blind[0]}",
@@ -162,21 +168,24 @@ def _said(error: object) -> str:
 
 def _require_same_version(client: "Client", scheduler: str) -> None:
     own = version("deltaid")
-    try:
-        found = cast(dict[str, str], client.run(_own_version))
-    except ImportError as error:
-        raise DeltaidError(
-            f"a worker cannot import deltaid: {error}",
-            where=f"--scheduler {scheduler}",
-            cure=f"install deltaid {own} where workers run",
-        ) from None
-    for worker, theirs in found.items():
-        if theirs != own:
+    for worker, theirs in _of_each(client, _own_version).items():
+        if isinstance(theirs, ImportError):
+            raise DeltaidError(
+                f"worker {worker} cannot import deltaid: {theirs}",
+                where=f"--scheduler {scheduler}",
+                cure=f"install deltaid {own} where workers run",
+            )
+        if isinstance(theirs, str) and theirs != own:
             raise DeltaidError(
                 f"worker {worker} has deltaid {theirs}, and this is {own}",
                 where=f"--scheduler {scheduler}",
                 cure="install the same version where workers run",
             )
+
+
+def _of_each(client: "Client", ask: Callable[..., object], *words: object) -> dict[str, object]:
+    """What each worker answers, or the error; one that dies just now answers with an error."""
+    return cast(dict[str, object], client.run(ask, *words, on_error="return"))
 
 
 def _own_version() -> str:

@@ -27,7 +27,7 @@ from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
 
 FACTORS = "factors"
-_UNSAFE = re.compile(r"[^\w.+-]+")
+UNSAFE = re.compile(r"[^\w.+-]+")
 # Of one process: what runs within a task shares its work among threads, or is not safe among them.
 ALONE = Lock()
 
@@ -94,8 +94,8 @@ class Job:
     def file(self) -> str:
         """Name of the factor file, seen from the fleet's folder."""
         name = self.recorded.path.rpartition("/")[2].rpartition(".")[0]
-        robot = _UNSAFE.sub("-", self.recorded.robot)
-        return f"{FACTORS}/{robot}/{_UNSAFE.sub('-', name)}-{self.key[:12]}{ENDING}"
+        robot = UNSAFE.sub("-", self.recorded.robot)
+        return f"{FACTORS}/{robot}/{UNSAFE.sub('-', name)}-{self.key[:12]}{ENDING}"
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from importlib.metadata import version
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleet.gathering import ALONE, digest
+from deltaid.fleet.gathering import ALONE, UNSAFE, digest
 from deltaid.fleet.members import unpacked
 from deltaid.fleet.place import Place
 from deltaid.fleet.store import StoreError
@@ -15,9 +15,12 @@ from deltaid.fleet.studies import Studied
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.population.fitted import PopulationSettings, fitted
+from deltaid.population.next_robot import next_robot
 from deltaid.population.tables import MEMBERS, TYPES, members_table, types_table
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.yaml_text import yaml_text
 
+FOLDER = "types"
 TABLES = {"types": {**TYPES, "key": pl.String}, "members": {**MEMBERS, "key": pl.String}}
 
 
@@ -39,6 +42,11 @@ class TypeJob:
     description: RobotDescription = field(compare=False)
     settings: Settings = field(compare=False)
 
+    @property
+    def file(self) -> str:
+        """Where the description of the next robot of the type is."""
+        return type_file(self.type)
+
 
 @dataclass(frozen=True)
 class Typed:
@@ -55,6 +63,17 @@ class Typed:
     tables: dict[str, pl.DataFrame] = field(default_factory=dict, compare=False)
     reason: str = ""
     lasting: bool = True
+
+
+def type_file(kind: str) -> str:
+    """Where the description of the next robot of a type is."""
+    name = kind.rpartition("/")[2].removesuffix(".yaml")
+    return f"{FOLDER}/{UNSAFE.sub('-', name)}.yaml"
+
+
+def described_text(robot: RobotDescription) -> str:
+    """A description as YAML."""
+    return yaml_text(robot.model_dump(mode="json", exclude_none=True))
 
 
 def type_jobs(studies: Iterable[Studied]) -> list[TypeJob]:
@@ -75,6 +94,8 @@ def fit_type(job: TypeJob, place: Place) -> Typed:
                 for name in job.members
             ]
             found = fitted(members, job.description, PopulationSettings(fit=job.settings))
+            robot = next_robot(found, place.root.rpartition("/")[2])
+            place.store.write(place.at(job.file), described_text(robot).encode())
         except DeltaidError as error:
             return Typed(job, {}, str(error), not isinstance(error, StoreError))
     tables = {"types": types_table(job.type, found), "members": members_table(job.type, found)}

@@ -17,14 +17,14 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2, f
+from scipy.special import chdtri, fdtrc
 
 from deltaid.population.coordinates import Coordinates
 from deltaid.population.mixed import Mean, Rows, mean
 from deltaid.population.spreads import ENOUGH, Spreads, fitted_spreads, prior_spreads
 
 # Variance of what may be anything: a hundred times its own size.
-_ANYTHING = 1e4
+ANYTHING = 1e4
 # Rounds of naming at most.
 _ROUNDS = 8
 # From so many robots on one can be named.
@@ -58,7 +58,8 @@ class LeftOut:
 
     def chance(self, distance: float, rank: int) -> float:
         """How often a robot that belongs is as far in so many directions."""
-        return float(f.sf(distance / max(rank, 1), max(rank, 1), self.freedom))
+        n = max(rank, 1)
+        return float(fdtrc(n, self.freedom, distance / n))
 
     def along(self, HF: Float[np.ndarray, "rows k"]) -> "Along":
         """What is left goes along some rows so far."""
@@ -90,12 +91,16 @@ class Along:
 
 
 def left_out(
-    rows: Rows, k: int, found: Mean, freedom: float, anything: Float[np.ndarray, " u"]
+    rows: Rows,
+    k: int,
+    found: Mean,
+    freedom: tuple[float, float],
+    anything: Float[np.ndarray, " u"],
 ) -> LeftOut:
     """Robot k against the others; what may be anything has that variance.
 
     Args:
-        freedom: of its noise.
+        freedom: of its noise, and of the spreads.
     """
     own = rows.at(slice(k, k + 1))
     information, right = found.information, found.right
@@ -109,10 +114,10 @@ def left_out(
     V = np.eye(len(H)) + (H * variance) @ H.T + H @ np.linalg.solve(information, H.T)
     e = b - H @ np.linalg.solve(information, right)
     aside = int(np.sum(np.any(np.abs(H[:, anything > 0]) > _ROUNDING, axis=0)))
-    # Only the noise has few degrees of freedom: its share of V is 1 over the eigenvalues.
+    # By Satterthwaite; the share of the noise in V is 1 over the eigenvalues.
     shares = np.sort(1.0 / np.linalg.eigvalsh(V))[aside:]
-    freedom = freedom / max(float(np.mean(shares**2)), 1e-6)
-    return LeftOut(e, V, H, constant, len(H) - aside, freedom)
+    inverse = float(np.mean(shares**2) / freedom[0] + np.mean((1 - shares) ** 2) / freedom[1])
+    return LeftOut(e, V, H, constant, len(H) - aside, 1.0 / inverse)
 
 
 def chance(one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> float:
@@ -167,7 +172,7 @@ def sorted_out(
         naming: the share of robots that belong that are named.
         count: of robots, the first ones; what is behind them belongs.
     """
-    friction = np.where(coordinates.is_friction, _ANYTHING, 0.0)
+    friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
     spreads = prior_spreads(coordinates)
     count = len(rows.H) if count is None else count
     chances = np.ones(count)
@@ -181,7 +186,9 @@ def sorted_out(
     for _ in range(_ROUNDS):
         spreads = fitted_spreads(rows, coordinates, spreads if spreads.known else None)
         found = _mean(rows, spreads, coordinates)
-        one = [left_out(rows, k, found, freedom[k], friction) for k in range(count)]
+        one = [
+            left_out(rows, k, found, (freedom[k], spreads.freedom), friction) for k in range(count)
+        ]
         m = found.m
         chances = np.array([chance(each, coordinates, m) for each in one])
         counts = always.copy()
@@ -200,7 +207,7 @@ def _belonging(
     it should be."""
     if not first:
         return chances >= naming
-    ratio = np.array([each.distance / chi2.ppf(0.5, max(each.rows, 1)) for each in one])
+    ratio = np.array([each.distance / chdtri(max(each.rows, 1), 0.5) for each in one])
     scale = max(float(np.median(ratio)), 1.0)
     return np.array([each.chance(each.distance / scale, each.rows) >= naming for each in one])
 

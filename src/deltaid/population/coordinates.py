@@ -70,20 +70,17 @@ class Coordinates:
         kinds = tuple(_kind(one) for one in reduction.variables)
         return cls(robot, reduction, kinds, quantities, reduction.scale, settings.prior_spread)
 
-    def resized(self, u: Float[np.ndarray, " u"]) -> "Coordinates":
-        """The same in sizes of a type whose mean is u: spreads are shares of what robots are."""
-        x, layout = u[: self.size] * self.sizes, self.reduction.layout
-        p, sizes = self.reduction.A @ x + self.reduction.p_0, self.reduction.scale.copy()
+    def resized(self, p: Float[np.ndarray, " parameters"]) -> "Coordinates":
+        """The same in sizes of a type with parameters p: spreads are shares of what robots are."""
+        layout, sizes = self.reduction.layout, self.reduction.scale.copy()
         for k, one in enumerate(self.reduction.variables):
             if one.kind == "inertia":
+                part = layout.body(one.owner)
                 i, j = PSEUDO_INERTIA_ENTRIES[one.symbol]
-                M = np.diag(pseudo_inertia(p[layout.body(one.owner)]))
-                own = np.sqrt(max(M[i], 0.0) * max(M[j], 0.0))
+                times = np.prod([_times(p[part], self.reduction.p_reg[part], e) for e in (i, j)])
             else:
-                own = abs(x[k])
-            sizes[k] = np.clip(
-                own, self.reduction.scale[k] / _OTHER, self.reduction.scale[k] * _OTHER
-            )
+                times = abs(p[layout.names.index(one.name)]) / sizes[k]
+            sizes[k] *= np.clip(times, 1.0 / _OTHER, _OTHER)
         return replace(self, sizes=sizes)
 
     @cached_property
@@ -190,6 +187,13 @@ def _widened(reduction: Reduction, members: Sequence[Member]) -> Reduction:
     half = len(members) / 2
     found = {name: float(np.median(own)) for name, own in every.items() if len(own) > half}
     return replace(reduction, widened=found)
+
+
+def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
+    """√(M̄_ii / prior), of the second moments all together: thin ones are hardly known."""
+    M, before = pseudo_inertia(p), pseudo_inertia(prior)
+    at = [3] if entry == 3 else [0, 1, 2]
+    return float(np.sqrt(np.trace(M[np.ix_(at, at)]) / np.trace(before[np.ix_(at, at)])))
 
 
 def _kind(one: Parameter) -> str:

@@ -96,7 +96,7 @@ def member(
     require_alike(files, description)
     files = sorted(files, key=lambda one: one.record.sha256)
     chosen = asked_for(description, files) if settings.friction == "choose" else description
-    problem = fitted(files, _unmeasured(chosen), settings)
+    problem = fitted(files, unmeasured(chosen), settings)
     found = of_problem(name, problem, recordings=len(files))
     facts = tuple(
         Fact(f"{one.where} {one.name} {one.value:.9g} {one.std:.9g}", one.coefficients, one.value,
@@ -158,7 +158,7 @@ def _eliminated(
     return triangle(U[:, rank:].T @ rows[:, count:])
 
 
-def _unmeasured(robot: RobotDescription) -> RobotDescription:
+def unmeasured(robot: RobotDescription) -> RobotDescription:
     """The robot without measured values."""
     bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
     return robot.changed(bodies=bodies, measured=())

@@ -9,8 +9,10 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import inertia_scale
 from deltaid.dynamics.prior import with_prior
-from deltaid.population.fitted import Population
+from deltaid.population.member import unmeasured
+from deltaid.population.result import Population
 from deltaid.population.widths import widest
+from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES
 from deltaid.robot.load import save_yaml
@@ -31,7 +33,7 @@ def next_robot(found: Population, fleet: str) -> RobotDescription:
         fleet: where the robots come from, for `sources`.
     """
     p, spreads = found.mean.value, _spreads(found)
-    data = with_prior(_unmeasured(found.robot), p).model_dump()
+    data = with_prior(unmeasured(found.robot), p).model_dump()
     for name, own in spreads.items():
         if data["bodies"][name]["free"]:
             data["bodies"][name]["spread"] = own
@@ -88,8 +90,6 @@ def _reduced(
     robot: RobotDescription, body: str, p: Float[np.ndarray, " 10"]
 ) -> Float[np.ndarray, " 10"]:
     """A body's prior as the fit will have it."""
-    from deltaid.robot.body import ExplicitInertia
-
     return robot.bodies[body].changed(prior=ExplicitInertia.of(p)).reduced_prior()
 
 
@@ -97,11 +97,6 @@ def _short(value: float) -> float:
     """Rounded up, so that nothing is claimed that is not known."""
     unit = 10.0 ** (np.floor(np.log10(value)) - _DIGITS + 1)
     return float(f"{np.ceil(value / unit) * unit:.{_DIGITS + 1}g}")
-
-
-def _unmeasured(robot: RobotDescription) -> RobotDescription:
-    bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
-    return robot.changed(bodies=bodies, measured=())
 
 
 def summary(found: Population) -> Sequence[str]:

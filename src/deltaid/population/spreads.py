@@ -37,6 +37,11 @@ class Spreads:
     known: bool
     there: np.ndarray
 
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of a spread's square: its logarithm has the variance 1 / 2ν."""
+        return float(0.5 / np.mean(np.diag(self.covariance)))
+
     def variance(
         self, coordinates: Coordinates, log: np.ndarray | None = None
     ) -> Float[np.ndarray, " u"]:

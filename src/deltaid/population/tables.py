@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 
-from deltaid.population.fitted import Population
+from deltaid.population.result import Population
 
 TYPES = {
     "type": pl.String,
