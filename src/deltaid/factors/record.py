@@ -45,7 +45,7 @@ class SeenVerdict(Part):
 
 
 class Temperature(Part):
-    """A recorded temperature, in the unit of its mapping, over the samples that count."""
+    """A recorded temperature, °C."""
 
     mean: float
     low: float

@@ -11,9 +11,13 @@ from deltaid.factors.record import (
     GatheredLoad,
     KnownLag,
     SeenVerdict,
+    Temperature,
 )
 from deltaid.identification.assembled import doubts_of_fit
 from deltaid.identification.lag_columns import LagColumns
+from deltaid.identification.warmth import temperature
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 
 
@@ -47,6 +51,7 @@ def record_of(
             GatheredLoad(load=load, taken=taken)
             for load, taken in zip(log.columns.loads, repairs.loads, strict=True)
         ),
+        temperature=_temperature(result.recordings[0], result.problem.dynamics.kinematics),
         verdicts=tuple(
             SeenVerdict(
                 key=one.key, grade=str(one.grade), subject=one.subject, seen=one.seen,
@@ -62,6 +67,18 @@ def _warnings(result: Judged) -> tuple[str, ...]:
     """Warnings of the survey: what neither a verdict says nor the fit."""
     others = {one.sentence for one in result.verdicts} | set(doubts_of_fit(result.problem))
     return tuple(text for text in result.model.warnings if text not in others)
+
+
+def _temperature(recording: Recording, kinematics: Kinematics) -> Temperature | None:
+    """Along the recording, where it has a column of it."""
+    if recording.log.columns.temperature is None:
+        return None
+    each = [temperature(recording, w.own) for w in recording.spread(kinematics, _LOOKS)]
+    known = np.concatenate(each)
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return None
+    return Temperature(mean=float(known.mean()), low=float(known.min()), high=float(known.max()))
 
 
 def _fastest(result: Judged) -> list[float]:
@@ -93,3 +110,5 @@ def _lags(result: Judged) -> tuple[KnownLag, ...]:
 
 # A lag that the fit has no column for is taken to be what has been put right [s].
 _EXACT = 1e-7
+# So many windows tell a recording's temperature.
+_LOOKS = 12

@@ -69,7 +69,7 @@ class Course:
     def of(self, w: Samples) -> Float[np.ndarray, " samples"]:
         """g."""
         if self.constant is None:
-            return _temperature(self.recording, w) - self.mean
+            return temperature(self.recording, w) - self.mean
         return np.exp(-(w.time - self.start) / self.constant) - self.mean
 
 
@@ -199,7 +199,7 @@ def _found(rows: FrictionRows) -> list[Warmth]:
     found = list[Warmth]()
     if warm:
         known = [
-            _temperature(one, w) for one, w in zip(recordings, motions, strict=True) if one in warm
+            temperature(one, w) for one, w in zip(recordings, motions, strict=True) if one in warm
         ]
         mean, together = float(np.mean(np.concatenate(known))), np.concatenate(known)
         courses = tuple(Course(one, 0.0, None, mean, float(np.ptp(together))) for one in warm)
@@ -261,8 +261,8 @@ def _exponential(recording: Recording, start: float, share: float) -> Course:
     return Course(recording, start, share * length, share * (1 - end), end - 1)
 
 
-def _temperature(recording: Recording, w: Samples) -> Float[np.ndarray, " samples"]:
-    """As recorded [K], zero wherever its unit has it."""
+def temperature(recording: Recording, w: Samples) -> Float[np.ndarray, " samples"]:
+    """As recorded [°C]."""
     columns = recording.log.columns
     channel = columns.temperature
     assert channel is not None

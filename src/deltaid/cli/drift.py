@@ -1,0 +1,148 @@
+"""`deltaid drift`: friction over weeks and months, from factor files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltaid.cli.options import output_file
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    from deltaid.drift.robot_drift import RobotDrift
+    from deltaid.factors.file import FactorFile
+    from deltaid.model.record import IdentifiedModel
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("drift")(drift)
+
+
+def drift(
+    robot: Annotated[
+        str, typer.Argument(help="Catalogue name, a robot file, or a model of this robot.")
+    ],
+    factors: Annotated[
+        list[Path], typer.Argument(help="Files of `deltaid gather`, or their folder.")
+    ],
+    limit: Annotated[
+        float | None,
+        typer.Option(help="Friction that is too much, as a share of what it was, such as 1.5."),
+    ] = None,
+    false_alarms: Annotated[
+        float, typer.Option(help="False alarms that a robot may have in a year.")
+    ] = 0.1,
+    since: Annotated[
+        str | None,
+        typer.Option(help="Leave out what was recorded before this day.", metavar="DATE"),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        output_file("--output", "-o", help="Table of what was found (.parquet or .csv)."),
+    ] = None,
+    friction: Annotated[
+        Path | None, output_file(help="Table of each recording's friction (.parquet or .csv).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Find friction that changes: since when, how fast, and when it reaches a limit.
+
+    Temperature and load are taken out. docs/drift.md says what alarms rest on.
+    """
+    from deltaid.cli.gathered import in_folders
+    from deltaid.cli.output import console, print_json, progress, require_outputs, shown
+    from deltaid.drift.recorded import recorded
+    from deltaid.drift.robot_drift import robot_drift
+    from deltaid.drift.settings import DriftSettings
+    from deltaid.drift.tables import drift_table, friction_table, require_table, save
+    from deltaid.factors.file import read
+    from deltaid.report.drift_tables import drift_shown, sentences
+
+    settings = DriftSettings(limit=limit, false_alarms=false_alarms, since=_day(since))
+    paths = in_folders(factors)
+    require_outputs(paths, {"--output": output, "--friction": friction})
+    writers = {path: table for path, table in ((output, drift_table), (friction, friction_table))
+               if path is not None}  # fmt: skip
+    for path in writers:
+        require_table(path)
+    with progress(as_json) as say:
+        files = list["FactorFile"]()
+        for k, path in enumerate(paths):
+            say(f"reading {k + 1} of {len(paths)}")
+            files.append(read(path))
+        say("looking for drift")
+        known = _model(robot, files)
+        found = robot_drift(recorded(files), known, settings)
+    for path, table in writers.items():
+        save(table([found]), path)
+    if as_json:
+        print_json(as_dictionary(found))
+        return
+    console.print(shown(drift_shown(found)))
+    console.print()
+    for text in sentences(found):
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    for path in writers:
+        console.print(f"wrote {path}")
+
+
+def _model(robot: str, files: "Sequence[FactorFile]") -> "IdentifiedModel":
+    """A model by its file; else what the recordings say together."""
+    from deltaid.factors.identify import identify_gathered
+    from deltaid.model.model import load
+    from deltaid.robot.load import described
+
+    known = load(robot).identified
+    return identify_gathered(described(robot), files).model if known is None else known
+
+
+def _day(text: str | None) -> "datetime | None":
+    """A date that was given.
+
+    Raises:
+        DeltaidError: it is none.
+    """
+    from datetime import datetime
+
+    from deltaid.errors import DeltaidError
+
+    if text is None:
+        return None
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        raise DeltaidError(
+            f"must be a date, not {text}", where="--since", cure="write it as 2026-01-31"
+        ) from None
+
+
+def as_dictionary(found: "RobotDrift") -> dict[str, Any]:
+    """What was found as one JSON object."""
+    from deltaid.drift.tables import drift_table
+
+    rows = drift_table([found]).to_dicts()
+    for row in rows:
+        row |= {key: _told(value) for key, value in row.items()}
+    common = ("robot", "false_alarms", "tool_change", "tool_mass")
+    return {
+        "robot": found.robot,
+        "recordings": len(found.recordings),
+        "first": _told(found.recordings[0].time),
+        "last": _told(found.recordings[-1].time),
+        "false_alarms": found.bound,
+        "tool_changes": [
+            {"day": _told(found.date(one.day)), "mass": one.mass, "std": one.std}
+            for one in found.tools
+        ],
+        "drives": [{k: v for k, v in row.items() if k not in common} for row in rows],
+    }
+
+
+def _told(value: object) -> object:
+    """Times as text, all else as it is."""
+    from datetime import datetime
+
+    return value.isoformat(timespec="seconds") if isinstance(value, datetime) else value

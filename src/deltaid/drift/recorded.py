@@ -1,0 +1,91 @@
+"""Recordings with what is known beside their factors: when they were made, temperature, load."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from deltaid.errors import RecordingError
+from deltaid.factors.file import FactorFile
+
+# A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
+_DATE = re.compile(
+    r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
+    r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
+)
+# Stamps beyond this are seconds since 1970, and not since a recording began.
+_SINCE_1970 = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """One recording.
+
+    Attributes:
+        file: its factors.
+        time: when it was made.
+        temperature: of gears or oil [°C]; None for what the factor file says, if it does.
+        load: mass that was held [kg]; None for what the factor file says.
+        name: of the recording; empty for that in the factor file.
+    """
+
+    file: FactorFile
+    time: datetime
+    temperature: float | None = None
+    load: float | None = None
+    name: str = ""
+
+    @property
+    def degrees(self) -> float:
+        """Temperature; NaN where it is not known."""
+        known = self.file.record.temperature
+        found = known.mean if self.temperature is None and known is not None else self.temperature
+        return float("nan") if found is None else float(found)
+
+    @property
+    def held(self) -> float:
+        """Mass that was held at most [kg]; of a load whose mass nobody gave, what was found."""
+        if self.load is not None:
+            return self.load
+        found = {one.name: one.parameters[0].value for one in self.file.record.model.loads}
+        masses = [found.get(one.load.name, one.load.mass or 0.0) for one in self.file.record.loads]
+        return max(masses, default=0.0)
+
+    @property
+    def label(self) -> str:
+        """What it is called."""
+        return self.name or self.file.record.log
+
+
+def recorded(
+    files: Sequence[FactorFile], times: Sequence[datetime] | None = None
+) -> list[Recorded]:
+    """Factor files in the order of time, by what is given, their stamps, or dates in their names.
+
+    Raises:
+        RecordingError: nothing says when one was made.
+    """
+    known = [_time(one) for one in files] if times is None else times
+    pairs = zip(files, known, strict=True)
+    return sorted((Recorded(one, time) for one, time in pairs), key=lambda one: one.time)
+
+
+def _time(one: FactorFile) -> datetime:
+    if one.record.first > _SINCE_1970:
+        return datetime.fromtimestamp(one.record.first, UTC).replace(tzinfo=None)
+    found = _DATE.search(one.record.log)
+    if found is None:
+        raise RecordingError(
+            f"nothing says when {one.record.log} was made: its stamps do not count from 1970, and "
+            "its name has no date",
+            where=one.path or one.record.log,
+            cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them "
+            "again; or give times",
+        )
+    year, month, day, hour, minute, second = (int(x or 0) for x in found.groups())
+    try:
+        return datetime(year, month, day, hour, minute, second)
+    except ValueError:
+        raise RecordingError(
+            f"the date in {one.record.log} is none", where=one.path, cure="correct its name"
+        ) from None

@@ -1,0 +1,150 @@
+"""Drift of one robot: friction of its drives over time, and what is said of each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.drift.findings import Between, Finding, finding
+from deltaid.drift.friction import FrictionSeries, friction_series
+from deltaid.drift.recorded import Recorded
+from deltaid.drift.series import Regressors, explained, in_percent
+from deltaid.drift.settings import DriftSettings
+from deltaid.drift.tools import ToolChange, tool_changes
+from deltaid.errors import RecordingError
+from deltaid.model.record import IdentifiedModel
+
+_DAY = 86400.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDrift:
+    """Friction of a robot's drives over time.
+
+    Attributes:
+        robot: what it is called.
+        drives: names.
+        units: of each drive's friction.
+        recordings: in the order of time.
+        friction: of each recording.
+        findings: what is said of each drive.
+        tools: changes of what is held that nobody told.
+        settings: what was asked for.
+    """
+
+    robot: str
+    drives: tuple[str, ...]
+    units: tuple[str, ...]
+    recordings: tuple[Recorded, ...]
+    friction: FrictionSeries
+    findings: tuple[Finding, ...]
+    tools: tuple[ToolChange, ...]
+    settings: DriftSettings
+
+    @property
+    def start(self) -> datetime:
+        """Days are counted from the first recording."""
+        return self.recordings[0].time
+
+    def date(self, day: float | None) -> datetime | None:
+        """When a day is."""
+        return None if day is None else self.start + timedelta(days=day)
+
+    def dates(self, days: Between) -> tuple[datetime | None, datetime | None, datetime | None]:
+        """A day with its interval."""
+        return self.date(days.value), self.date(days.low), self.date(days.high)
+
+    @property
+    def common(self) -> str | None:
+        """A remark where friction of all drives changes in one way: few things do that."""
+        states = {one.state for one in self.findings}
+        if len(self.drives) < 2 or len(states) != 1 or not states & {"rising", "falling"}:
+            return None
+        return (
+            "all drives change alike: look for another lubricant, a temperature that is not that "
+            "of the gears, or torques that are scaled in another way, before bearings"
+        )
+
+    @property
+    def bound(self) -> str:
+        """What bounds false alarms, in words."""
+        rate, drives = self.settings.false_alarms, len(self.drives)
+        return (
+            f"at most {rate:g} a robot-year over {drives} drives, however often one looks "
+            f"(Shiryaev–Roberts by Doob's inequality, each drive {rate / drives:.2g} a year)"
+        )
+
+
+def robot_drift(
+    recordings: Sequence[Recorded],
+    model: IdentifiedModel,
+    settings: DriftSettings | None = None,
+    *,
+    name: str = "",
+) -> RobotDrift:
+    """Friction of a robot's drives over time, with temperature and load taken out.
+
+    Args:
+        recordings: of one robot, each once, in any order.
+        model: of this robot, by all of them or by some; its rigid bodies are held.
+        settings: limit, false alarms, from when on.
+        name: of the robot.
+
+    Raises:
+        RecordingError: there are none, or they do not go together or with the model.
+    """
+    settings = settings or DriftSettings()
+    since = settings.since
+    own = sorted(
+        (one for one in recordings if since is None or one.time >= since),
+        key=lambda one: (one.time, one.file.record.sha256),
+    )
+    if not own:
+        raise RecordingError(
+            "there is none" if since is None else f"there is none since {since:%Y-%m-%d}",
+            where="recordings",
+            cure="give factor files of this robot",
+        )
+    return drift_of(own, friction_series([one.file for one in own], model), model, settings, name)
+
+
+def drift_of(
+    recordings: Sequence[Recorded],
+    friction: FrictionSeries,
+    model: IdentifiedModel,
+    settings: DriftSettings,
+    name: str = "",
+) -> RobotDrift:
+    """Drift by what recordings say of friction.
+
+    Args:
+        recordings: in the order of time.
+        friction: of them.
+    """
+    days = days_of([one.time for one in recordings])
+    tools = tool_changes(days, *friction.held)
+    beside = Regressors.of(
+        days,
+        np.array([one.degrees for one in recordings]),
+        np.array([one.held for one in recordings]),
+        [one.day for one in tools],
+    )
+    found = explained(days, *in_percent(friction.mean, friction.std), [beside])
+    drives = model.robot.drives
+    return RobotDrift(
+        robot=name or model.robot.name,
+        drives=drives,
+        units=tuple(model.robot.units(drive).force for drive in drives),
+        recordings=tuple(recordings),
+        friction=friction,
+        findings=tuple(finding(found, i, settings, len(drives)) for i in range(len(drives))),
+        tools=tools,
+        settings=settings,
+    )
+
+
+def days_of(times: Sequence[datetime]) -> Float[np.ndarray, " n"]:
+    """Days since the first."""
+    return np.array([(one - times[0]).total_seconds() / _DAY for one in times])

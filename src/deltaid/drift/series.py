@@ -1,0 +1,135 @@
+"""Series of logarithms of friction, with all that explains them beside a change."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.drift.evidence import SIZE, YEAR, Changes, Evidence
+from deltaid.drift.outliers import inflation
+from deltaid.drift.shared import first_prior, together
+from deltaid.drift.wander import Scatter, whitened_sums
+
+# Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
+# drives of one robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of a year's
+# seasons where no temperature is known, of a step as a tool changes.
+_TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 3.0
+_UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
+# Friction that is known no better than to this share tells nothing.
+_VAGUE = 0.3
+# What a temperature that is not known adds, if the others are [%/K].
+_USUAL_SLOPE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Regressors:
+    """What explains friction beside a change, the level first.
+
+    Attributes:
+        names: of the columns.
+        columns: their values.
+        scale: standard deviations of coefficients before any recording, in units of σ.
+        unlike: the same between drives of one robot; infinite where nothing is common.
+        unknown: what is not known of a column that should be, as a standard deviation [%].
+    """
+
+    names: tuple[str, ...]
+    columns: Float[np.ndarray, "n regressors"]
+    scale: Float[np.ndarray, " regressors"]
+    unlike: Float[np.ndarray, " regressors"]
+    unknown: Float[np.ndarray, " n"]
+
+    @classmethod
+    def of(
+        cls,
+        days: Float[np.ndarray, " n"],
+        temperature: Float[np.ndarray, " n"],
+        load: Float[np.ndarray, " n"],
+        tools: Sequence[float] = (),
+    ) -> "Regressors":
+        """Those of recordings.
+
+        Args:
+            temperature: [°C], NaN where it is not known.
+            load: [kg].
+            tools: days on which a tool was changed.
+        """
+        rows = [("level", np.ones(len(days)), np.inf, np.inf)]
+        known, unknown = np.isfinite(temperature), np.zeros(len(days))
+        if known.any():
+            T = np.where(known, temperature - temperature[known].mean(), 0.0)
+            unknown[~known] = _USUAL_SLOPE * temperature[known].std()
+            rows.append(("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE))
+            rows.append(("temperature²", T**2, _CURVE, _UNLIKE_CURVE))
+        else:
+            angle = 2.0 * np.pi * days / YEAR
+            rows += [
+                ("season", np.sin(angle), _SEASON, np.inf),
+                ("season'", np.cos(angle), _SEASON, np.inf),
+            ]
+        if np.ptp(load) > 0:
+            rows.append(("load", load / np.max(np.abs(load)), _LOAD, np.inf))
+        rows += [("tool", (days >= day).astype(float), _TOOL, np.inf) for day in tools]
+        names, columns, scale, unlike = zip(*rows, strict=True)
+        return cls(names, np.stack(columns, axis=1), np.array(scale), np.array(unlike), unknown)
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Series and what was found in them.
+
+    Attributes:
+        days: of the recordings, ascending.
+        y: logarithms of friction [%], less `start`; NaN where a recording tells nothing.
+        start: median of the logarithms [%].
+        regressors: beside changes.
+        changes: that were tried.
+        found: evidence.
+    """
+
+    days: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, "series n"]
+    start: Float[np.ndarray, " series"]
+    regressors: Regressors
+    changes: Changes
+    found: Evidence
+
+
+def in_percent(
+    mean: Float[np.ndarray, "drives n"], std: Float[np.ndarray, "drives n"]
+) -> tuple[Float[np.ndarray, "drives n"], Float[np.ndarray, "drives n"]]:
+    """Logarithms of friction and their deviations [%]; NaN where it is not known."""
+    told = (mean > 0) & (std < _VAGUE * np.abs(mean)) & np.isfinite(std)
+    safe = np.where(told, mean, 1.0)
+    return np.where(told, 100.0 * np.log(safe), np.nan), np.where(told, 100.0 * std / safe, np.inf)
+
+
+def explained(
+    days: Float[np.ndarray, " n"],
+    y: Float[np.ndarray, "series n"],
+    std: Float[np.ndarray, "series n"],
+    regressors: Sequence[Regressors],
+) -> Explained:
+    """Evidence of changes in the series of one robot, or of several with recordings on the same
+    days.
+
+    Args:
+        y, std: as of `in_percent`; of a robot after the other.
+        regressors: of each robot, as many columns of each.
+    """
+    drives = len(y) // len(regressors)
+    X = np.repeat(np.stack([one.columns for one in regressors]), drives, axis=0)
+    unknown = np.repeat(np.stack([one.unknown for one in regressors]), drives, axis=0)
+    told = np.isfinite(y)
+    start = np.array([np.median(own[there]) if there.any() else 0.0
+                      for own, there in zip(y, told, strict=True)])  # fmt: skip
+    z = y - start[:, None]
+    variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
+    variance = np.where(told, variance * inflation(z, X[..., 1:]), np.inf)
+    base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
+    changes, scatter, first = Changes.over(days), Scatter.grid(), regressors[0]
+    sums = whitened_sums(days, variance, base, changes.columns, scatter)
+    prior = first_prior(first.scale, scatter, len(y))
+    found = together(sums, changes, prior, first.unlike, drives)
+    return Explained(days, z, start, first, changes, found)

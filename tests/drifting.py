@@ -1,0 +1,137 @@
+"""Recordings of a robot day by day, made of one that was gathered: other friction, other tools."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from deltaid.drift.recorded import Recorded
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.factors.condensed import Group, Groups
+from deltaid.factors.file import ENDING, FactorFile, write
+from deltaid.factors.gather import gathered
+from deltaid.factors.problem import merging_of
+from deltaid.factors.record import Temperature
+from deltaid.factors.target import map_to
+from deltaid.model.record import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.robot.load import load_robot
+
+ROBOT = "clavel-delta3"
+SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
+START = datetime(2026, 1, 1)
+
+
+def recording(seed: int) -> pl.DataFrame:
+    """A recording of the described robot, on a motion and with noise of a seed."""
+    robot, rng = load_robot(ROBOT), np.random.default_rng(seed)
+    dynamics, p = compiled(robot), prior_parameters(robot)
+    motion, noise = random_motion(dynamics.kinematics, rng), SensorNoise(torque=0.02)
+    return simulate_recording(dynamics, p, motion, rng, duration=6.0, noise=noise)
+
+
+def one_recording(folder: Path, seed: int = 0) -> FactorFile:
+    """The same, gathered."""
+    path = folder / f"log{seed}.csv"
+    write_recording(recording(seed), path)
+    return gathered(ROBOT, path, settings=SETTINGS)
+
+
+def with_other(file: FactorFile, more: dict[str, float], name: str) -> FactorFile:
+    """The same recording of a robot with more of some parameters."""
+    robot = load_robot(ROBOT)
+    merging = merging_of([file], robot, SETTINGS)
+    layout, kept = merging.dynamics.layout, merging.columns.kept_names
+    delta = np.zeros(len(layout.names))
+    for key, value in more.items():
+        delta[layout.names.index(key)] = value
+    by_name = dict(zip(kept, map_to(merging.columns, merging.dynamics) @ delta, strict=True))
+    condensed = file.condensed
+
+    def moved(group: Group) -> Group:
+        factors = []
+        for R, felt in zip(group.factors, condensed.felt, strict=True):
+            own = np.array([by_name.get(condensed.names[k], 0.0) for k in felt])
+            R = R.copy()
+            R[:, -1] += R[:, : len(own)] @ own
+            factors.append(R)
+        return replace(group, factors=tuple(factors))
+
+    # Not validated: that of a year takes longer than all the rest.
+    record, known = file.record, file.record.model
+    source = known.sources[0].changed(log=name, sha256=f"{name}-sum")
+    fields: dict[str, Any] = dict(known) | {"sources": (source,)}
+    own: dict[str, Any] = dict(record) | {"model": type(known).model_construct(**fields)}
+    found = replace(
+        condensed,
+        whole=moved(condensed.whole),
+        groups=Groups.of(moved(one) for one in condensed.groups),
+        geometry=None if condensed.geometry is None else moved(condensed.geometry),
+    )
+    return FactorFile(type(record).model_construct(**own), found, name)
+
+
+def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
+    """Files of a robot, whose second drive rises by 5 % a month from day 36 on; recorded every
+    other day
+
+    From day 20 on it has another gripper.
+    """
+    rng = np.random.default_rng(3)
+    at = every * np.arange(count)
+    warm = 24 + 4 * np.sin(at / 25) + 2 * rng.standard_normal(count)
+    scatter = 0.007 * rng.standard_normal((count, 3))
+
+    def share(k: int) -> Sequence[float]:
+        rise = np.array([0.0, 0.05 / 30.4375 * max(at[k] - 36, 0), 0.0])
+        return np.expm1(rise - 0.009 * (warm[k] - 24) + scatter[k]).tolist()
+
+    folder.mkdir(parents=True)
+
+    def held(k: int) -> float:
+        return 0.15 if at[k] >= 20 else 0.0
+
+    with TemporaryDirectory() as logs:
+        file = one_recording(Path(logs))
+    for k, one in enumerate(days(file, count, share, held=held, every=every)):
+        T = float(warm[k])
+        record = one.file.record
+        fields: dict[str, Any] = dict(record) | {"temperature": Temperature(mean=T, low=T, high=T)}
+        own = FactorFile(type(record).model_construct(**fields), one.file.condensed)
+        write(own, folder / f"{record.log.removesuffix('.csv')}{ENDING}")
+
+
+def days(
+    file: FactorFile,
+    count: int,
+    share: Callable[[int], Sequence[float]],
+    *,
+    held: Callable[[int], float] = lambda _: 0.0,
+    temperature: Callable[[int], float | None] = lambda _: None,
+    every: int = 1,
+) -> list[Recorded]:
+    """One recording a day, or every so many days; functions of its number.
+
+    Args:
+        share: by how much friction of each drive is more on a day, as a share.
+        held: mass that nobody told of [kg].
+    """
+    robot, layout = load_robot(ROBOT), compiled(load_robot(ROBOT)).layout
+    p, found = prior_parameters(robot), list[Recorded]()
+    for day in range(count):
+        more = {"P.m": held(day)}
+        for drive, own in zip(robot.drives, share(day), strict=True):
+            for kind in ("viscous", "coulomb"):
+                name = f"{kind}.{drive}"
+                more[name] = own * float(p[layout.names.index(name)])
+        time = START + timedelta(days=every * day)
+        one = with_other(file, more, f"line3-{time:%Y-%m-%d}.csv")
+        found.append(Recorded(one, time, temperature(day)))
+    return found

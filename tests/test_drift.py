@@ -1,0 +1,193 @@
+"""Drift of a robot from factor files: friction with bodies held, findings, tables, command."""
+
+import json
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import run
+from deltaid.drift.recorded import Recorded, recorded
+from deltaid.drift.robot_drift import RobotDrift, robot_drift
+from deltaid.drift.settings import DriftSettings
+from deltaid.drift.tables import DRIFT, FRICTION, drift_table, friction_table, save
+from deltaid.errors import DeltaidError, RecordingError
+from deltaid.factors.file import ENDING, FactorFile, write
+from deltaid.factors.gather import gathered
+from deltaid.factors.identify import identify_gathered
+from deltaid.model.record import IdentifiedModel
+from deltaid.recording.mapping import ColumnMapping, TemperatureColumn
+from drifting import ROBOT, SETTINGS, START, days, one_recording, recording
+
+COUNT, ONSET, TOOL = 90, 40, 55
+RNG = np.random.default_rng(8)
+WARM = 25.0 + 4.0 * np.sin(np.arange(COUNT) / 30) + 2.0 * RNG.standard_normal(COUNT)
+SCATTER = 0.005 * RNG.standard_normal((COUNT, 3))
+SLOPE = -0.01
+
+
+def _share(day: int) -> np.ndarray:
+    """The second drive's friction rises by 3 % a month."""
+    rise = np.array([0.0, 0.03 / 30.4375 * max(day - ONSET, 0), 0.0])
+    return np.expm1(rise + SLOPE * (WARM[day] - 25.0) + SCATTER[day])
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> FactorFile:
+    return one_recording(tmp_path_factory.mktemp("log"))
+
+
+@pytest.fixture(scope="module")
+def months(file: FactorFile) -> list[Recorded]:
+    def held(day: int) -> float:
+        return 0.12 if day >= TOOL else 0.0
+
+    return days(file, COUNT, _share, held=held, temperature=lambda day: float(WARM[day]))
+
+
+@pytest.fixture(scope="module")
+def model(months: list[Recorded]) -> IdentifiedModel:
+    return identify_gathered(ROBOT, [one.file for one in months[:10]], SETTINGS).model
+
+
+@pytest.fixture(scope="module")
+def found(months: list[Recorded], model: IdentifiedModel) -> RobotDrift:
+    return robot_drift(months, model, DriftSettings(limit=1.5))
+
+
+def test_the_drive_that_drifts_is_found_and_no_other(found: RobotDrift) -> None:
+    assert [one.state for one in found.findings] == ["steady", "rising", "steady"]
+    one = found.findings[1]
+    low, high = found.date(one.change.low), found.date(one.change.high)
+    assert low <= START + timedelta(days=ONSET) <= high
+    assert one.rate.low < 0.03 < one.rate.high
+    truth = START + timedelta(days=ONSET + 30.4375 * np.log(1.5) / 0.03)
+    assert found.date(one.horizon.low) < truth < found.date(one.horizon.high)
+    assert "0.1 a robot-year over 3 drives" in found.bound
+    for own in found.findings:
+        assert own.temperature.low < SLOPE < own.temperature.high
+        assert 0.003 < own.scatter < 0.012
+
+
+def test_friction_is_that_of_the_day(found: RobotDrift, model: IdentifiedModel) -> None:
+    """Within a recording's own noise, however far the model's bodies are off."""
+    expected = np.array([1.0 + _share(day) for day in range(COUNT)]).T
+    ratio = found.friction.mean / expected
+    assert np.all(np.abs(ratio / ratio.mean(axis=1, keepdims=True) - 1.0) < 2e-3)
+    assert np.all(found.friction.std / found.friction.mean < 0.01)
+    curves = {one.joint: one for one in model.friction_curves}
+    for drive, level in zip(found.drives, found.friction.mean[:, 0], strict=True):
+        assert min(map(abs, curves[drive].friction)) < level < max(map(abs, curves[drive].friction))
+
+
+def test_a_tool_that_nobody_told_is_no_friction(found: RobotDrift) -> None:
+    assert [one.day for one in found.tools] == [float(TOOL)]
+    assert found.tools[0].mass == pytest.approx(0.12, rel=0.1)
+    table = drift_table([found])
+    assert table["tool_change"].to_list() == [START + timedelta(days=TOOL)] * 3
+
+
+def test_order_does_not_matter(found: RobotDrift, months, model: IdentifiedModel) -> None:
+    again = robot_drift(months[::-1], model, DriftSettings(limit=1.5))
+    assert drift_table([again]).equals(drift_table([found]))
+
+
+def test_deviations_are_those_of_seeds(file: FactorFile, tmp_path: Path, model) -> None:
+    """Recordings of one robot on other motions with other noise scatter as they say."""
+    own = [Recorded(one_recording(tmp_path, seed), START + timedelta(days=seed)) for seed in
+           range(1, 5)]  # fmt: skip
+    found = robot_drift(own, model).friction
+    z = (found.mean - found.mean.mean(axis=1, keepdims=True)) / found.std
+    assert 0.4 < np.sqrt(np.sum(z**2) / (3 * 3)) < 1.9
+
+
+def test_since_leaves_out_and_too_few_say_nothing(months, model: IdentifiedModel) -> None:
+    late = START + timedelta(days=COUNT - 8)
+    found = robot_drift(months, model, DriftSettings(since=late))
+    assert {one.state for one in found.findings} == {"unknown"}
+    assert found.findings[0].recordings == 8
+    with pytest.raises(RecordingError, match="none since"):
+        robot_drift(months, model, DriftSettings(since=START + timedelta(days=400)))
+
+
+def test_tables_are_tidy(found: RobotDrift, tmp_path: Path) -> None:
+    friction, drift = friction_table([found, found]), drift_table([found])
+    assert dict(friction.schema) == FRICTION
+    assert dict(drift.schema) == DRIFT
+    assert len(friction) == 2 * COUNT * 3 * 3
+    assert set(friction["quantity"]) == {"friction", "viscous", "coulomb"}
+    assert drift_table([]).is_empty()
+    for name in ("a.parquet", "a.csv"):
+        save(drift, tmp_path / name)
+    assert pl.read_parquet(tmp_path / "a.parquet").equals(drift)
+    with pytest.raises(DeltaidError, match="must end in"):
+        save(drift, tmp_path / "a.xlsx")
+
+
+def test_times_come_from_names_or_stamps(file: FactorFile, months) -> None:
+    found = recorded([one.file for one in months[5:2:-1]])
+    assert [one.time for one in found] == [START + timedelta(days=day) for day in (3, 4, 5)]
+    stamped = replace(file, record=file.record.changed(first=1.8e9))
+    assert recorded([stamped])[0].time == datetime(2027, 1, 15, 8)
+    with pytest.raises(RecordingError, match="nothing says when"):
+        recorded([file])
+
+
+@pytest.fixture(scope="module")
+def folder(months: list[Recorded], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("factors")
+    for one in months[:30]:
+        write(one.file, path / f"{one.time:%m%d}{ENDING}")
+    return path
+
+
+def test_the_command(folder: Path, model: IdentifiedModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "model.yaml")
+    out = tmp_path / "drift.parquet"
+    done = run("drift", tmp_path / "model.yaml", folder, "--limit", "1.5", "-o", out, width=160)
+    assert done.code == 0
+    assert "30 recordings, 2026-01-01 to 2026-01-30" in done.out
+    assert "at most 0.1 a robot-year" in done.out
+    assert "no temperature" in done.out
+    assert len(pl.read_parquet(out)) == 3
+    told = json.loads(run("drift", ROBOT, folder, "--json").out)
+    assert told["recordings"] == 30
+    assert [one["drive"] for one in told["drives"]]
+    assert told["drives"][0]["state"] in ("steady", "unknown")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--limit", "0.9"), "must be above 1"),
+        (("--since", "spring"), "must be a date"),
+        (("-o", "drift.xlsx"), "must end in .parquet or .csv"),
+        (("--false-alarms", "0"), "above 0"),
+    ],
+)
+def test_what_the_command_refuses(folder: Path, options: tuple[str, ...], words: str) -> None:
+    done = run("drift", ROBOT, folder, *options)
+    assert done.code == 2
+    assert words in done.err.replace("\n", " ")
+
+
+def test_a_recorded_temperature_is_kept(tmp_path: Path) -> None:
+    """In °C, whatever the unit of its column."""
+    log = tmp_path / "log.parquet"
+    table = recording(0)
+    kelvin = np.linspace(300.15, 304.15, len(table))
+    table.with_columns(oil=kelvin).write_parquet(log)
+    columns = ColumnMapping(temperature=TemperatureColumn(column="oil", unit="K"))
+    known = gathered(ROBOT, log, columns=columns, settings=SETTINGS)
+    found = known.record.temperature
+    assert found is not None
+    assert found.mean == pytest.approx(29.0, abs=0.2)
+    assert found.low == pytest.approx(27.0, abs=0.5)
+    assert found.high == pytest.approx(31.0, abs=0.5)
+    assert Recorded(known, START).degrees == found.mean
+    assert Recorded(known, START, temperature=20.0).degrees == 20.0
+    assert np.isnan(Recorded(replace(known, record=known.record.changed(temperature=None)), START)
+                    .degrees)  # fmt: skip

@@ -1,0 +1,223 @@
+"""Evidence of changes: against dense formulas, and what it finds and does not find in series."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from deltaid.drift.evidence import FREEDOM, KINDS, MONTH, SIZE, Changes, Prior, evidence
+from deltaid.drift.findings import finding
+from deltaid.drift.outliers import inflation
+from deltaid.drift.series import Regressors, explained
+from deltaid.drift.settings import DriftSettings
+from deltaid.drift.shared import first_prior
+from deltaid.drift.tools import tool_changes
+from deltaid.drift.wander import Scatter, whitened_sums
+from deltaid.errors import DeltaidError
+
+DAYS = np.sort(np.random.default_rng(5).uniform(0.0, 60.0, 30))
+
+
+def _covariance(days: np.ndarray, variance: np.ndarray, T: float, share: float) -> np.ndarray:
+    apart = np.abs(days[:, None] - days)
+    return share * np.exp(-apart / T) + (1 - share) * np.diag(variance)
+
+
+def _problem(seed: int = 0):
+    """Two series with a regressor, one of them with recordings that are missing."""
+    rng = np.random.default_rng(seed)
+    variance = rng.uniform(0.5, 3.0, (2, len(DAYS)))
+    variance[1, [0, 4, 5, 29]] = np.inf
+    base = rng.standard_normal((2, len(DAYS), 3))
+    base[..., 0] = 1.0
+    return variance, base, Scatter(np.array([1.0, 7.0]), np.array([0.0, 0.6]), np.array([0.7, 0.3]))
+
+
+def test_white_columns_have_the_sums_of_generalised_least_squares() -> None:
+    variance, base, scatter = _problem()
+    changes = Changes.over(DAYS)
+    found = whitened_sums(DAYS, variance, base, changes.columns, scatter)
+    for k in range(2):
+        for s in range(2):
+            there = np.isfinite(variance[s])
+            V = _covariance(DAYS[there], variance[s][there], scatter.memory[k], scatter.share[k])
+            X, H = base[s][there], changes.columns[there]
+            np.testing.assert_allclose(found.base[k, s], X.T @ np.linalg.solve(V, X), rtol=1e-9)
+            np.testing.assert_allclose(
+                found.cross[k, s], X.T @ np.linalg.solve(V, H), rtol=1e-8, atol=1e-9
+            )
+            np.testing.assert_allclose(
+                found.own[k, s], np.sum(H * np.linalg.solve(V, H), axis=0), rtol=1e-8, atol=1e-12
+            )
+            np.testing.assert_allclose(found.log_det[k, s], np.linalg.slogdet(V)[1], rtol=1e-9)
+            assert found.count[s] == there.sum()
+
+
+def test_factors_are_ratios_of_marginal_likelihoods() -> None:
+    """By Student's density with d and b integrated, and the share of draws with a sign."""
+    variance, base, scatter = _problem()
+    changes = Changes.over(DAYS)
+    sums = whitened_sums(DAYS, variance, base, changes.columns, scatter)
+    mean, flat = np.array([0.0, 0.4]), 1e7
+    prior = Prior(
+        np.stack([mean, mean]), np.broadcast_to(np.diag([1 / flat, 4.0]), (2, 2, 2)),
+        np.log(np.repeat(scatter.usual[:, None], 2, axis=1)),
+    )  # fmt: skip
+    found = evidence(sums, changes, prior)
+    for k, s, a in ((0, 0, 3), (1, 0, 8), (1, 1, 12), (0, 1, 1)):
+        there = np.isfinite(variance[s])
+        V = _covariance(DAYS[there], variance[s][there], scatter.memory[k], scatter.share[k])
+        X, y, h = base[s][there][:, :2], base[s][there][:, 2], changes.columns[there, a]
+        none = V + X @ np.diag([flat, 0.25]) @ X.T
+        change = none + changes.scale[a] ** 2 * np.outer(h, h)
+
+        # A flat level takes one degree of freedom, which a wide one has back.
+        def log(C: np.ndarray, y: np.ndarray = y - X @ mean) -> float:
+            r = FREEDOM * SIZE**2 + y @ np.linalg.solve(C, y)
+            return -0.5 * (np.linalg.slogdet(C)[1] + (FREEDOM + len(y) - 1) * np.log(r))
+
+        whole = np.log(np.mean(np.exp(found.log_factor[:, k, s, a] - _log_kinds(changes, a))))
+        np.testing.assert_allclose(whole, log(change) - log(none), atol=1e-4)
+        up, down = np.exp(found.log_factor[:, k, s, a] - _log_kinds(changes, a))
+        by_sign = stats.t.cdf(found.size[k, s, a] / found.deviation[k, s, a], found.freedom[s])
+        np.testing.assert_allclose(up / (up + down), by_sign, rtol=1e-9)
+
+
+def _log_kinds(changes: Changes, a: int) -> np.ndarray:
+    shares = np.log([share for _, share in KINDS])
+    return shares[:2] if changes.is_ramp[a] else shares[2:]
+
+
+def _series(rng: np.random.Generator, robots: int, n: int = 140, drives: int = 3):
+    """Friction that follows temperature and wanders."""
+    days = np.arange(n, dtype=float)
+    T = 6.0 * np.sin(days / 58 + rng.uniform(0, 6, (robots, 1))) + 3 * rng.standard_normal(
+        (robots, n)
+    )
+    y = rng.normal(-0.9, 0.2, (robots, 1, 1)) * T[:, None] + 0.8 * rng.standard_normal(
+        (robots, drives, n)
+    )
+    return days, T + 25, y
+
+
+def _looked(days, T, y, n: int, known: bool = True, tools: tuple[float, ...] = ()):
+    robots = len(y)
+    beside = [
+        Regressors.of(days[:n], T[k, :n] if known else np.full(n, np.nan), np.zeros(n), tools)
+        for k in range(robots)
+    ]
+    flat = y[:, :, :n].reshape(-1, n)
+    return explained(days[:n], flat, np.full(flat.shape, 0.2), beside)
+
+
+def test_steady_fleets_are_left_alone_and_drift_is_found() -> None:
+    """Looked at every ten days; two percent a month from the 10th week on."""
+    rng = np.random.default_rng(1)
+    days, T, y = _series(rng, 24)
+    onset = 70
+    y[:8, 1] += 2.0 / MONTH * np.maximum(days - onset, 0.0)
+    alarm = np.zeros((24, 3), dtype=bool)
+    soon = alarm.copy()
+    for n in range(30, 141, 10):
+        hit = _looked(days, T, y, n).found.R.reshape(24, 3) >= 30.0
+        alarm |= hit
+        soon |= hit & (n - 1 <= onset + 42)
+        if n - 1 < onset:
+            assert not hit[:8, 1].any()
+    assert soon[:8, 1].sum() >= 6
+    assert alarm[:8, 1].all()
+    alarm[:8, 1] = False
+    assert alarm.sum() <= 1
+
+
+@pytest.mark.parametrize(
+    ("change", "state"),
+    [
+        (lambda t: 3.0 / MONTH * np.maximum(t - 60, 0), "rising"),
+        (lambda t: -4.0 / MONTH * np.maximum(t - 60, 0), "falling"),
+        (lambda t: 6.0 * (t >= 60), "stepped"),
+        (lambda t: 0.0 * t, "steady"),
+    ],
+)
+def test_what_is_said_holds_the_truth(change, state: str) -> None:
+    days, T, y = _series(np.random.default_rng(4), 1)
+    y[0, 0] += change(days)
+    one = finding(_looked(days, T, y, 140), 0, DriftSettings(limit=1.2), 3)
+    assert one.state == state
+    slope = one.temperature
+    assert slope.low is not None
+    assert slope.high is not None
+    assert -0.015 < slope.low < slope.high < -0.003
+    if state == "steady":
+        assert one.change.value is None
+        assert one.horizon.value is None
+        assert one.rate.low < 0.0 < one.rate.high
+        return
+    assert one.change.low - 1 <= 60 <= one.change.high + 1
+    if state == "stepped":
+        assert one.step.low < np.expm1(0.06) < one.step.high
+        assert one.rate.value is None
+        return
+    rate = np.expm1(0.03 if state == "rising" else -0.04)
+    assert one.rate.low < rate < one.rate.high
+    if state == "rising":
+        truth = 60 + MONTH * np.log(1.2) / 0.03
+        assert one.horizon.low < truth < one.horizon.high
+        assert one.limit == pytest.approx(1.2 * one.level)
+
+
+def test_without_temperature_a_season_is_no_drift_and_that_is_said() -> None:
+    rng = np.random.default_rng(3)
+    days, T, y = _series(rng, 12)
+    found = _looked(days, T, y, 140, known=False)
+    assert np.sum(found.found.R >= 30.0) <= 1
+    one = finding(found, 0, DriftSettings(), 3)
+    assert one.temperature.value is None
+    assert "no temperature is known" in one.reason
+    known = finding(_looked(days, T, y, 140), 0, DriftSettings(), 3)
+    assert one.rate.high - one.rate.low > 2.0 * (known.rate.high - known.rate.low)
+
+
+def test_few_recordings_say_nothing() -> None:
+    days, T, y = _series(np.random.default_rng(0), 1)
+    y[0, 0] += 20.0 * (days >= 8)
+    one = finding(_looked(days, T, y, 11), 0, DriftSettings(limit=1.5), 3)
+    assert one.state == "unknown"
+    assert one.rate.value is None
+    assert one.horizon.value is None
+    assert "at least 12" in one.reason
+
+
+def test_what_stands_apart_counts_less_and_a_ramp_does_not() -> None:
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal((1, 80)) + 0.1 * np.arange(80)
+    y[0, 40], y[0, 50] = y[0, 40] + 15.0, np.nan
+    found = inflation(y, np.zeros((1, 80, 0)))[0]
+    assert found[40] > 10.0
+    assert np.mean(np.delete(found, [40, 50]) > 1.5) < 0.05
+
+
+def test_a_tool_change_has_its_day_and_mass() -> None:
+    rng = np.random.default_rng(2)
+    days = np.arange(100.0)
+    mass = 0.02 * rng.standard_normal(100) + 0.3 * (days >= 37) - 0.1 * (days >= 70)
+    found = tool_changes(days, mass, np.full(100, 0.02))
+    assert [one.day for one in found] == [37.0, 70.0]
+    assert found[0].mass == pytest.approx(0.3, abs=0.03)
+    assert found[1].mass == pytest.approx(-0.1, abs=0.03)
+    assert tool_changes(days, 0.02 * rng.standard_normal(100), np.full(100, 0.02)) == ()
+
+
+@pytest.mark.parametrize(
+    "given", [{"limit": 1.0}, {"limit": -1.0, "limit_is": "torque"}, {"false_alarms": 0.0},
+              {"limit": float("nan")}, {"false_alarms": float("nan")}]
+)  # fmt: skip
+def test_settings_that_cannot_be_are_refused(given: dict) -> None:
+    with pytest.raises(DeltaidError):
+        DriftSettings(**given)
+
+
+def test_what_is_known_before_is_that_of_the_grid() -> None:
+    scatter = Scatter.grid()
+    prior = first_prior(np.array([np.inf, 2.0]), scatter, 3)
+    np.testing.assert_allclose(np.exp(prior.log_kinds).sum(axis=0), 1.0)
+    np.testing.assert_array_equal(prior.precision[0], np.diag([0.0, 0.25]))
