@@ -28,7 +28,7 @@ ELBOW = "mass at the elbow's ball joints may pass between upper arm and strut"
 CARRIAGE = "mass at the carriage's ball joints may pass between carriage and strut"
 PLATFORM = "mass at the platform's ball joints may pass between strut and {}"
 TARED = {"force_bias": 0.0, "moment_bias": 0.0, "motor_turns": 20.0}
-TOOL = "{} on the tool's axis may pass between {} and tool"
+TOOL = "{} on the tool's axis may pass between {} and end effector"
 
 # By robot: parameters seen, combinations told, and what stays open to torques and a tared wrench.
 KNOWN = {
@@ -40,13 +40,13 @@ KNOWN = {
         {
             ELBOW,
             PLATFORM.format("platform"),
-            "mass at the lower universal joint may pass between platform and lower part of the bar",
+            "mass at the lower universal joint may pass between platform and lower telescope bar",
             TOOL.format("mass", "platform"),
             TOOL.format("first moment", "platform"),
-            "mass at rest in the base may pass between upper arm and upper part of the bar",
+            "mass at rest in the base may pass between upper arm and upper telescope bar",
             *(
-                f"the second moment {name} may pass between upper part of the bar and lower part "
-                "of the bar"
+                f"the second moment {name} may pass between upper telescope bar and lower "
+                "telescope bar"
                 for name in ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz")
             ),
         },
@@ -56,9 +56,9 @@ KNOWN = {
         42,
         {
             ELBOW,
-            PLATFORM.format("main part of the platform"),
-            "mass at the rods' ends may pass between main part of the platform and rod",
-            "first moment at the rods' ends may pass between main part of the platform and rod",
+            PLATFORM.format("main part"),
+            "mass at the rods' ends may pass between main part and rod",
+            "first moment at the rods' ends may pass between main part and rod",
             TOOL.format("mass", "rod"),
             TOOL.format("first moment", "rod"),
         },
@@ -81,8 +81,8 @@ KNOWN = {
         {
             ELBOW,
             PLATFORM.format("half platform"),
-            "mass where rack and pinion meet may pass between half platform and tool",
-            "first moment along z may pass between half platform and tool",
+            "mass where rack and pinion meet may pass between half platform and end effector",
+            "first moment along z may pass between half platform and end effector",
         },
     ),
 }

@@ -1,6 +1,5 @@
 """`deltaid show`: readings equal kinematics, reach ends at limits, page, errors, live view."""
 
-import builtins
 import http.client
 import os
 import shutil
@@ -17,6 +16,7 @@ import pytest
 from playwright import sync_api
 
 from command import refused, run
+from deltaid import libraries
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
@@ -173,14 +173,7 @@ def test_a_model_is_shown_with_its_own_parameters(tmp_path: Path) -> None:
 def test_errors_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "must end in .html" in refused("show", "clavel-delta3", "-o", "a.png", folder=tmp_path)
     assert "clavel-delta3" in refused("show", "clavel", folder=tmp_path)
-    original = builtins.__import__
-
-    def without_viser(name: str, *rest: object, **more: object) -> object:
-        if name == "viser":
-            raise ImportError(name)
-        return original(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without_viser)
+    monkeypatch.setattr(libraries, "find_spec", lambda _: None)
     message = refused("show", "clavel-delta3", "--live", folder=tmp_path)
     assert "pip install viser" in message
 

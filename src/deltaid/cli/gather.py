@@ -5,8 +5,18 @@ from typing import Annotated
 
 import typer
 
-from deltaid.cli.options import ColumnFiles, KeepAll, mappings
-from deltaid.model.options import ComplianceChoice
+from deltaid.cli.options import (
+    AsJson,
+    ColumnFiles,
+    Compliance,
+    Cutoff,
+    Events,
+    Force,
+    KeepAll,
+    Lag,
+    Robot,
+    mappings,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -15,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 
 def gather(
-    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
+    robot: Robot,
     logs: Annotated[
         list[Path], typer.Argument(help="Recordings: CSV, Parquet, MATLAB, HDF5, bags, …")
     ],
@@ -23,23 +33,13 @@ def gather(
         Path, typer.Option("--output", "-o", help="Folder of factor files.", metavar="FOLDER")
     ],
     columns: ColumnFiles = None,
-    cutoff: Annotated[
-        float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
-    ] = None,
-    lag: Annotated[
-        str, typer.Option(help="Lag of torques behind positions: estimate, none, or ms.")
-    ] = "estimate",
-    compliance: Annotated[
-        ComplianceChoice, typer.Option(help="Gears that wind up: estimate, or none.")
-    ] = "estimate",
+    cutoff: Cutoff = None,
+    lag: Lag = "estimate",
+    compliance: Compliance = "estimate",
     keep_all: KeepAll = False,
-    events: Annotated[
-        bool, typer.Option(help="Look for contacts, stops, spikes and play, and leave them out.")
-    ] = True,
-    force: Annotated[
-        bool, typer.Option("--force", help="Go on with what the checks call wrong.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    events: Events = True,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Read recordings once and keep what they say: a file below 1 MB each.
 

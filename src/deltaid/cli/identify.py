@@ -7,12 +7,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deltaid.cli.imports import uncollected
-from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
+from deltaid.cli.options import (
+    AsJson,
+    ColumnFiles,
+    Compliance,
+    Cutoff,
+    Events,
+    Force,
+    KeepAll,
+    Lag,
+    Robot,
+    mappings,
+    output_file,
+)
 from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
-    ComplianceChoice,
     FrictionLaws,
     IntervalChoice,
     Method,
@@ -29,7 +40,7 @@ def register(app: typer.Typer) -> None:
 
 
 def identify(
-    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
+    robot: Robot,
     logs: Annotated[
         list[Path],
         typer.Argument(
@@ -55,9 +66,7 @@ def identify(
     prior_spread: Annotated[
         float, typer.Option(help="How far the prior may be off, as a share (one sigma).")
     ] = 0.5,
-    cutoff: Annotated[
-        float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
-    ] = None,
+    cutoff: Cutoff = None,
     report: Annotated[
         Path | None, output_file(help="HTML page with figures of all results, works offline.")
     ] = None,
@@ -65,36 +74,18 @@ def identify(
         FrictionLaws,
         typer.Option(help="choose: further terms where the data shows one; described: none."),
     ] = "choose",
-    lag: Annotated[
-        str,
-        typer.Option(
-            help="Lag of torques behind positions: estimate, none, or ms, for all drives (2) or "
-            "each (2,2,2,-1.5)."
-        ),
-    ] = "estimate",
-    compliance: Annotated[
-        ComplianceChoice,
-        typer.Option(
-            help="Gears that wind up: estimate where the description states no stiffness, or none."
-        ),
-    ] = "estimate",
+    lag: Lag = "estimate",
+    compliance: Compliance = "estimate",
     keep_all: KeepAll = False,
-    events: Annotated[
-        bool,
-        typer.Option(
-            help="Look for contacts, stops, spikes and play in gears, and leave them out."
-        ),
-    ] = True,
+    events: Events = True,
     intervals: Annotated[
         IntervalChoice,
         typer.Option(
             help="Of parameters: linear about the fit, or of models drawn from the posterior."
         ),
     ] = "linear",
-    force: Annotated[
-        bool, typer.Option("--force", help="Go on with what the checks call wrong.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
     with uncollected():

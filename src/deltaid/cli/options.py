@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.errors import DeltaidError
+from deltaid.model.options import ComplianceChoice
 
 if TYPE_CHECKING:
     from deltaid.recording.mapping import ColumnMapping
@@ -20,6 +21,29 @@ KeepAll = Annotated[
         "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
     ),
 ]
+
+# Of every command that fits recordings, or gathers them for a fit.
+Robot = Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")]
+Cutoff = Annotated[float | None, typer.Option(help="Low-pass cut-off in Hz. Default: by the data.")]
+Lag = Annotated[
+    str,
+    typer.Option(
+        help="Lag of torques behind positions: estimate, none, or ms, for all drives (2) or each "
+        "(2,2,2,-1.5)."
+    ),
+]
+Compliance = Annotated[
+    ComplianceChoice,
+    typer.Option(
+        help="Gears that wind up: estimate where the description states no stiffness, or none."
+    ),
+]
+Events = Annotated[
+    bool,
+    typer.Option(help="Look for contacts, stops, spikes and play in gears, and leave them out."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 # Of every command that takes several recordings.
 ColumnFiles = Annotated[

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import typer
 
-Kind = Literal["robot", "columns", "model", "sensors"]
+Kind = Literal["robot", "columns", "model", "sensors", "fleet"]
 
 
 def register(app: typer.Typer) -> None:
@@ -15,11 +15,14 @@ def register(app: typer.Typer) -> None:
 def schema(
     kind: Annotated[
         Kind,
-        typer.Argument(help="robot, columns (a log's mapping), model or sensors (what to buy)."),
+        typer.Argument(
+            help="robot, columns (a log's mapping), model, sensors (what to buy) or fleet."
+        ),
     ] = "robot",
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
     from deltaid.cli.output import print_json
+    from deltaid.fleet.manifest import Manifest
     from deltaid.model.record import IdentifiedModel
     from deltaid.planning.offers import Offers
     from deltaid.recording.mapping import ColumnMapping
@@ -30,5 +33,6 @@ def schema(
         "columns": ColumnMapping,
         "model": IdentifiedModel,
         "sensors": Offers,
+        "fleet": Manifest,
     }
     print_json(models[kind].model_json_schema())

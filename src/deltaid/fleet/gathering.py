@@ -3,26 +3,99 @@
 import hashlib
 import json
 import re
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.metadata import version
+from threading import Lock
+from typing import Any
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, RecordingError
 from deltaid.factors.alike import mechanism
-from deltaid.factors.file import ENDING, read_key, write
+from deltaid.factors.file import ENDING, FactorFile
 from deltaid.factors.folder import FIT_SETTINGS
 from deltaid.factors.gather import gathered
 from deltaid.factors.record import FORMAT
-from deltaid.fleet.manifest import Recorded
-from deltaid.fleet.store import Store
+from deltaid.fleet.fleet import Recorded
+from deltaid.fleet.place import Place
+from deltaid.fleet.store import StoreError
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.recording.carried import Load
-from deltaid.recording.mapping import ColumnMapping, load_mapping
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import described
 
 FACTORS = "factors"
-_UNSAFE = re.compile(r"[^\w.+-]+")
+UNSAFE = re.compile(r"[^\w.+-]+")
+# Of one process: what runs within a task shares its work among threads, or is not safe among them.
+ALONE = Lock()
+
+
+@dataclass(frozen=True)
+class How:
+    """What a recording is gathered with.
+
+    Attributes:
+        robot: whose it is.
+        mapping: of its columns.
+        settings: of filter, masks and corrections.
+        force: go on with what the checks call wrong.
+    """
+
+    robot: RobotDescription
+    mapping: ColumnMapping | None
+    settings: Settings
+    force: bool = False
+
+    @cached_property
+    def digest(self) -> str:
+        """A checksum of all this."""
+        decided = self.settings.model_dump(mode="json", exclude=FIT_SETTINGS)
+        mapping = self.mapping and self.mapping.model_dump(mode="json")
+        return digest([FORMAT, mechanism(self.robot), mapping, decided, self.force])
+
+    def holding(self, mass: float | None, where: str) -> "How":
+        """The same for a recording with a mass that was held all the time, 0 for none.
+
+        Raises:
+            RecordingError: its mapping says as well what is held.
+        """
+        if mass is None:
+            return self
+        if self.mapping is not None and self.mapping.load is not None:
+            raise RecordingError(
+                "its mapping and the manifest both say what it holds",
+                where=where,
+                cure="say it in one of them",
+            )
+        if not mass:
+            return self
+        # Loads of one name are the same thing, so those of another mass have another name.
+        load = Load(always=True, mass=mass, name=f"load-{round(1e6 * mass)}mg")
+        return replace(self, mapping=(self.mapping or ColumnMapping()).changed(load=load))
+
+
+@dataclass(frozen=True)
+class Job:
+    """A recording that is to be gathered, how, and the checksum of all that follows from."""
+
+    recorded: Recorded
+    how: How
+    key: str
+
+    @classmethod
+    def of(cls, recorded: Recorded, how: How) -> "Job":
+        """By the recording's stamp: nothing is read for it."""
+        known = [recorded.path, recorded.stamp, how.digest, version("deltaid")]
+        return cls(recorded, how, digest(known))
+
+    @property
+    def file(self) -> str:
+        """Name of the factor file, seen from the fleet's folder."""
+        name = self.recorded.path.rpartition("/")[2].rpartition(".")[0]
+        robot = UNSAFE.sub("-", self.recorded.robot)
+        return f"{FACTORS}/{robot}/{UNSAFE.sub('-', name)}-{self.key[:12]}{ENDING}"
 
 
 @dataclass(frozen=True)
@@ -31,66 +104,103 @@ class Outcome:
 
     Attributes:
         recorded: which.
+        key: checksum of what its factors follow from; empty where another call may end otherwise.
         file: its factor file, seen from the fleet's folder; empty if it was refused.
         reason: why it is in quarantine; empty if it is not.
-        is_new: whether it was gathered now.
+        is_new: whether it was looked at now.
+        size: of the factor file [bytes].
+        sha256: of the recording.
+        samples: of the recording.
+        verdicts: of its checks that are not good, by name.
     """
 
     recorded: Recorded
+    key: str
     file: str = ""
     reason: str = ""
-    is_new: bool = False
+    is_new: bool = True
+    size: int = 0
+    sha256: str = ""
+    samples: int = 0
+    verdicts: str = ""
 
 
-def gather_recorded(
-    one: Recorded, folder: Path, settings: Settings, store: Store, *, force: bool = False
-) -> Outcome:
+def gather_recorded(job: Job, place: Place) -> Outcome:
     """Gather a recording into a fleet's folder, unless it is there.
 
-    What is there is known by the recording's size and time of change, so nothing is read for it. A
-    recording that cannot be used is an outcome with its reason, and no error.
+    A recording that cannot be used is an outcome with its reason, and no error.
     """
-    try:
-        robot, mapping = described(one.type), _mapping(one)
-        key = _key(one, robot, mapping, settings, store)
-        name = _UNSAFE.sub("-", one.path.rpartition("/")[2].rpartition(".")[0])
-        own = f"{FACTORS}/{_UNSAFE.sub('-', one.robot)}/{name}-{key[:10]}{ENDING}"
-        if read_key(folder / own) == key:
-            return Outcome(one, own)
-        with store.local(one.path) as path, threads(1):
-            found = gathered(robot, path, columns=mapping, settings=settings, force=force)
-        write(found, folder / own, key)
-    except DeltaidError as error:
-        return Outcome(one, reason=str(error))
-    return Outcome(one, own, is_new=True)
+    with ALONE:
+        try:
+            there = _there(job, place)
+            found, size = there or _gathered(job, place)
+        except StoreError as error:
+            return Outcome(job.recorded, "", reason=str(error))
+        except DeltaidError as error:
+            return Outcome(job.recorded, job.key, reason=str(error))
+    record = found.record
+    return Outcome(
+        job.recorded,
+        job.key,
+        file=job.file,
+        is_new=there is None,
+        size=size,
+        sha256=record.sha256,
+        samples=record.model.sources[0].samples,
+        verdicts=poor([found]),
+    )
 
 
-def _mapping(one: Recorded) -> ColumnMapping | None:
-    """The recording's mapping, with the load that the manifest says it held."""
-    mapping = load_mapping(Path(one.columns)) if one.columns else None
-    if not one.load:
-        return mapping
-    if mapping is not None and mapping.load is not None:
-        raise DeltaidError(
-            "its mapping and the manifest both say what it holds",
-            where=one.path,
-            cure="say it in one of them",
-        )
-    return (mapping or ColumnMapping()).changed(load=Load(always=True, mass=one.load))
+def told_cutoff(job: Job, place: Place) -> float | None:
+    """The cut-off that a recording asks for [Hz], of two digits; None where it cannot be used."""
+    with ALONE, threads(1):
+        try:
+            with place.store.local(job.recorded.path) as path:
+                kinematics = Kinematics(job.how.robot)
+                log = open_log(
+                    path, kinematics, job.how.mapping, keep_all=job.how.settings.keep_all
+                )
+            told = log.suggested_cutoff
+        except (DeltaidError, FileNotFoundError):
+            return None
+    return None if told is None else float(f"{told:.2g}")
 
 
-def _key(
-    one: Recorded,
-    robot: RobotDescription,
-    mapping: ColumnMapping | None,
-    settings: Settings,
-    store: Store,
-) -> str:
-    """What a factor file follows from, as a checksum."""
-    decided = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
-    known = [
-        FORMAT, one.path, store.stamp(one.path), mechanism(robot),
-        mapping and mapping.model_dump(mode="json"), decided,
-    ]  # fmt: skip
+def poor(files: list[FactorFile]) -> str:
+    """Names of verdicts that are not good, joined."""
+    found = {one.key for file in files for one in file.record.verdicts if one.grade in _POOR}
+    return ", ".join(sorted(found))
+
+
+_POOR = ("wrong", "doubtful")
+
+
+def digest(known: Any) -> str:
+    """A checksum of what JSON can hold."""
     text = json.dumps(known, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _there(job: Job, place: Place) -> tuple[FactorFile, int] | None:
+    """The factor file of a call before, if it is whole."""
+    try:
+        found = place.factors(job.file, job.key)
+    except RecordingError:
+        return None
+    return found, place.size(job.file)
+
+
+def _gathered(job: Job, place: Place) -> tuple[FactorFile, int]:
+    one, how = job.recorded, job.how
+    try:
+        with place.store.local(one.path, one.stamp) as path, threads(1):
+            try:
+                found = gathered(
+                    how.robot, path, columns=how.mapping, settings=how.settings, force=how.force
+                )
+            except RecordingError as error:  # of a copy, which the user has not seen
+                where = error.where.replace(str(path), one.path)
+                raise RecordingError(error.what, where=where, cure=error.cure) from None
+    except FileNotFoundError:
+        raise StoreError("is no longer there", where=one.path, cure="check the manifest") from None
+    return found, place.save_factors(job.file, found, job.key)

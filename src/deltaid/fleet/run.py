@@ -1,24 +1,46 @@
 """A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
-from io import BytesIO
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from deltaid.files import write_bytes
-from deltaid.fleet.cluster import client, done
-from deltaid.fleet.gathering import Outcome, gather_recorded
-from deltaid.fleet.manifest import Fleet, Recorded
-from deltaid.fleet.periods import SCHEMA, Fitted, fit_period, periods_of
+from deltaid.drift.settings import DriftSettings
+from deltaid.fleet.call import Call, Say
+from deltaid.fleet.cluster import client, require_shared
+from deltaid.fleet.fits import JOURNAL, PARAMETERS, SCHEMA, Fitted
+from deltaid.fleet.fleet import Fleet
+from deltaid.fleet.gathering import Outcome
+from deltaid.fleet.known import (
+    QUARANTINE,
+    RECORDINGS,
+    Known,
+    Quarantined,
+    absent_line,
+    quarantine_csv,
+    recordings_table,
+)
+from deltaid.fleet.place import Place
+from deltaid.fleet.steps import fit_all, gather_again, gather_all, how_digest, study_all, type_all
 from deltaid.fleet.store import Store
+from deltaid.fleet.studies import MEMBERS, TABLES, Studied
+from deltaid.fleet.types import TABLES as TYPE_TABLES
+from deltaid.fleet.types import Typed
+from deltaid.fleet.ways import Ways, with_cutoffs
+from deltaid.fleet_site.site import SITE
+from deltaid.fleet_site.site import write as write_site
 from deltaid.model.record import Settings
 
-TABLE, RECORDINGS, QUARANTINE = "parameters.parquet", "recordings.parquet", "quarantine.csv"
+if TYPE_CHECKING:
+    from distributed import Client
 
-Say = Callable[[str], None]
+
+_TABLES = (PARAMETERS, *TABLES, *TYPE_TABLES)
 
 
 @dataclass(frozen=True)
@@ -28,93 +50,171 @@ class FleetRun:
     Attributes:
         outcomes: of all recordings, in the order of robots and time.
         fits: of all periods.
-        unmatched: patterns of the manifest that no file answers to.
+        studies: of all robots.
+        types: of all types.
+        quarantine: what could not be used, and why.
+        computed: how many recordings were looked at, fits made, and robots studied in this call.
     """
 
     outcomes: tuple[Outcome, ...]
     fits: tuple[Fitted, ...]
-    unmatched: tuple[str, ...]
+    studies: tuple[Studied, ...]
+    types: tuple[Typed, ...]
+    quarantine: tuple[Quarantined, ...]
+    computed: tuple[int, int, int]
 
     @property
-    def refused(self) -> tuple[Outcome, ...]:
-        """Recordings in quarantine."""
-        return tuple(one for one in self.outcomes if one.reason)
+    def site(self) -> str:
+        """The first of its pages, seen from the folder; empty where there is nothing to show."""
+        return f"{SITE}/index.html" if any(one.file for one in self.outcomes) else ""
 
 
 def run_fleet(
     fleet: Fleet,
-    folder: Path,
+    folder: str | Path,
     *,
     settings: Settings | None = None,
+    drift: DriftSettings | None = None,
     store: Store | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
+    force: bool = False,
+    retry: bool = False,
     progress: Say = lambda _: None,
+    dashboard: Say = lambda _: None,
 ) -> FleetRun:
-    """Gather all recordings of a fleet, and fit every robot in every period.
+    """Gather all recordings of a fleet, fit every robot in every period, and look for drift.
 
     It may be ended at any time: the next call does what is left. Results do not depend on the
-    number of workers nor on their order.
+    number of workers, on their order, nor on the number of calls.
 
     Args:
-        folder: of factors, fits and tables; made if there is none.
+        folder: of factors and tables, a path or an address; made if there is none.
+        drift: of what is said of drift.
         store: where recordings lie.
         scheduler: address of a Dask scheduler; processes of this machine where None.
         workers: how many of these; one a core where None.
+        force: go on with what the checks call wrong.
+        retry: try again what is in quarantine.
+        progress: told of every step, such as 'gathered 3 of 8 recordings'.
+        dashboard: told where Dask shows what it does.
 
     Raises:
-        DeltaidError: Dask is not installed, nobody answers, or the folder cannot be written to.
+        DeltaidError: Dask is not installed, nobody answers, workers do not see the folder, or it
+            cannot be written to.
     """
-    settings, store = settings or Settings(), store or Store()
-    folder = folder.resolve()
-    with client(scheduler, workers) as found:
-        progress(f"gathering {len(fleet.recordings)} recordings; {found.dashboard_link}")
-        gather = partial(gather_recorded, folder=folder, settings=settings, store=store)
-        outcomes = list[Outcome]()
-        for one in done(found, gather, fleet.recordings, _lost):
-            outcomes.append(one)
-            progress(f"gathered {len(outcomes)} of {len(fleet.recordings)} recordings")
-        outcomes.sort(key=lambda one: one.recorded)
-        wanted, fits = periods_of(outcomes, fleet.period), list[Fitted]()
-        fit = partial(fit_period, folder=folder, settings=settings)
-        for one in done(found, fit, wanted, lambda which, why: Fitted(which, reason=why)):
-            fits.append(one)
-            progress(f"fitted {len(fits)} of {len(wanted)} periods")
-    order = {which: k for k, which in enumerate(wanted)}
-    fits.sort(key=lambda one: order[one.fit])
-    _write(folder, outcomes, fits)
-    return FleetRun(tuple(outcomes), tuple(fits), fleet.unmatched)
+    settings, place = settings or Settings(), Place.of(folder, store or Store())
+    place.require()
+    ways = Ways.of(fleet, place, settings, force=force)
+    known = Known.of(place, retry=retry)
+    with ExitStack() as stack:
+
+        @cache
+        def started() -> "Client":
+            """Workers, which are not started for a call that has nothing to do."""
+            progress("starting workers")
+            found = stack.enter_context(client(scheduler, workers))
+            dashboard(str(found.dashboard_link))
+            if place.is_local:
+                require_shared(found, Path(place.root))
+            return found
+
+        call = Call(
+            fleet, place, with_cutoffs(ways, fleet, place, started), known, started, progress
+        )
+        outcomes, gathered = gather_all(call)
+        fits, fitted = fit_all(call, outcomes)
+        damaged = {name for one in fits for name in one.damaged}
+        if damaged:
+            outcomes, more = gather_again(call, outcomes, damaged)
+            fits, again = fit_all(call, outcomes)
+            gathered, fitted = gathered + more, fitted + again
+        studies, studied = study_all(call, fits, outcomes, drift or DriftSettings())
+        types, _ = type_all(call, studies)
+    finished = FleetRun(
+        tuple(outcomes),
+        tuple(fits),
+        tuple(studies),
+        tuple(types),
+        tuple(_quarantine(fleet, outcomes, fits, studies, types)),
+        (gathered, fitted, studied),
+    )
+    progress("writing tables")
+    _write(call, finished)
+    if finished.site:
+        progress("writing the site")
+        _write_site(place)
+    return finished
 
 
-def _lost(one: Recorded, why: str) -> Outcome:
-    return Outcome(one, reason=f"its worker did not come to an end: {why}")
+def _quarantine(
+    fleet: Fleet,
+    outcomes: Sequence[Outcome],
+    fits: Sequence[Fitted],
+    studies: Sequence[Studied],
+    types: Sequence[Typed],
+) -> Iterable[Quarantined]:
+    there = {(one.recorded.robot, one.recorded.path) for one in outcomes if one.file}
+    yield from (absent_line(one) for one in fleet.absent if (one.robot, one.path) not in there)
+    for one in outcomes:
+        if one.reason:
+            who = one.recorded
+            yield Quarantined("recording", who.robot, who.path, one.reason, one.key)
+    for one in fits:
+        if one.reason:
+            key = one.job.key * one.lasting
+            for period in one.job.periods:
+                yield Quarantined("fit", one.job.robot, period, one.reason, key)
+    for one in studies:
+        for what, reason in one.reasons.items():
+            yield Quarantined(what, one.job.robot, one.job.type, reason, one.job.key * one.lasting)
+    for one in types:
+        if one.reason:
+            yield Quarantined("type", "", one.job.type, one.reason, one.job.key * one.lasting)
 
 
-def _write(folder: Path, outcomes: list[Outcome], fits: list[Fitted]) -> None:
-    """The tables."""
-    tables = [pl.read_parquet(folder / one.table) for one in fits if one.table]
-    _save(pl.concat(tables) if tables else pl.DataFrame(schema=SCHEMA), folder / TABLE)
-    rows = [
-        (one.recorded.robot, one.recorded.time, one.recorded.path, one.recorded.load,
-         one.recorded.temperature, one.file, one.reason)
-        for one in outcomes
-    ]  # fmt: skip
-    names = ("robot", "time", "path", "load", "temperature", "file", "reason")
-    kinds = (pl.String, pl.Datetime, pl.String, pl.Float64, pl.Float64, pl.String, pl.String)
-    recordings = pl.DataFrame(rows, schema=dict(zip(names, kinds, strict=True)), orient="row")
-    _save(recordings, folder / RECORDINGS)
-    bad = [
-        ("recording", one.recorded.robot, one.recorded.path, one.reason)
-        for one in outcomes
-        if one.reason
-    ]
-    bad += [("fit", one.fit.robot, one.fit.period, one.reason) for one in fits if one.reason]
-    columns = ("what", "robot", "which", "reason")
-    frame = pl.DataFrame(bad, schema=dict.fromkeys(columns, pl.String), orient="row")
-    write_bytes(folder / QUARANTINE, frame.write_csv().encode())
+def _write(call: Call, run: FleetRun) -> None:
+    """The tables; what tasks have left behind is then no longer needed."""
+    place = call.place
+    how = {one.recorded: how_digest(call, one.recorded) for one in run.outcomes}
+    place.save(
+        f"{PARAMETERS}.parquet", _together((one.tables for one in run.fits), PARAMETERS, SCHEMA)
+    )
+    for name, schema in TABLES.items():
+        place.save(f"{name}.parquet", _together((one.tables for one in run.studies), name, schema))
+    for name, schema in TYPE_TABLES.items():
+        place.save(f"{name}.parquet", _together((one.tables for one in run.types), name, schema))
+    place.save(RECORDINGS, recordings_table(run.outcomes, how))
+    place.store.write(place.at(QUARANTINE), quarantine_csv(run.quarantine))
+    for name in place.store.listing(place.at(JOURNAL)):
+        place.store.remove(place.at(f"{JOURNAL}/{name}"))
+    used = {one.job.member_file for one in run.studies}
+    for name in place.store.listing(place.at(MEMBERS)):
+        if f"{MEMBERS}/{name}" not in used:
+            place.store.remove(place.at(f"{MEMBERS}/{name}"))
 
 
-def _save(frame: pl.DataFrame, path: Path) -> None:
-    buffer = BytesIO()
-    frame.write_parquet(buffer, compression="zstd")
-    write_bytes(path, buffer.getvalue())
+def _write_site(place: Place) -> None:
+    """The pages; of a fleet in a store they are made here and copied there."""
+    if place.is_local:
+        write_site(Path(place.root))
+        return
+    with TemporaryDirectory(prefix="deltaid-") as name:
+        folder = Path(name)
+        for table in (*(f"{one}.parquet" for one in _TABLES), RECORDINGS, QUARANTINE):
+            data = place.store.read(place.at(table))
+            if data is not None:
+                (folder / table).write_bytes(data)
+        write_site(folder, place.root.rstrip("/").rpartition("/")[2])
+        for page in sorted((folder / SITE).rglob("*")):
+            if page.is_file():
+                at = page.relative_to(folder).as_posix()
+                place.store.write(place.at(at), page.read_bytes())
+
+
+def _together(
+    parts: Iterable[dict[str, pl.DataFrame]], name: str, schema: dict[str, Any]
+) -> pl.DataFrame:
+    """One table of all parts, in their order."""
+    tables = [one[name] for one in parts if name in one]
+    return pl.concat(tables) if tables else pl.DataFrame(schema=schema)

@@ -2,17 +2,35 @@
 
 import glob
 import os
-from collections.abc import Generator, Mapping
+import re
+import sys
+import time
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from stat import S_ISREG
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
-from deltaid.errors import DeltaidError, RecordingError
-from deltaid.robot.load import catalogue
+from deltaid.errors import DeltaidError
+from deltaid.files import write_bytes
 
 _MAGIC = "*?["
+# So many files of one folder are listed at once and not asked for one by one.
+_MANY = 8
+# How often what a store refuses is asked for, and the wait before the second time [s].
+_TRIES, _WAIT = 4, 0.3
+
+_Result = TypeVar("_Result")
+
+
+class StoreError(DeltaidError):
+    """A store cannot be reached, or has changed meanwhile: another call may find it well."""
+
+
+class _IncompleteError(OSError):
+    """A file is not what was listed; a moment later it may be."""
 
 
 def is_address(path: str) -> bool:
@@ -20,9 +38,14 @@ def is_address(path: str) -> bool:
     return "://" in path
 
 
+def has_pattern(path: str) -> bool:
+    """Whether a name stands for several files."""
+    return any(sign in path for sign in _MAGIC)
+
+
 @dataclass(frozen=True)
 class Store:
-    """Where recordings lie.
+    """Where files lie.
 
     Attributes:
         options: of fsspec, by protocol, such as {"s3": {"endpoint_url": …}}; secrets come from the
@@ -31,92 +54,227 @@ class Store:
 
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def matching(self, pattern: str, folder: Path) -> list[str]:
-        """Files that a path, an address or a pattern stands for, sorted; none if there are none.
+    def matching(self, pattern: str) -> dict[str, str]:
+        """Files that a pattern stands for, each with its stamp.
+
+        A stamp changes when a file does, and is known without reading it: size and time of change,
+        or entity tag.
 
         Raises:
             DeltaidError: the store cannot be reached.
         """
         if not is_address(pattern):
-            path = self._local(pattern, folder)
-            if not any(sign in pattern for sign in _MAGIC):
-                return [path] if os.path.isfile(path) else []
-            return sorted(one for one in glob.glob(path, recursive=True) if os.path.isfile(one))
-        protocol = pattern.partition("://")[0]
-        system = self._system(protocol)
-        with self._told(pattern):
-            if any(sign in pattern for sign in _MAGIC):
-                return sorted(f"{protocol}://{one}" for one in system.glob(pattern))
-            return [pattern] if system.isfile(pattern) else []
+            names = sorted(glob.glob(pattern, recursive=True))
+            return {name: self.stamp(name) for name in names if os.path.isfile(name)}
+        system = self.system(pattern)
+        return _stamps(_asked(lambda: system.glob(pattern, detail=True), pattern), pattern)
 
-    def beside(self, name: str, folder: Path) -> str:
-        """A description or mapping: a catalogue's name, an address, or a path from a folder."""
-        if name in catalogue() or is_address(name):
-            return name
-        return self._local(name, folder)
-
-    @contextmanager
-    def local(self, path: str) -> Generator[Path]:
-        """A file on this machine with the contents of a path or address, for as long as needed.
+    def stamps(self, paths: Iterable[str]) -> dict[str, str]:
+        """Stamps of those of these files that are there; many of one folder are asked for at once.
 
         Raises:
-            DeltaidError: the store cannot be reached, or has no such file.
+            DeltaidError: the store cannot be reached.
         """
-        if not is_address(path):
-            yield Path(path)
-            return
-        system = self._system(path.partition("://")[0])
-        with TemporaryDirectory(prefix="deltaid-") as folder:
-            copy = Path(folder) / path.rpartition("/")[2]
-            with self._told(path):
-                system.get_file(path, str(copy))
-                size = system.size(path)
-            if size is not None and copy.stat().st_size != size:
-                raise RecordingError(
-                    f"came incomplete: {copy.stat().st_size} of {size} bytes",
-                    where=path,
-                    cure="call the command again",
-                )
-            yield copy
+        folders, found = dict[str, list[str]](), dict[str, str]()
+        for path in dict.fromkeys(paths):
+            folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
+        for folder, own in folders.items():
+            if folder and len(own) >= _MANY:
+                there = self._listed(folder)
+                found |= {path: there[path] for path in own if path in there}
+            else:
+                found |= {path: stamp for path in own if (stamp := self.stamp(path))}
+        return found
+
+    def _listed(self, folder: str) -> dict[str, str]:
+        system = self.system(folder)
+        try:
+            listed = _asked(lambda: system.ls(folder, detail=True), folder)
+        except FileNotFoundError:
+            return {}
+        return _stamps({one["name"]: one for one in listed}, folder)
 
     def stamp(self, path: str) -> str:
-        """What changes when a file does, without reading it: its size and time or entity tag.
+        """A file's stamp; empty if there is no such file.
 
         Raises:
-            RecordingError: there is no such file, or the store cannot be reached.
+            StoreError: the store cannot be reached.
         """
-        with self._told(path):
+        try:
             if not is_address(path):
                 found = os.stat(path)
-                return f"{found.st_size} {found.st_mtime_ns}"
-            info = self._system(path.partition("://")[0]).info(path)
-        tag = info.get("ETag") or info.get("etag") or info.get("LastModified") or info.get("mtime")
-        return f"{info.get('size')} {tag}"
+                return f"{found.st_size} {found.st_mtime_ns}" if S_ISREG(found.st_mode) else ""
+            info = _asked(lambda: self.system(path).info(path), path)
+            return _stamp(info) if info.get("type") == "file" else ""
+        except (FileNotFoundError, NotADirectoryError):
+            return ""
 
-    def _local(self, name: str, folder: Path) -> str:
-        path = Path(name).expanduser()
-        return str(path if path.is_absolute() else folder / path)
+    @contextmanager
+    def local(self, path: str, stamp: str = "") -> Generator[Path]:
+        """A file on this machine with the contents of a path or address, for as long as needed.
 
-    def _system(self, protocol: str) -> Any:
-        import fsspec
+        Args:
+            stamp: that it has to have, if one is given.
 
+        Raises:
+            StoreError: the store cannot be reached, has no such file, or the file changes.
+        """
+        if not is_address(path):
+            self._require(path, stamp)
+            yield Path(path)
+            self._require(path, stamp)
+            return
+        with TemporaryDirectory(prefix="deltaid-") as folder:
+            copy = Path(folder) / path.rpartition("/")[2]
+            _asked(lambda: self._fetch(path, copy, stamp), path)
+            yield copy
+
+    def read(self, path: str) -> bytes | None:
+        """The bytes of a file; None if there is none.
+
+        Raises:
+            StoreError: the store cannot be reached.
+        """
         try:
-            return fsspec.filesystem(protocol, **self.options.get(protocol, {}))
+            if not is_address(path):
+                return Path(path).read_bytes()
+            return _asked(lambda: self.system(path).cat_file(path), path)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise StoreError(
+                f"cannot be read: {error.strerror or error}",
+                where=path,
+                cure="check its name and permissions",
+            ) from None
+
+    def write(self, path: str, data: bytes) -> None:
+        """A file of these bytes, whole or not at all.
+
+        Raises:
+            DeltaidError: it cannot be written.
+        """
+        if not is_address(path):
+            write_bytes(Path(path), data)
+        else:
+            _asked(lambda: self.system(path).pipe_file(path, data), path)
+
+    def listing(self, folder: str) -> dict[str, int]:
+        """Sizes of all files in a folder and those in it, by their names seen from there.
+
+        Raises:
+            StoreError: the store cannot be reached.
+        """
+        if not is_address(folder):
+            return {
+                path.relative_to(folder).as_posix(): path.stat().st_size
+                for path in Path(folder).rglob("*")
+                if path.is_file()
+            }
+        system = self.system(folder)
+        base = system._strip_protocol(folder).rstrip("/") + "/"
+        found = _asked(lambda: system.find(folder, detail=True), folder)
+        return {name.removeprefix(base): int(info["size"] or 0) for name, info in found.items()}
+
+    def remove(self, path: str) -> None:
+        """Remove a file, if it is there.
+
+        Raises:
+            StoreError: the store cannot be reached.
+        """
+        try:
+            if is_address(path):
+                _asked(lambda: self.system(path).rm_file(path), path)
+            else:
+                os.unlink(path)
+        except FileNotFoundError:
+            return
+
+    def system(self, path: str) -> Any:
+        """The file system of an address.
+
+        Raises:
+            DeltaidError: no library for it is installed.
+        """
+        protocol = path.partition("://")[0]
+        try:
+            import fsspec
+
+            return fsspec.filesystem(
+                protocol, use_listings_cache=False, **self.options.get(protocol, {})
+            )
         except (ImportError, ValueError) as error:
             raise DeltaidError(
                 f"no library for {protocol}:// is installed: {error}",
-                where=f"{protocol}://",
+                where=path,
                 cure="install what fsspec asks for, such as s3fs for s3://",
             ) from None
 
-    @contextmanager
-    def _told(self, path: str) -> Generator[None]:
-        """What a store says when it cannot, in words."""
+    def _fetch(self, path: str, copy: Path, stamp: str) -> None:
+        """Copy a file here, whole and as it was listed."""
+        system = self.system(path)
+        system.get_file(path, str(copy))
+        after = system.info(path)
+        if stamp and _stamp(after) != stamp:
+            raise StoreError(*_CHANGED, where=path, cure="call again when nobody writes to it")
+        if after.get("size") is not None and copy.stat().st_size != after["size"]:
+            raise _IncompleteError(
+                f"came incomplete: {copy.stat().st_size} of {after['size']} bytes"
+            )
+
+    def _require(self, path: str, stamp: str) -> None:
+        if stamp and self.stamp(path) != stamp:
+            raise StoreError(*_CHANGED, where=path, cure="call again when nobody writes to it")
+
+
+_CHANGED = ("has changed since it was listed",)
+
+
+def _stamps(found: Mapping[str, Mapping[str, Any]], address: str) -> dict[str, str]:
+    """Stamps of the files of a listing, by their addresses."""
+    protocol = f"{address.partition('://')[0]}://"
+    return {
+        f"{protocol}{name.removeprefix(protocol)}": _stamp(found[name])
+        for name in sorted(found)
+        if found[name].get("type") == "file"
+    }
+
+
+def _stamp(info: Mapping[str, Any]) -> str:
+    tag = next(
+        (info[key] for key in ("ETag", "etag", "md5", "LastModified", "mtime") if info.get(key)), ""
+    )
+    return f"{info.get('size')} {tag}".strip()
+
+
+def _failures() -> tuple[type[BaseException], ...]:
+    """What libraries of stores raise when they cannot get through; most of it is an OSError."""
+    found: list[type[BaseException]] = [OSError]
+    for module, name in (("aiohttp", "ClientError"), ("botocore.exceptions", "BotoCoreError"),
+                         ("botocore.exceptions", "ClientError")):  # fmt: skip
+        if module in sys.modules:
+            found.append(getattr(sys.modules[module], name))
+    return tuple(found)
+
+
+def _asked(ask: Callable[[], _Result], path: str) -> _Result:
+    """What a store answers, asked again where it fails.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        StoreError: it fails each time, with its own words.
+    """
+    for k in range(_TRIES):
         try:
-            yield
+            return ask()
         except FileNotFoundError:
-            raise RecordingError("no such file", where=path, cure="check the manifest") from None
-        except OSError as error:
-            raise RecordingError(
-                f"cannot be read: {error}", where=path, cure="check the address, rights and network"
-            ) from None
+            raise
+        except _failures() as error:
+            said = re.sub(r"\s+", " ", str(error))[:300] or type(error).__name__
+            refused = isinstance(error, PermissionError)
+            if k == _TRIES - 1 or refused:
+                raise StoreError(
+                    f"the store fails: {said}", where=path, cure="check address, rights and network"
+                ) from None
+            time.sleep(_WAIT * 2**k)
+    raise AssertionError

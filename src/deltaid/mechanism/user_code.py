@@ -61,6 +61,11 @@ def use_mechanism(path: str | Path) -> str:
     return digest
 
 
+def named_path() -> Path | None:
+    """The Python file that the user has named, if there is one."""
+    return next((Path(one.path) for one in _files.values()), None)
+
+
 def named_file(own: OwnMechanism) -> NamedFile:
     """The file of a mechanism, with its function.
 

@@ -8,6 +8,7 @@ FrictionLaws = Literal["described", "choose"]
 LagChoice = Literal["estimate", "none"]
 ComplianceChoice = Literal["estimate", "none"]
 IntervalChoice = Literal["linear", "posterior"]
+Period = Literal["day", "week", "month", "all"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
 # Beyond these the fit only sees the data's rounding, or only the prior.

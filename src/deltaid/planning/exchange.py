@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.planning.joints import Instance, Shared, move_alike, shared, turn_alike
+from deltaid.robot.body_words import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
@@ -23,21 +24,6 @@ from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 Partner = Callable[[Instance, Instance], Shared | None]
 Ten = Float[np.ndarray, " 10"]
 
-# Kinds of bodies by the letters of their names, in words.
-_BODIES = {
-    "U": "upper arm",
-    "C": "carriage",
-    "S": "strut",
-    "P": "platform",
-    "SB": "side bar",
-    "MB": "middle bar",
-    "MP": "main part of the platform",
-    "R": "rod",
-    "HP": "half platform",
-    "TU": "upper part of the bar",
-    "TL": "lower part of the bar",
-    "EE": "tool",
-}
 _PLATFORM = ("P", "SB", "MP", "HP")
 
 
@@ -71,7 +57,7 @@ def exchanges(
     for a, b in combinations([name for name, one in resting.items() if one], 2):
         proposed += _both_resting(resting[a], resting[b], a, b)
     for name, some in resting.items():
-        what = f"{_words(name)}'s" if some else ""
+        what = f"{body_in_words(name)}'s" if some else ""
         for kind, direction in some:
             proposed.append(Exchange(f"the {what} {kind} at rest in the base", direction))
     for a, b in combinations(robot.body_names, 2):
@@ -122,7 +108,8 @@ def _between(
         direction[layout.body(a)] += gives[0]
         direction[layout.body(b)] -= counts @ takes / all_b
         yield Exchange(
-            f"{what} {place} may pass between {_words(first)} and {_words(second)}", direction
+            f"{what} {place} {_passes(first, second)}",
+            direction,
         )
 
 
@@ -160,7 +147,7 @@ def _alike(
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(a.name)] += inertia_parameters(S)
         direction[layout.body(b.name)] -= inertia_parameters(T) * a.count / b.count
-        words = f"the second moment {name} may pass between {_words(a.name)} and {_words(b.name)}"
+        words = f"the second moment {name} {_passes(a.name, b.name)}"
         yield Exchange(words, direction)
 
 
@@ -185,7 +172,7 @@ def _both_resting(
     one: list[tuple[str, np.ndarray]], other: list[tuple[str, np.ndarray]], a: str, b: str
 ) -> Iterator[Exchange]:
     """Mass at rest may pass from one body to another wherever the base carries both."""
-    words = f"mass at rest in the base may pass between {_words(a)} and {_words(b)}"
+    words = f"mass at rest in the base {_passes(a, b)}"
     yield Exchange(words, one[0][1] - other[0][1])
 
 
@@ -224,7 +211,7 @@ def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
         direction = np.zeros(len(layout.parameters))
         for name, value in entries.items():
             direction[layout.names.index(name)] = value
-        return Exchange(f"{what} may pass between {_words(body)} and tool", direction)
+        return Exchange(f"{what} {_passes(body, 'EE')}", direction)
 
     if isinstance(platform, I4Platform):
         k, angle = platform.ratio, np.deg2rad(platform.direction_deg)
@@ -239,12 +226,8 @@ def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
     yield changing(turning, "inertia", name)
 
 
-def _words(body: str) -> str:
-    """A body in words; of limbs with bodies of their own with the limb's number."""
-    letters = body.rstrip("0123456789")
-    number = body.removeprefix(letters)
-    known = _BODIES.get(letters)
-    return body if known is None else f"{known}{f' {number}' if number else ''}"
+def _passes(a: str, b: str) -> str:
+    return f"may pass between {body_in_words(a)} and {body_in_words(b)}"
 
 
 def _place(a: str, b: str) -> str:

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from deltaid.errors import visible
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
-from deltaid.report.glossary import body_in_words
 from deltaid.report.members import members
+from deltaid.robot.body_words import body_in_words
 from deltaid.robot.description import RobotDescription
 
 # The robot's largest width and height, the room for names at either side, their least distance,

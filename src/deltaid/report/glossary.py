@@ -3,21 +3,8 @@
 import re
 from collections.abc import Iterable
 
-# Of bodies that several limbs have, each one.
-_BODIES = {
-    "U": "upper arm",
-    "C": "carriage",
-    "S": "strut",
-    "P": "platform",
-    "SB": "side bar",
-    "MB": "middle bar",
-    "MP": "main part",
-    "R": "rod",
-    "HP": "half platform",
-    "TU": "upper telescope bar",
-    "TL": "lower telescope bar",
-    "EE": "end effector",
-}
+from deltaid.robot.body_words import body_in_words
+
 _ENTRIES = {"m": "mass"}
 _ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"}
 _ENTRIES |= {f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"}
@@ -26,20 +13,12 @@ _ENTRIES |= {f"I{pair}": f"product of inertia of {pair[0]} and {pair[1]}"
 _ENTRIES |= {f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"}
 _ENTRIES |= {f"S{pair}": f"second moment of mass along {pair[0]} and {pair[1]}"
              for pair in ("xy", "xz", "yz")}  # fmt: skip
-_NUMBERED = re.compile(r"([USC])(\d+)")
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
 # 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of what a body is put on 'scale:U'.
 NAME = re.compile(
     rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
     r"|bodies\.(?P<key>\w+)|(?P<tool>[a-z][a-z-]*):(?P<on>[A-Z]+\d*))(?!\w)"
 )
-
-
-def body_in_words(name: str) -> str:
-    """'upper arm' of U, 'upper arm 2' of U2; the name itself of a body of an own mechanism."""
-    if numbered := _NUMBERED.fullmatch(name):
-        return f"{_BODIES[numbered[1]]} {numbered[2]}"
-    return _BODIES.get(name, name)
 
 
 def in_words(name: "re.Match[str]") -> str:

@@ -13,10 +13,10 @@
   const current = () => templates[scheme.matches ? "dark" : "light"];
   const config = { responsive: true, displaylogo: false };
 
-  // Plotly's script is packed into the page; nothing is loaded.
+  // Plotly's script is packed into the page, or lies beside the pages of a site.
   const unpacked = (async () => {
     const packed = document.getElementById("plotly");
-    if (!packed.textContent) return;
+    if (!packed || !packed.textContent) return;
     const bytes = Uint8Array.from(atob(packed.textContent), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");

@@ -5,11 +5,12 @@ import re
 from markupsafe import Markup, escape
 
 from deltaid.errors import visible
-from deltaid.report.glossary import NAME, bodies_in, body_in_words, in_words, is_short
+from deltaid.report.glossary import NAME, bodies_in, in_words, is_short
 from deltaid.report.table import Table
+from deltaid.robot.body_words import body_in_words
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
-_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d")
+_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
 # Those of a sentence that need setting; names of files and options hold none.
 _IN_PROSE = re.compile(
@@ -75,8 +76,9 @@ def explained(text: str) -> Markup:
 
 
 def legend(table: Table) -> tuple[tuple[str, str], ...]:
-    """Short names of bodies in a table, and what they stand for."""
-    cells = [*table.columns, *(cell for row in table.rows for cell in row)]
+    """Short names of bodies in a table, and what they stand for; links have names of their own."""
+    first = 1 if table.links else 0
+    cells = [*table.columns, *(cell for row in table.rows for cell in row[first:])]
     return tuple((name, body_in_words(name)) for name in bodies_in(cells))
 
 

@@ -25,7 +25,12 @@ _Model = TypeVar("_Model", bound=BaseModel)
 _LARGEST = 1 << 20
 # A key that every model file has at its left edge, and no robot file.
 _OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
-_KINDS = {"ColumnMapping": "columns", "IdentifiedModel": "model", "Offers": "sensors"}
+_KINDS = {
+    "ColumnMapping": "columns",
+    "IdentifiedModel": "model",
+    "Offers": "sensors",
+    "Manifest": "fleet",
+}
 
 
 def catalogue() -> tuple[str, ...]:

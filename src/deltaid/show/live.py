@@ -5,6 +5,7 @@ import io
 import socket
 import threading
 from functools import cached_property
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.errors import DeltaidError
+from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.report import style
 from deltaid.report.members import Member, members
@@ -38,15 +40,8 @@ def require_viser() -> ModuleType:
     Raises:
         DeltaidError: it is not installed.
     """
-    try:
-        import viser
-    except ImportError:
-        raise DeltaidError(
-            "the live view needs viser, which is not installed",
-            where="--live",
-            cure="pip install viser; --report needs nothing more",
-        ) from None
-    return viser
+    require("viser", by="--live", name="viser", install="pip install viser; --report needs nothing")
+    return import_module("viser")
 
 
 def require_port(port: int) -> None:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
+from deltaid.libraries import require
 from deltaid.studio.folder import Folder
 from deltaid.studio.guard import HOST, Guard
 from deltaid.studio.session import Session
@@ -26,14 +27,12 @@ def require_nicegui() -> None:
     Raises:
         DeltaidError: it is not installed.
     """
-    try:
-        import nicegui  # noqa: F401  # pyright: ignore[reportUnusedImport]
-    except ImportError:
-        raise DeltaidError(
-            "needs NiceGUI, which is not installed",
-            where="deltaid studio",
-            cure="pip install '.[studio]' in a clone of deltaid, or pip install 'nicegui>=3'",
-        ) from None
+    require(
+        "nicegui",
+        by="deltaid studio",
+        name="NiceGUI",
+        install="pip install '.[studio]' in a clone of deltaid, or pip install 'nicegui>=3'",
+    )
 
 
 def port_for(wanted: int | None) -> int:

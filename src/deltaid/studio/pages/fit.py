@@ -120,11 +120,11 @@ def _settings(session: Session) -> None:
                 value = getattr(settings, key)
                 field = ui.input(label, value="" if value is None else f"{value:.10g}")
                 field.props("outlined dense")
-                _on_leaving(field, _number_setter(session, key))
+                parts.on_leaving(field, _number_setter(session, key))
             lag = ui.input(
                 "Lag of torques: estimate, none, or ms", value=_lag_text(settings.lag)
             ).props("outlined dense")
-            _on_leaving(lag, lambda text: _set(session, "lag", _lag(text)))
+            parts.on_leaving(lag, lambda text: _set(session, "lag", _lag(text)))
             for key, label in _SWITCHES.items():
                 switch = ui.switch(label, value=getattr(settings, key))
                 switch.on_value_change(_setter(session, key))
@@ -132,20 +132,6 @@ def _settings(session: Session) -> None:
             ui.button("Back to the defaults", on_click=lambda: _reset(session)).props(
                 "flat no-caps"
             )
-
-
-def _on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
-    """Take what is written when the field is left, or at Enter."""
-    before = field.value
-
-    def do() -> None:
-        nonlocal before
-        if field.value != before:
-            before = field.value
-            parts.attempt(lambda: take(str(field.value)))
-
-    field.on("blur", do)
-    field.on("keydown.enter", do)
 
 
 def _setter(session: Session, key: str) -> Callable[[Any], None]:

@@ -118,7 +118,7 @@ def _time(state: _Form, columns: list[str]) -> None:
 
     column.on_value_change(take)
     unit.on_value_change(take)
-    _left(rate, lambda _: take())
+    parts.on_leaving(rate, lambda _: take())
 
 
 def _quantity(
@@ -161,21 +161,7 @@ def _row(
             continue
         field = ui.input(value=_text(entry.get(key, DEFAULTS[key])))
         field.props(label(shown))
-        _left(field, numbers(key))
-
-
-def _left(field: ui.input, take: Callable[[str], None]) -> None:
-    """Take what is written when the field is left, or at Enter."""
-    before = field.value
-
-    def do() -> None:
-        nonlocal before
-        if field.value != before:
-            before = field.value
-            parts.attempt(lambda: take(str(field.value)))
-
-    field.on("blur", do)
-    field.on("keydown.enter", do)
+        parts.on_leaving(field, numbers(key))
 
 
 def _number(text: object, key: str, default: float | None = None) -> float | None:

@@ -52,6 +52,20 @@ def warn(error: Problem | DeltaidError) -> None:
               timeout=20_000, close_button="Close")  # fmt: skip
 
 
+def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
+    """Take what is written when the field is left, or at Enter."""
+    before = field.value
+
+    def do() -> None:
+        nonlocal before
+        if field.value != before:
+            before = field.value
+            attempt(lambda: take(str(field.value)))
+
+    field.on("blur", do)
+    field.on("keydown.enter", do)
+
+
 @contextmanager
 def waiting() -> Generator[None, None, None]:
     """A sign that something is on its way."""

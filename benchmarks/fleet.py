@@ -1,0 +1,209 @@
+"""What a fleet costs: time and memory of gathering and fitting: python benchmarks/fleet.py.
+
+Recordings are periods of one random motion one after the other, each with noise of its own, written
+as Parquet. Time is that of processors, of all threads, so that it does not depend on what else a
+machine is doing; wall time is used only for what one and two processes do. Memory is the largest
+that a worker has had.
+"""
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from _table import leave
+
+ROBOT = "irb360-6-1600"
+RATE, CUTOFF = 1000.0, 15.0
+# Samples of one recording, and recordings so short that they cost little but their overhead.
+LONG, SHORT, SHORTS = 10_000_000, 4_000, 12
+# The fleet on paper.
+ROBOTS, DAYS, HOUR = 10_000, 365, 3_600_000
+
+
+def write_recordings(folder: Path, lengths: Sequence[int]) -> list[Path]:
+    """Recordings of so many samples."""
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.motion.random_motion import random_motion
+    from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+    from deltaid.robot.load import load_robot
+
+    rng, robot = np.random.default_rng(1), load_robot(ROBOT)
+    dynamics = compiled(robot)
+    motion, p = random_motion(dynamics.kinematics, rng), surrogate_parameters(robot, rng)
+    one = simulate_recording(
+        dynamics, p, motion, rng, duration=motion.period, rate=RATE, noise=SensorNoise(torque=0.0)
+    )
+    names = [name for name in one.columns if name.startswith("tau")]
+    largest = {name: float(np.abs(one[name].to_numpy()).max()) for name in names}
+    paths = list[Path]()
+    for k, count in enumerate(lengths):
+        at = np.arange(count) % len(one)
+        columns = {"t": np.arange(count) / RATE}
+        for name in one.columns[1:]:
+            values = one[name].to_numpy()[at]
+            if name in largest:
+                values += 0.02 * largest[name] * rng.standard_normal(count)
+            columns[name] = values
+        paths.append(folder / f"{count}-{k:03d}.parquet")
+        pl.DataFrame(columns).write_parquet(paths[-1])
+    return paths
+
+
+def used() -> tuple[float, float]:
+    """Time of processors [s] and largest memory [MB] of this process so far."""
+    own, status = resource.getrusage(resource.RUSAGE_SELF), Path("/proc/self/status")
+    peak = int(status.read_text().partition("VmHWM:")[2].split()[0]) / 1024
+    return own.ru_utime + own.ru_stime, peak
+
+
+def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float]:
+    """Recordings gathered by so many processes."""
+    from datetime import datetime
+
+    from deltaid.fleet.cluster import client, done
+    from deltaid.fleet.fleet import Recorded
+    from deltaid.fleet.gathering import How, Job, gather_recorded
+    from deltaid.fleet.place import Place
+    from deltaid.fleet.store import Store
+    from deltaid.model.record import Settings
+    from deltaid.robot.load import load_robot
+
+    place, how = Place.of(folder, Store()), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
+    jobs = [
+        Job.of(
+            Recorded("r", datetime(2026, 1, 1), str(one), ROBOT, stamp=place.store.stamp(str(one))),
+            how,
+        )
+        for one in paths
+    ]
+    with client(workers=workers) as found:
+        before, start = found.run(used), time.perf_counter()
+        results = list(done(found, partial(gather_recorded, place=place), jobs, _fail))
+        wall, after = time.perf_counter() - start, found.run(used)
+    if bad := [one.reason for one in results if one.reason]:
+        raise RuntimeError(bad[0])
+    return {
+        "wall": wall,
+        "cpu": sum(after[one][0] - before[one][0] for one in before),
+        "peak": max(peak for _, peak in after.values()),
+        "bytes": float(np.mean([one.size for one in results])),
+    }
+
+
+def identify(path: Path) -> float:
+    """Time of processors of the single command [s]."""
+    code = "import sys; from deltaid.cli import main; main()"
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(
+        [sys.executable, "-c", code, "identify", ROBOT, str(path), "--cutoff", str(CUTOFF)],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def nothing(number: int) -> int:
+    """A task that does nothing."""
+    return number
+
+
+def dispatch(count: int = 2000) -> float:
+    """Wall time of a task that does nothing [s]."""
+    from deltaid.fleet.cluster import client, done
+
+    with client(workers=1) as found:
+        list(done(found, nothing, range(10), _fail))
+        start = time.perf_counter()
+        list(done(found, nothing, range(count), _fail))
+        return (time.perf_counter() - start) / count
+
+
+def fits(folder: Path, count: int) -> float:
+    """Time of processors of reading so many factor files of a robot, and of their fit [s]."""
+    from deltaid.factors.file import read
+    from deltaid.factors.identify import identify_gathered
+    from deltaid.model.record import Settings
+    from deltaid.parallel import threads
+
+    paths = sorted(folder.rglob("*.factors.parquet"))
+    start = time.process_time()
+    with threads(1):
+        files = [read(paths[k % len(paths)]) for k in range(count)]
+        own = []
+        for k, one in enumerate(files):  # each as if it were of another recording
+            source = one.record.model.sources[0].changed(sha256=f"{k:064x}")
+            model = one.record.model.changed(sources=(source,))
+            own.append(replace(one, record=one.record.changed(model=model)))
+        renamed = time.process_time()
+        identify_gathered(ROBOT, own, Settings(cutoff=CUTOFF))
+    del renamed
+    return time.process_time() - start
+
+
+def _fail(item: object, why: str) -> object:
+    raise RuntimeError(f"{item}: {why}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=float, default=1e8)
+    parser.add_argument("--folder", type=Path, help="where recordings go; much space")
+    given = parser.parse_args()
+    total = round(given.samples)
+    length = min(LONG, total // 4)
+    with tempfile.TemporaryDirectory(dir=given.folder) as name:
+        folder = Path(name)
+        long = write_recordings(folder, [length] * (total // length))
+        short = write_recordings(folder, [SHORT] * SHORTS)
+        size = sum(one.stat().st_size for one in long)
+        few = long[: max(2, len(long) // 5)]
+        one = gather(few, folder / "one", 1)
+        two = gather(long, folder / "two", 2)
+        brief = gather(short, folder / "brief", 1)
+        single = identify(long[0])
+        task, week, year = dispatch(), fits(folder / "brief", 7), fits(folder / "brief", DAYS)
+    rate = len(long) * length / two["cpu"]
+    faster = one["wall"] / len(few) / (two["wall"] / len(long))
+    overhead = max(brief["cpu"] / SHORTS - SHORT / rate, 0.0)
+    daily = HOUR / rate + overhead + task
+    hours = ROBOTS * DAYS * daily / 3600
+    refits = ROBOTS * (52 * week + 12 * year) / 3600
+    stored = ROBOTS * DAYS * two["bytes"] / 1e9
+    rows = [
+        (
+            "samples gathered",
+            f"{len(long) * length:,} in {len(long)} recordings, {size / 1e9:.2f} GB",
+        ),
+        ("largest memory of a worker", f"{max(one['peak'], two['peak']):.0f} MB"),
+        ("gathered, samples a second and core", f"{rate:,.0f}"),
+        ("`deltaid identify` of one of them, the same", f"{length / single:,.0f}"),
+        ("two processes against one, wall time", f"{faster:.2f} times as fast"),
+        ("overhead a recording", f"{overhead:.2f} s"),
+        ("overhead a task", f"{1e3 * task:.1f} ms"),
+        ("factor file", f"{two['bytes'] / 1e3:.0f} kB"),
+        ("fit of a week, 7 factor files", f"{week:.1f} s"),
+        ("fit of a year, 365 factor files", f"{year:.1f} s"),
+        ("**on paper: 10⁴ robots, an hour at 1 kHz a day**", ""),
+        ("a night, gathering", f"{ROBOTS * daily / 3600:,.0f} core hours"),
+        ("a year, gathering", f"{hours:,.0f} core hours"),
+        ("a year, fits of each week and every month of all", f"{refits:,.0f} core hours"),
+        ("a year, factor files", f"{stored:,.0f} GB"),
+    ]
+    note = (
+        f"Cost of a fleet of {ROBOT} (4 drives). Time is that of processors; the two processes "
+        "share a machine with two cores."
+    )
+    leave(("what", "figure"), rows, note)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,277 @@
+"""`deltaid fleet`: hundreds of robots and all their recordings, from a manifest to tables."""
+
+import re
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag, output_file
+from deltaid.errors import DeltaidError
+from deltaid.model.options import FrictionLaws, Period
+
+if TYPE_CHECKING:
+    from deltaid.drift.settings import DriftSettings
+    from deltaid.fleet.fleet import Fleet
+    from deltaid.fleet.run import FleetRun
+    from deltaid.fleet.store import Store
+
+# Lines of the quarantine that are printed; the table has all.
+_SHOWN = 10
+_LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
+# What a shell calls a command that Ctrl-C has ended.
+_INTERRUPTED = 130
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("fleet")(fleet)
+
+
+def fleet(
+    manifest: Annotated[
+        str,
+        typer.Argument(
+            help="Robots, types and recordings: YAML, CSV or Parquet.", metavar="MANIFEST"
+        ),
+    ],
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Factor files and tables: a folder, or an address such as s3://bucket/fleet.",
+        ),
+    ],
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Dask cluster that does the work, such as tcp://10.0.0.5:8786."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes on this machine. Default: one a core.")
+    ] = None,
+    period: Annotated[
+        Period | None,
+        typer.Option(
+            help="Recordings of which are fitted together. Default: the manifest's, or week."
+        ),
+    ] = None,
+    cutoff: Annotated[
+        float | None,
+        typer.Option(help="Low-pass cut-off in Hz. Default: by the first recording of each type."),
+    ] = None,
+    lag: Lag = "estimate",
+    compliance: Compliance = "estimate",
+    keep_all: KeepAll = False,
+    events: Events = True,
+    friction: Annotated[
+        FrictionLaws,
+        typer.Option(help="choose: further terms where recordings ask for one; described: none."),
+    ] = "choose",
+    prior_out: Annotated[
+        Path | None,
+        output_file(
+            "--prior-out",
+            help="Description of the next robot, with what the fleet knows of its type.",
+        ),
+    ] = None,
+    limit: Annotated[
+        str | None,
+        typer.Option(
+            help="Friction that is too much: times what it was, such as 1.5, or 12Nm, or 40N.",
+            metavar="LIMIT",
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        float, typer.Option(help="Of drift: so many a robot and year, at most.")
+    ] = 0.1,
+    force: Force = False,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Try again what was put into quarantine before.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Gather the recordings of many robots in parallel, fit each robot in each period, and look for
+    drift.
+
+    It may be ended at any time: the same call does what is left. A recording or a robot that cannot
+    be used is put into quarantine with its reason and stops nothing else.
+    """
+    from deltaid.cli.output import lag_of, positive, print_error, print_json, print_note
+    from deltaid.files import require_writable
+    from deltaid.fleet.cluster import require_dask
+
+    require_dask()
+    from deltaid.fleet.fleet import find_fleet
+    from deltaid.fleet.run import run_fleet
+    from deltaid.fleet.store import Store
+    from deltaid.model.record import Settings
+
+    positive("--cutoff", cutoff)
+    settings = Settings(
+        cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
+        friction=friction,
+    )  # fmt: skip
+    drift, store = _drift(limit, false_alarms), Store()
+    if prior_out is not None:
+        require_writable(prior_out)
+    try:
+        with _bar(as_json) as say:
+            say("looking for recordings")
+            found = find_fleet(manifest, store, period)
+            if prior_out is not None:
+                _require_one_type(found)
+            run = run_fleet(
+                found, output, settings=settings, drift=drift, store=store, scheduler=scheduler,
+                workers=workers, force=force, retry=retry, progress=say,
+                dashboard=lambda link: None if as_json else print_note(f"dashboard at {link}"),
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        print_error(
+            DeltaidError(
+                "stopped; what has been gathered and fitted is kept",
+                where=output,
+                cure="the same command does what is left",
+            )
+        )
+        raise typer.Exit(_INTERRUPTED) from None
+    if prior_out is not None:
+        _write_prior(run, output, store, prior_out)
+    if as_json:
+        print_json(_as_dictionary(run, output))
+    else:
+        _print(run, output)
+    if not any(one.tables for one in run.fits):
+        raise typer.Exit(2)
+
+
+def _require_one_type(found: "Fleet") -> None:
+    """Refuse --prior-out for several types.
+
+    Raises:
+        DeltaidError: there are several.
+    """
+    if len(found.types) > 1:
+        raise DeltaidError(
+            f"is one file, and the fleet has {len(found.types)} types",
+            where="--prior-out",
+            cure="leave it out: the folder `types` of the fleet has a description of each",
+        )
+
+
+def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> None:
+    """The description of the next robot under a name of the user's.
+
+    Raises:
+        DeltaidError: the fleet knows nothing of its type, or it cannot be written.
+    """
+    from deltaid.files import write_bytes
+    from deltaid.fleet.place import Place
+
+    place = Place.of(output, store)
+    data = [store.read(place.at(one.job.file)) for one in run.types if not one.reason]
+    if not data or data[0] is None:
+        raise DeltaidError(
+            "there is nothing to write: no robot of the fleet could be used",
+            where="--prior-out",
+            cure="see quarantine.csv",
+        )
+    write_bytes(path, data[0])
+
+
+def _drift(limit: str | None, false_alarms: float) -> "DriftSettings":
+    """What is asked of drift.
+
+    Raises:
+        DeltaidError: a limit is no number, or cannot be.
+    """
+    from deltaid.drift.settings import DriftSettings
+
+    if limit is None:
+        return DriftSettings(false_alarms=false_alarms)
+    found = _LIMIT.fullmatch(limit.strip())
+    if found is None:
+        raise DeltaidError(
+            f"must be a number such as 1.5, or a torque or force, 12Nm or 40N, not {limit!r}",
+            where="--limit",
+        )
+    number, unit = float(found[1]), found[2]
+    if not unit:
+        return DriftSettings(limit=number, false_alarms=false_alarms)
+    return DriftSettings(limit=number, limit_is="torque", false_alarms=false_alarms)
+
+
+def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "folder": output,
+        "robots": len({one.recorded.robot for one in run.outcomes}),
+        "recordings": len(run.outcomes),
+        "gathered": run.computed[0],
+        "used": sum(bool(one.file) for one in run.outcomes),
+        "fits": sum(bool(one.tables) for one in run.fits),
+        "fitted": run.computed[1],
+        "site": None if not run.site else f"{output}/{run.site}",
+        "quarantine": [asdict(line) for line in run.quarantine],
+    }
+
+
+def _print(run: "FleetRun", output: str) -> None:
+    from deltaid.cli.output import console, print_note
+
+    used = [one for one in run.outcomes if one.file]
+    robots = len({one.recorded.robot for one in used})
+    console.print(
+        f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
+        f"({run.computed[0]} looked at now), "
+        f"{_count(sum(bool(one.tables) for one in run.fits), 'fit')} "
+        f"({run.computed[1]} made now); in {output}"
+    )
+    if run.site:
+        console.print(f"pages: {output}/{run.site}")
+    if not run.quarantine:
+        return
+    print_note(f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
+    for line in run.quarantine[:_SHOWN]:
+        reason = line.reason if line.which in line.reason else f"{line.which}: {line.reason}"
+        print_note(f"{line.what} of {line.robot}: {reason}")
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+@contextmanager
+def _bar(silent: bool) -> Generator[Callable[[str], None]]:
+    """A bar on standard error that follows words such as 'gathered 3 of 8 recordings'."""
+    from deltaid.cli.output import error_console, progress
+
+    if silent or not error_console.is_terminal:
+        with progress(silent) as said:
+            yield said
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as Left
+
+    from deltaid.progress import share_of
+
+    columns = (BarColumn(), TimeElapsedColumn(), TextColumn("left"), Left(),
+               TextColumn("{task.description}", markup=False))  # fmt: skip
+    with Progress(*columns, console=error_console, transient=True) as bars:
+        task, stage = bars.add_task("starting", total=None), ""
+
+        def say(text: str, /) -> None:
+            nonlocal task, stage
+            word, share = text.partition(" ")[0], share_of(text)
+            if word != stage:  # time left is guessed from this stage alone
+                bars.remove_task(task)
+                task, stage = bars.add_task(text, total=None if share is None else 1.0), word
+            bars.update(task, description=text, completed=share or 0.0)
+
+        yield say
+    sys.stderr.flush()

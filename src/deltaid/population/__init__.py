@@ -1,0 +1,1 @@
+"""What robots of one type have in common: the type's mean, spreads between robots, who belongs."""

@@ -1,0 +1,164 @@
+"""What one robot says of its type: some rows with noise of one, all that its recordings tell.
+
+Least squares gives base parameters y of a robot, y = K p + e. The covariance of e comes from the
+scatter between groups of samples, as intervals do, and from tolerances of the geometry that each
+machine has for itself. With its Cholesky factor L the rows L⁻¹K p = L⁻¹y have noise of covariance
+1. What belongs to the recordings alone, such as loads, is eliminated from them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.factors.alike import require_alike
+from deltaid.factors.file import FactorFile
+from deltaid.factors.laws import asked_for
+from deltaid.factors.problem import fitted
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.information import triangle
+from deltaid.identification.scatter import inverse
+from deltaid.model.record import Settings
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
+from deltaid.sensors.weighings import weighings
+
+# Below this share of a row's size a direction is rounding.
+_ROUNDING = 1e-9
+# Quantities of the geometry that all machines of a type share, if their drawing is off: lengths
+# that are not of one limb alone.
+_OWN = ("zero of", "tilt about", "torque constant", " of limb ")
+
+
+@dataclass(frozen=True, eq=False)
+class Fact:
+    """A measured value of the robot: cᵀp = v ± σ.
+
+    Attributes:
+        key: what makes it the same measurement in two descriptions.
+        coefficients: c, over the member's parameters.
+    """
+
+    key: str
+    coefficients: Float[np.ndarray, " parameters"]
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """What one robot says.
+
+    Attributes:
+        name: of the robot.
+        names: of its parameters p.
+        rows, values: rows · p = values, with independent noise of one.
+        shared: what geometric quantities that are the same in all machines do to the rows, for one
+            standard deviation of each.
+        quantities: names of these.
+        freedom: degrees of freedom of the noise's level.
+        facts: measured values in its description.
+        widened: entries whose prior its recordings contradict, with the factor of the spread.
+        recordings: how many.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    rows: Float[np.ndarray, "rows parameters"]
+    values: Float[np.ndarray, " rows"]
+    shared: Float[np.ndarray, "rows quantities"]
+    quantities: tuple[str, ...]
+    freedom: float
+    facts: tuple[Fact, ...] = ()
+    widened: Mapping[str, float] | None = None
+    recordings: int = 1
+
+
+def member(
+    name: str, files: Sequence[FactorFile], robot: RobotLike, settings: Settings | None = None
+) -> Member:
+    """What the factor files of one robot say of its type.
+
+    Args:
+        name: of the robot.
+        files: of its recordings.
+        robot: its description; measured values in it are those of this robot, unless other robots
+            have the same.
+        settings: of the fit.
+
+    Raises:
+        RecordingError: files do not go together, or not with the robot.
+        IdentificationError: the fit cannot be posed or did not converge.
+    """
+    settings, description = settings or Settings(), described(robot)
+    require_alike(files, description)
+    files = sorted(files, key=lambda one: one.record.sha256)
+    chosen = asked_for(description, files) if settings.friction == "choose" else description
+    problem = fitted(files, unmeasured(chosen), settings)
+    found = of_problem(name, problem, recordings=len(files))
+    facts = tuple(
+        Fact(f"{one.where} {one.name} {one.value:.9g} {one.std:.9g}", one.coefficients, one.value,
+             one.std)
+        for one in weighings(chosen)
+    )  # fmt: skip
+    return replace(found, facts=facts)
+
+
+def of_problem(name: str, problem: FittedProblem, recordings: int = 1) -> Member:
+    """What a fit without measured values says."""
+    base, estimate, own = problem.base, problem.estimate, len(problem.p)
+    half = inverse(estimate.noise.root)
+    covariance = half @ _scores(problem) @ half.T
+    geometry = problem.geometry
+    names = geometry.names if geometry else ()
+    shifts = geometry.shifts if geometry else np.zeros((base.rank, 0))
+    common = np.array([not any(word in one for word in _OWN) for one in names], dtype=bool)
+    covariance += shifts[:, ~common] @ shifts[:, ~common].T
+    size = np.sqrt(np.diag(covariance))
+    L = np.linalg.cholesky(covariance / np.outer(size, size) + _ROUNDING * np.eye(len(size)))
+    K = base.combination()
+    wide = np.column_stack([K[:, own:], K[:, :own], shifts[:, common], estimate.values])
+    rows = solve_triangular(L, wide / size[:, None], lower=True)
+    rows = _eliminated(rows, K.shape[1] - own)
+    q = int(common.sum())
+    _, freedom = estimate.by_noise
+    return Member(
+        name=name,
+        names=problem.layout.names[:own],
+        rows=rows[:, :own],
+        values=rows[:, -1],
+        shared=rows[:, own : own + q],
+        quantities=tuple(one for one, is_common in zip(names, common, strict=True) if is_common),
+        freedom=float(np.median(freedom)),
+        widened=dict(problem.reduction.widened),
+        recordings=recordings,
+    )
+
+
+def _scores(problem: FittedProblem) -> Float[np.ndarray, "base base"]:
+    """Covariance of s, where least squares errs by R⁻¹ s, with deviations as intervals have them.
+
+    For white noise s has no correlations, and groups are too few to tell others of them.
+    """
+    noise = problem.estimate.noise
+    deviations, _ = noise.deviations(np.eye(len(noise.root)))
+    return np.diag(deviations**2)
+
+
+def _eliminated(
+    rows: Float[np.ndarray, "rows columns"], count: int
+) -> Float[np.ndarray, "left rest"]:
+    """Rows without their first columns: those orthogonal to them, which say nothing of these."""
+    if not count:
+        return rows
+    U, singular, _ = np.linalg.svd(rows[:, :count])
+    rank = int(np.sum(singular > _ROUNDING * max(singular[0], 1.0)))
+    return triangle(U[:, rank:].T @ rows[:, count:])
+
+
+def unmeasured(robot: RobotDescription) -> RobotDescription:
+    """The robot without measured values."""
+    bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
+    return robot.changed(bodies=bodies, measured=())

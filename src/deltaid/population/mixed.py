@@ -1,0 +1,150 @@
+"""Robots about their type: u_r = μ + δ_r, δ_r ~ N(0, S), rows H_r u_r = b_r with noise of one.
+
+With V_r = 1 + H_r S H_rᵀ and L_r its Cholesky factor, A_r = L_r⁻¹H_r and c_r = L_r⁻¹b_r have noise
+of one about the mean alone, so that
+
+    Λ = P + Σ A_rᵀA_r,    Λ m = P u_prior + Σ A_rᵀ c_r
+
+are precision and mean of μ, P what the description knows of it. Given all robots, δ_r is normal
+about S A_rᵀ(c_r − A_r m) with covariance S − S A_rᵀA_r S + T Λ⁻¹ Tᵀ, T = S A_rᵀA_r. The marginal
+likelihood of S, with μ integrated out (REML), has by Fisher's identity the slope
+
+    ∂ log L / ∂ log s_k = Σ_r Σ_j∈k (E δ_rj² / s_k² − 1).
+
+Robots are taken some at a time, so that memory does not grow with their number.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import solve_triangular
+
+# Robots that are in memory at once.
+_AT_ONCE = 512
+
+U = Float[np.ndarray, " u"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of all robots, those of fewer filled up with zeros, which say nothing.
+
+    Attributes:
+        H, b: of each robot.
+        constant: what the parameters that are not free do to its rows.
+        extra: variance of its δ beside that of the type: where something of a robot is known to be
+            unlike the others'.
+        counts: whether a robot is of the type.
+    """
+
+    H: Float[np.ndarray, "robots rows u"]
+    b: Float[np.ndarray, "robots rows"]
+    constant: Float[np.ndarray, "robots rows"]
+    extra: Float[np.ndarray, "robots u"]
+    counts: np.ndarray
+
+    @classmethod
+    def of(cls, each: Sequence[Float[np.ndarray, "_ augmented"]]) -> "Rows":
+        """Those of robots that all count: rows over u, over p_0, and their values."""
+        wide = np.zeros((len(each), max(len(one) for one in each), each[0].shape[1]))
+        for k, one in enumerate(each):
+            wide[k, : len(one)] = one
+        H, constant, b = wide[:, :, :-2], wide[:, :, -2], wide[:, :, -1]
+        return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(each), dtype=bool))
+
+    def at(self, which: slice) -> "Rows":
+        """Those of some robots."""
+        own = (self.H, self.b, self.constant, self.extra, self.counts)
+        return Rows(*(one[which] for one in own))
+
+    def parts(self) -> "Iterator[tuple[slice, Rows]]":
+        """Some at a time."""
+        for first in range(0, len(self.H), _AT_ONCE):
+            at = slice(first, first + _AT_ONCE)
+            yield at, self.at(at)
+
+    def whitened(self, variance: U) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A, c and log |V|, for variances of the type."""
+        own = variance + self.extra
+        V = (self.H * own[:, None, :]) @ np.swapaxes(self.H, 1, 2)
+        diagonal = np.arange(V.shape[1])
+        V[:, diagonal, diagonal] += 1.0
+        L = np.linalg.cholesky(V)
+        both = np.linalg.solve(L, np.concatenate([self.H, self.b[:, :, None]], axis=2))
+        logs = 2 * np.log(L[:, diagonal, diagonal]).sum(axis=1)
+        return both[:, :, :-1], both[:, :, -1], logs
+
+    def with_extra(self, extra: Float[np.ndarray, "robots u"]) -> "Rows":
+        """With other variances."""
+        return replace(self, extra=extra)
+
+    def counting(self, counts: np.ndarray) -> "Rows":
+        """With others of the type."""
+        return replace(self, counts=counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Mean:
+    """The type's mean for some spreads.
+
+    Attributes:
+        variance: S.
+        information, right: Λ and Λ m.
+        evidence: log L but for a constant.
+    """
+
+    variance: U
+    information: Float[np.ndarray, "u u"]
+    right: U
+    evidence: float
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "u u"]:
+        """Λ⁻¹."""
+        half = solve_triangular(_cholesky(self.information), np.eye(len(self.right)), lower=True)
+        return half.T @ half
+
+    @property
+    def m(self) -> U:
+        """The mean."""
+        return np.linalg.solve(self.information, self.right)
+
+
+def mean(rows: Rows, variance: U, precision: Float[np.ndarray, "u u"], prior: U) -> Mean:
+    """The mean of the robots that count."""
+    information, right = precision.copy(), precision @ prior
+    evidence = -0.5 * float(prior @ right)
+    for _, part in rows.parts():
+        A, c, logs = part.whitened(variance)
+        A, c, logs = A[part.counts], c[part.counts], logs[part.counts]
+        flat = A.reshape(-1, A.shape[2])
+        information += flat.T @ flat
+        right += flat.T @ c.ravel()
+        evidence -= 0.5 * float(np.sum(c**2) + logs.sum())
+    L = _cholesky(information)
+    half = solve_triangular(L, right, lower=True)
+    evidence += 0.5 * float(half @ half) - float(np.log(np.diag(L)).sum())
+    return Mean(variance, information, right, evidence)
+
+
+def slope(rows: Rows, found: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndarray, " kinds"]:
+    """∂ log L / ∂ log s of every kind."""
+    s, m, covariance = found.variance, found.m, found.covariance
+    gained = np.zeros(len(s))
+    for _, part in rows.parts():
+        A, c, _ = part.whitened(s)
+        AA = np.swapaxes(A, 1, 2) @ A
+        d = s * np.einsum("rnu,rn->ru", A, c - A @ m)
+        T = s[:, None] * AA
+        diagonal = np.einsum("ruu->ru", AA)
+        var = s - s**2 * diagonal + np.einsum("ruv,ruv->ru", T @ covariance, T)
+        share = (d**2 + var) / np.where(s > 0, s, 1.0) - 1.0
+        valid = part.counts[:, None] & (part.extra == 0) & (s > 0)
+        gained += np.where(valid, share, 0.0).sum(axis=0)
+    return np.array([gained[kinds == k].sum() for k in range(kinds.max() + 1)])
+
+
+def _cholesky(A: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    return np.linalg.cholesky(A)

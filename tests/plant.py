@@ -1,0 +1,90 @@
+"""A small plant: robots whose recordings lie in folders of their own, and its manifest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.fleet.fleet import find_fleet
+from deltaid.fleet.run import FleetRun, run_fleet
+from deltaid.fleet.store import Store
+from deltaid.model.record import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording
+from deltaid.robot.load import load_robot
+
+TYPE = "clavel-delta3"
+SETTINGS = Settings(cutoff=15.0, friction="described")
+DAYS = ("2026-01-05", "2026-01-07", "2026-01-14")
+ROBOTS = ("north", "south")
+NAMES = (*(f"north/{day}" for day in DAYS), f"south/{DAYS[0]}")
+
+
+@cache
+def recordings() -> dict[str, pl.DataFrame]:
+    """Tables of all recordings, by their names: robot/day."""
+    robot = load_robot(TYPE)
+    dynamics, found = compiled(robot), dict[str, pl.DataFrame]()
+    for k, name in enumerate(NAMES):
+        p = prior_parameters(robot)
+        p[dynamics.layout.friction] *= 1.2 if name.startswith("south") else 1.0
+        rng, noise = np.random.default_rng(k), SensorNoise(torque=0.02)
+        motion = random_motion(dynamics.kinematics, rng)
+        found[name] = simulate_recording(dynamics, p, motion, rng, duration=3.0, noise=noise)
+    return found
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Where it is."""
+
+    folder: Path
+
+    @property
+    def manifest(self) -> Path:
+        """All robots."""
+        return self.folder / "fleet.yaml"
+
+    @property
+    def output(self) -> Path:
+        """The fleet's folder."""
+        return self.folder / "fleet"
+
+    def record(self, *names: str) -> "Plant":
+        """Recordings come in."""
+        for name in names:
+            path = self.path(name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            recordings()[name].write_parquet(path)
+        return self
+
+    def path(self, name: str) -> Path:
+        """Of a recording."""
+        return self.folder / f"{name}.parquet"
+
+    def run(self, **options) -> FleetRun:
+        """A call on this machine, with one worker."""
+        fleet = find_fleet(str(self.manifest), Store())
+        return run_fleet(fleet, self.output, **{"settings": SETTINGS, "workers": 1, **options})
+
+    def table(self, name: str = "parameters.parquet") -> pl.DataFrame:
+        """One of its tables, without what depends on where files lie."""
+        return pl.read_parquet(self.output / name).drop("key")
+
+
+def plant(folder: Path, robots: Sequence[str] = ROBOTS) -> Plant:
+    """One without recordings."""
+    folder.mkdir(exist_ok=True)
+    (folder / "fleet.yaml").write_text(manifest(robots=robots), encoding="utf-8")
+    return Plant(folder)
+
+
+def manifest(root: str = "", robots: Sequence[str] = ROBOTS) -> str:
+    """YAML of robots whose recordings are below a root."""
+    lines = (f"  - robot: {name}\n    recordings: {root}{name}/*.parquet\n" for name in robots)
+    return f"type: {TYPE}\nrobots:\n{''.join(lines)}"

@@ -1,0 +1,270 @@
+"""A fleet, on this machine and on a cluster: what is done is not done again, and what is bad or
+fails stops nothing else, loses nothing and doubles nothing.
+
+Store, scheduler and workers are processes of their own.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from time import monotonic, sleep
+from unittest.mock import Mock
+
+import polars as pl
+import psutil
+import pytest
+import s3fs
+
+from command import run
+from deltaid import libraries
+from deltaid.errors import DeltaidError
+from deltaid.fleet import cluster
+from deltaid.fleet.cluster import client, done, require_shared
+from deltaid.fleet.fleet import find_fleet
+from deltaid.fleet.run import run_fleet
+from deltaid.fleet.store import Store
+from deltaid.mechanism import user_code
+from deltaid.mechanism.user_code import named_path
+from deltaid.robot import own
+from deltaid.robot.load import load_robot
+from plant import DAYS, SETTINGS, Plant, manifest, plant, recordings
+from stores import KEYS, dask_cluster, s3_server, unreliable
+
+FIRST = [f"north/{day}" for day in DAYS[:2]]
+
+
+def cut_short(whole: Plant) -> bytes:
+    """A recording whose end has been lost."""
+    return whole.path("south/2026-01-05").read_bytes()[:-900]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    """All recordings, in one call, beside one that is none."""
+    found = plant(tmp_path_factory.mktemp("whole")).record(*recordings())
+    found.path("south/2026-01-09").write_bytes(cut_short(found))
+    found.run()
+    return found
+
+
+def test_a_robot_and_a_period_are_rows_of_one_table(whole: Plant) -> None:
+    table = whole.table()
+    assert table.select("robot", "period", "recordings").unique(maintain_order=True).rows() == [
+        ("north", "2026-W02", 2),
+        ("north", "2026-W03", 1),
+        ("north", "all", 3),
+        ("south", "2026-W02", 1),
+        ("south", "all", 1),
+    ]
+    mass = table.filter(pl.col("parameter") == "coulomb.drive1", pl.col("period") == "all")
+    assert mass["decided_by"].to_list() == ["data", "data"]
+    assert mass["value"][1] / mass["value"][0] == pytest.approx(1.2, abs=0.02)
+    assert ((table["low"] <= table["value"]) & (table["value"] <= table["high"])).all()
+
+
+def test_what_is_no_recording_is_told_and_stops_nothing(whole: Plant) -> None:
+    refused = pl.read_csv(whole.output / "quarantine.csv")
+    assert refused.select("what", "robot").rows() == [("recording", "south")]
+    assert "south/2026-01-09.parquet" in refused["which"][0]
+    assert "is no Parquet file" in refused["reason"][0]
+    told = whole.table("recordings.parquet").filter(pl.col("reason") != "")
+    assert told["path"].to_list() == refused["which"].to_list()
+
+
+def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = (whole.output / "parameters.parquet").read_bytes()
+    monkeypatch.setattr(cluster, "require_dask", lambda: pytest.fail("workers were started"))
+    assert whole.run().computed == (0, 0, 0)
+    assert (whole.output / "parameters.parquet").read_bytes() == before
+
+
+def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
+    done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
+               "described", "--json")  # fmt: skip
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert {key: told[key] for key in ("robots", "used", "gathered", "fits", "fitted")} == {
+        "robots": 2, "used": 4, "gathered": 0, "fits": 4, "fitted": 0,
+    }  # fmt: skip
+    assert [line["which"] for line in told["quarantine"]] == [str(whole.path("south/2026-01-09"))]
+    assert Path(told["site"]).is_file()
+
+
+def test_what_the_fleet_knows_is_a_description_of_the_next_robot(whole: Plant) -> None:
+    path = whole.folder / "next.yaml"
+    done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
+               "described", "--prior-out", path)  # fmt: skip
+    assert done.code == 0, done.err
+    assert "mean of 2 robots" in load_robot(path).sources["friction"]
+
+
+def test_without_dask_the_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(libraries, "find_spec", lambda name: None)
+    told = run("fleet", tmp_path / "fleet.yaml", "-o", tmp_path / "fleet")
+    assert told.code == 2
+    assert "needs Dask, which is not installed" in told.err
+    assert "fleet]" in told.err
+
+
+def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:
+    """Meanwhile a factor file is cut short, a recording is thrown away, another one copied."""
+    here = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
+    assert here.run().computed == (2, 1, 1)
+    here.record(f"north/{DAYS[2]}").path(FIRST[1]).unlink()
+    shutil.copy(here.path(FIRST[0]), here.path("north/2026-01-08"))
+    cut = next((here.output / "factors" / "north").glob("2026-01-05*"))
+    cut.write_bytes(cut.read_bytes()[:-500])
+    second = here.run()
+    assert second.computed == (3, 3, 1)
+    assert [line.which for line in second.quarantine] == [str(here.path("north/2026-01-08"))]
+    assert "is a copy of" in second.quarantine[0].reason
+    assert here.table().equals(whole.table().filter(pl.col("robot") == "north"))
+    gone = here.table("recordings.parquet").filter(~pl.col("there"))
+    assert gone["path"].to_list() == [str(here.path(FIRST[1]))]
+
+
+def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:
+    text = whole.manifest.read_text(encoding="utf-8")
+    more = whole.folder / "more.yaml"
+    (whole.folder / "x").mkdir()
+    (whole.folder / "x" / "a.csv").touch()
+    (whole.folder / "x" / "2026-01-01.csv").touch()
+    more.write_text(
+        text + "  - robot: x\n    type: x.yaml\n    recordings: x/*\n", encoding="utf-8"
+    )
+    copy = whole.folder / "copy"
+    shutil.copytree(whole.output, copy, copy_function=os.link)
+    done = run("fleet", more, "-o", copy, "--cutoff", 15, "--friction", "described", width=300)
+    assert done.code == 0, done.err
+    assert "x/a.csv: nothing says when it was made" in done.err
+    assert "x.yaml: no such file" in done.err or "no robot file" in done.err
+
+
+FLEET = "s3://plant/fleet"
+
+
+@dataclass(frozen=True)
+class Site:
+    """A store with recordings, and a cluster that works on them."""
+
+    files: s3fs.S3FileSystem
+    scheduler: str
+
+    def workers(self) -> list[psutil.Process]:
+        """Processes that do the work."""
+        nannies = [one for one in psutil.process_iter(["cmdline"])
+                   if {"worker", self.scheduler} <= set(one.info["cmdline"] or ())]  # fmt: skip
+        return [
+            child for one in nannies for child in one.children(recursive=True)
+            if "spawn_main" in " ".join(child.cmdline())
+        ]  # fmt: skip
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
+    for name, value in KEYS.items():
+        monkeypatch.setenv(name, value)
+    with s3_server(tmp_path) as address, unreliable(address) as before_it:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", before_it)
+        environment = {"PYTHONPATH": os.pathsep.join(sys.path)}
+        with dask_cluster(tmp_path, 4, environment) as scheduler:
+            files = s3fs.S3FileSystem(endpoint_url=address, use_listings_cache=False)
+            files.mkdir("plant")
+            files.pipe_file("plant/fleet.yaml", manifest().encode())
+            for name, frame in recordings().items():
+                buffer = BytesIO()
+                frame.write_parquet(buffer)
+                files.pipe_file(f"plant/{name}.parquet", buffer.getvalue())
+            yield Site(files, scheduler)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the store comes for Linux only")
+def test_a_cluster_and_a_store_that_fail_give_the_same_bits(whole: Plant, site: Site) -> None:
+    site.files.pipe_file("plant/south/2026-01-09.parquet", cut_short(whole))
+    _killed_call(site)
+
+    hurt = set[str]()
+
+    def hurting(text: str) -> None:
+        """A worker is killed in each stage."""
+        stage = text.partition(" ")[0]
+        if stage in ("gathered", "fitted") and stage not in hurt:
+            hurt.add(stage)
+            site.workers()[0].send_signal(signal.SIGKILL)
+
+    fleet = find_fleet("s3://plant/fleet.yaml", Store())
+    run = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler=site.scheduler, progress=hurting)
+    assert hurt == {"gathered", "fitted"}
+    assert [line.which for line in run.quarantine] == ["s3://plant/south/2026-01-09.parquet"]
+    assert "is no Parquet file" in run.quarantine[0].reason
+    assert "/tmp" not in run.quarantine[0].reason
+    found = pl.read_parquet(BytesIO(site.files.cat_file("plant/fleet/parameters.parquet")))
+    assert found.drop("key").equals(whole.table())
+    assert len(site.files.find("plant/fleet/factors")) == 4
+    again = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler="tcp://127.0.0.1:1")
+    assert again.computed == (0, 0, 0)
+
+
+def _killed_call(site: Site) -> None:
+    """A call that is killed when a recording has been gathered."""
+    words = ["fleet", "s3://plant/fleet.yaml", "-o", FLEET, "--scheduler", site.scheduler,
+             "--cutoff", str(SETTINGS.cutoff), "--friction", "described"]  # fmt: skip
+    code = f"import sys; sys.argv[1:] = {words}; from deltaid.cli import main; main()"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    call, end = subprocess.Popen([sys.executable, "-c", code], env=environment), monotonic() + 60
+    while not site.files.find("plant/fleet/factors"):
+        assert call.poll() is None
+        assert monotonic() < end
+        sleep(0.05)
+    call.kill()
+    call.wait()
+
+
+def _deadly(number: int) -> int:
+    assert named_path() is not None
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 5:
+        raise ZeroDivisionError("a defect")
+    return number
+
+
+def test_what_kills_workers_stops_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All workers, also those that take the place of others, know the user's own mechanism."""
+    monkeypatch.setattr(user_code, "_files", {})
+    monkeypatch.setattr(own, "_named", [])
+    (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
+    user_code.use_mechanism(tmp_path / "mine.py")
+    failed: dict[int, str] = {}
+    with client(workers=1) as found:
+        results = list(
+            done(found, _deadly, range(8), lambda item, why: failed.setdefault(item, why))
+        )
+    assert sorted(one for one in results if isinstance(one, int)) == [0, 1, 2, 4, 6, 7]
+    assert "workers die of it" in failed[3]
+    assert "ZeroDivisionError: a defect" in failed[5]
+
+
+def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
+    blind = Mock(run=lambda *_, **__: {"tcp://far:1": False, "tcp://near:1": True})
+    with pytest.raises(DeltaidError, match=r"not seen by 1 of 2 workers.* tcp://far:1(.|\n)*s3://"):
+        require_shared(blind, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltaid.fleet.cluster._PATIENCE", 1)
+    with (
+        pytest.raises(DeltaidError, match=r"--scheduler tcp://127.0.0.1:1: no scheduler answers"),
+        client("tcp://127.0.0.1:1"),
+    ):
+        pass

@@ -1,0 +1,93 @@
+"""The manifest of a fleet: what it may say, and what is told of its mistakes."""
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from command import run
+from deltaid.fleet.fleet import find_fleet
+from deltaid.fleet.store import Store
+from plant import DAYS, TYPE, plant
+
+FIRST = [f"north/{day}" for day in DAYS[:2]]
+MANIFEST = f"type: {TYPE}\nrobots:\n  - robot: north\n    recordings: north/*.parquet\n"
+
+
+def test_a_table_says_the_same_as_yaml(tmp_path: Path) -> None:
+    own = plant(tmp_path).record(*FIRST)
+    rows = {"robot": ["north"] * 2, "type": [TYPE] * 2, "load": [None, 0.5]}
+    frame = pl.DataFrame(rows | {"recording": [f"{name}.parquet" for name in FIRST]})
+    frame.write_csv(tmp_path / "fleet.csv")
+    frame.write_parquet(tmp_path / "fleet.parquet")
+    (tmp_path / "fleet.yaml").write_text(
+        MANIFEST.replace("north/*.parquet", f"\n    - {FIRST[0]}.parquet\n    - path: "
+                         f"{FIRST[1]}.parquet\n      load: 0.5"),
+        encoding="utf-8",
+    )  # fmt: skip
+    found = [
+        find_fleet(str(tmp_path / f"fleet.{kind}"), Store()) for kind in ("yaml", "csv", "parquet")
+    ]
+    assert found[0].recordings == found[1].recordings == found[2].recordings
+    assert [one.load for one in found[0].recordings] == [None, 0.5]
+    assert [f"{one.time:%Y-%m-%d}" for one in found[0].recordings] == list(DAYS[:2])
+    assert own.manifest.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (MANIFEST.replace("robot:", "robt:"), "line 3, robots.0.robt: unknown key"),
+        (MANIFEST.replace(f"type: {TYPE}\n", ""), "robot north has no type"),
+        (MANIFEST + "period: year\n", "line 5, period: "),
+        (MANIFEST + "  - robot: south\n    recordings: north/*05.parquet\n", "is given twice, for"),
+        (MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n", "has two types"),
+    ],
+)
+def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, words: str) -> None:
+    own = plant(tmp_path).record(*FIRST)
+    own.manifest.write_text(text, encoding="utf-8")
+    refused = run("fleet", own.manifest, "-o", own.output, width=300)
+    assert refused.code == 2
+    assert refused.errors == 1
+    assert words in refused.err
+    assert not own.output.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("robot,recording\n,a.csv\n", "row 2: robot is missing"),
+        ("robot,recording,lood\nn,a.csv,1\n", "has the unknown column lood"),
+        ("robot,time\nn,2026-01-01\n", "has no column recording"),
+        ("robot,recording,load\nn,a.csv,1\nn,b.csv,much\n", "row 2: load: must be a number"),
+        ("robot,recording,time\nn,a.csv,31/01/2026\n", "row 2: time: must be written as 2026-"),
+        ("robot,recording,time\nn,a.csv,20260131\n", "row 2: time: must be written as 2026-"),
+        ("robot,recording\n", "has no rows"),
+    ],
+)
+def test_a_mistake_in_a_row_is_one_message(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "fleet.csv").write_text(text, encoding="utf-8")
+    refused = run("fleet", tmp_path / "fleet.csv", "-o", tmp_path / "out", width=300)
+    assert refused.code == 2
+    assert words in refused.err
+
+
+@pytest.mark.parametrize(
+    ("name", "time"),
+    [
+        ("2026-01-31.csv", "2026-01-31 00:00:00"),
+        ("line1_20260131_0830.csv", "2026-01-31 08:30:00"),
+        ("log-2026-01-31T08-30-15.csv", "2026-01-31 08:30:15"),
+        ("year=2026/month=01/day=31/part.csv", "2026-01-31 00:00:00"),
+        ("2026/01/31/a.csv", "2026-01-31 00:00:00"),
+    ],
+)
+def test_names_and_folders_say_when(tmp_path: Path, name: str, time: str) -> None:
+    path = tmp_path / "r" / name
+    path.parent.mkdir(parents=True)
+    path.touch()
+    text = f"type: {TYPE}\nrobots: [{{robot: a, recordings: 'r/**/*.csv'}}]\n"
+    (tmp_path / "fleet.yaml").write_text(text, encoding="utf-8")
+    (found,) = find_fleet(str(tmp_path / "fleet.yaml"), Store()).recordings
+    assert str(found.time) == time

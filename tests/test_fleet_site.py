@@ -1,0 +1,278 @@
+"""The site of a fleet from outside: what it says, which files it has, and that names do no harm."""
+
+import json
+from datetime import datetime, timedelta
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import numpy as np
+import plotly.graph_objects as go
+import polars as pl
+import pytest
+
+from deltaid.errors import DeltaidError
+from deltaid.fleet_site import write
+from fleet_tables import START, TYPES, name, write_tables
+from html_page import HOSTILE, Document
+
+
+def document(page: Path) -> Document:
+    return Document(page.read_text(encoding="utf-8"))
+
+
+def words(page: Path) -> str:
+    return " ".join(" ".join(document(page).texts).replace("\N{NO-BREAK SPACE}", " ").split())
+
+
+def changed(folder: Path, table: str, robot: str, **values: object) -> None:
+    """Other values in a robot's rows of a table; None makes them null."""
+    path = folder / f"{table}.parquet"
+    frame = pl.read_parquet(path)
+    own = pl.col("robot") == robot
+    frame.with_columns(
+        pl.when(own).then(pl.lit(value, frame.schema[key])).otherwise(pl.col(key)).alias(key)
+        for key, value in values.items()
+    ).write_parquet(path)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve robots: R003 with rising friction, R006 unlike its type, R008 without recordings."""
+    folder = write_tables(tmp_path_factory.mktemp("fleet") / "plant", silent=(7,))
+    write(folder)
+    return folder
+
+
+def test_the_first_page_says_which_robots_need_attention_and_why(fleet: Path) -> None:
+    said = words(fleet / "site" / "index.html")
+    assert "3 of 12 robots need attention, 1 of them now." in said
+    assert "R008: none of its 20 recordings can be used: 20260518.parquet: drive q2: no" in said
+    assert "R003: friction of q2 rises by 4.0 % a month since 2026-03-16 and reaches its" in said
+    assert "R006: does not belong to its type: EE.m is 9 spreads" in said
+    assert said.index("R008:") < said.index("R003:") < said.index("R006:")
+    assert f"Fleet {fleet.name}" in said
+    assert "12 robots of 2 types" in said
+
+
+def test_every_robot_and_type_has_a_page_and_all_links_lead_somewhere(fleet: Path) -> None:
+    site = fleet / "site"
+    robots = {page.stem for page in (site / "robots").iterdir()}
+    assert robots == {name(k) for k in range(12)}
+    assert {page.stem for page in (site / "types").iterdir()} == set(TYPES)
+    linked = set()
+    for page in site.rglob("*.html"):
+        found = document(page)
+        links = [attributes.get("href") for tag, attributes in found.tags if tag == "a"]
+        for link in [*links, *found.loaded]:
+            path = unquote(urldefrag(str(link)).url)
+            target = (page.parent / path).resolve() if path else page
+            assert target.is_file(), (page, link)
+            assert target.is_relative_to(site.resolve())
+            linked.add(target)
+    assert linked >= {page.resolve() for page in site.rglob("*.html")}
+
+
+def test_a_robots_page_tells_of_drives_parameters_type_and_recordings(fleet: Path) -> None:
+    said = words(fleet / "site" / "robots" / "R003.html")
+    assert "Friction of q2 rises by 4.0 % a month since 2026-03-16" in said
+    assert "3.1 % … 4.9 %" in said
+    assert "2026-03-07 … 2026-03-27" in said
+    assert "Fitted to the recordings of 2026-05" in said
+    assert "Fitted to all recordings together" in said
+    assert "in spreads" in said
+    assert "5 of 5" in said  # periods that data decided
+    assert "1 of them in quarantine" not in words(fleet / "site" / "robots" / "R001.html")
+    refused = words(fleet / "site" / "robots" / "R008.html")
+    assert "Act now." in refused
+    assert "20260105.parquet: drive q2: no such column" in refused
+    assert "do not belong" in words(fleet / "site" / "types" / f"{TYPES[1]}.html")
+
+
+def test_plotly_takes_every_figure(fleet: Path) -> None:
+    count = 0
+    for page in ("index.html", "robots/R003.html", f"types/{TYPES[1]}.html"):
+        for text in document(fleet / "site" / page).scripts:
+            if text.startswith('{"data"'):
+                go.Figure(json.loads(text))
+                count += 1
+    assert count >= 9
+
+
+def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
+    scripts = document(fleet / "site" / "robots" / "R003.html").scripts
+    friction = next(json.loads(one) for one in scripts if '"rate"' in one)
+    rate, limit, interval = (
+        next(one for one in friction["data"] if one["name"] == key)
+        for key in ("rate", "limit", "its 95 % interval")
+    )
+    assert rate["x"][0] == "2026-03-16 06:00"
+    seen = [one for one in friction["data"] if one["name"].startswith("friction")]
+    assert rate["yaxis"] == limit["yaxis"] == seen[1]["yaxis"] == "y2"
+    assert interval["y"][2] < rate["y"][1] < interval["y"][1]
+    assert {shape["x0"] for shape in friction["layout"]["shapes"]} == {
+        "2026-03-16 06:00", "2026-03-07 06:00",
+    }  # fmt: skip
+
+
+def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
+    scripts = document(fleet / "site" / "robots" / "R001.html").scripts
+    friction = next(json.loads(one) for one in scripts if '"as recorded"' in one)
+    recorded, cooled = (np.array(trace["y"]) for trace in friction["data"][:2])
+    assert friction["data"][1]["name"].endswith("at one temperature")
+    assert np.std(cooled) < 0.75 * np.std(recorded)
+    assert np.mean(cooled) == pytest.approx(np.mean(recorded), rel=1e-3)
+
+
+def test_names_with_markup_or_paths_do_no_harm(tmp_path: Path) -> None:
+    names = {
+        0: HOSTILE,
+        1: "../../up",
+        2: "CON",
+        3: "r005",
+        4: "R005",
+        5: "Größe 7",
+        6: ".",
+        7: "?",
+    }
+    folder = write_tables(tmp_path / "plant", 9, 3, names=names, rising=(0,), foreign=(0,))
+    changed(folder, "recordings", HOSTILE, type=HOSTILE, reason=HOSTILE, path=f"/{HOSTILE}/a.csv")
+    changed(folder, "drift", HOSTILE, drive=HOSTILE, reason=HOSTILE)
+    changed(folder, "friction", HOSTILE, drive=HOSTILE, unit=HOSTILE, quantity=HOSTILE)
+    changed(folder, "members", HOSTILE, parameter=HOSTILE, type=HOSTILE, reason=HOSTILE)
+    changed(folder, "parameters", HOSTILE, type=HOSTILE, decided_by=HOSTILE, unit=HOSTILE)
+    write(folder)
+    pages = list((folder / "site" / "robots").iterdir())
+    assert len({page.name.casefold() for page in pages}) == 9
+    assert all(page.stem.isascii() and not page.stem.startswith(".") for page in pages)
+    assert "con.html" not in {page.name.casefold() for page in pages}
+    assert {path.name for path in tmp_path.iterdir()} == {"plant"}
+    for page in (folder / "site").rglob("*.html"):
+        found = document(page)
+        assert not [tag for tag, _ in found.tags if tag == "img"]
+        assert not any("onerror" in attributes for _, attributes in found.tags)
+        for text in found.scripts:
+            if text:
+                json.loads(text)
+    assert HOSTILE in words(folder / "site" / "index.html")
+
+
+def test_pages_of_robots_that_are_no_more_are_removed(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 3, foreign=())
+    write(folder)
+    other = folder / "site" / "robots" / "notes.txt"
+    other.write_text("mine")
+    write_tables(folder, 2, 3, foreign=())
+    write(folder)
+    kept = {page.name for page in (folder / "site" / "robots").iterdir()}
+    assert kept == {"R001.html", "R002.html", "notes.txt"}
+
+
+def test_a_site_is_of_one_call_or_not_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_tables(tmp_path, 3, 3, foreign=())
+    write(folder)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    calls = list[int]()
+
+    def fails(*_: object) -> str:
+        calls.append(1)
+        if len(calls) > 2:
+            raise KeyboardInterrupt
+        return "half"
+
+    monkeypatch.setattr("deltaid.fleet_site.site._rendered", fails)
+    with pytest.raises(KeyboardInterrupt):
+        write(folder)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    "table", ["recordings", "quarantine", "parameters", "friction", "drift", "types", "members"]
+)
+def test_a_missing_table_is_left_out_with_a_word(tmp_path: Path, table: str) -> None:
+    folder = write_tables(tmp_path, 2, 3, rising=(), foreign=(), without=(table,))
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert f"{table}.{'csv' if table == 'quarantine' else 'parquet'} is missing" in said
+    sure = "None of 2 robots needs attention." in said
+    assert sure == (table not in ("recordings", "drift"))
+    robot = words(folder / "site" / "robots" / "R001.html")
+    assert ("All friction is steady." in robot) == (table != "drift")
+
+
+def test_what_is_no_table_is_told(tmp_path: Path) -> None:
+    with pytest.raises(DeltaidError, match="has no table of a fleet"):
+        write(tmp_path)
+    folder = write_tables(tmp_path, 2, 3)
+    (folder / "drift.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(DeltaidError, match=r"drift\.parquet"):
+        write(folder)
+    pl.DataFrame({"robot": ["R001"], "drive": ["q1"], "rate": ["fast"]}).write_parquet(
+        folder / "drift.parquet"
+    )
+    with pytest.raises(DeltaidError, match=r"drift\.parquet.*holds what it should not"):
+        write(folder)
+    assert not (folder / "site").exists()
+
+
+def test_columns_that_are_missing_and_times_with_zones(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 2, 15)
+    path = folder / "recordings.parquet"
+    frame = pl.read_parquet(path).drop("temperature")
+    zoned = pl.col("time").dt.replace_time_zone("UTC").dt.convert_time_zone("Asia/Tokyo")
+    frame.with_columns(zoned).write_parquet(path)
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "recordings.parquet has no column temperature" in said
+    robot = words(folder / "site" / "robots" / "R001.html")
+    assert "2026-04-13 06:00" in robot  # and not nine hours later
+
+
+@pytest.mark.parametrize(
+    ("weeks", "grade", "text"),
+    [
+        (20, "fair", "hardly before"),
+        (3, "poor", "hardly before"),
+        (-1, "poor", "is beyond its limit"),
+    ],
+)
+def test_a_limit_within_four_weeks_is_to_be_acted_upon(
+    tmp_path: Path, weeks: int, grade: str, text: str
+) -> None:
+    folder = write_tables(tmp_path, 3, 15, foreign=())
+    now = pl.read_parquet(folder / "recordings.parquet")["time"].max()
+    assert isinstance(now, datetime)
+    horizon = now + timedelta(weeks=weeks)
+    changed(folder, "drift", "R003", horizon=horizon, horizon_low=horizon, state="rising")
+    write(folder)
+    page = folder / "site" / "robots" / "R003.html"
+    assert f'class="verdict {grade}"' in page.read_text(encoding="utf-8")
+    assert text in words(page)
+
+
+def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 15, rising=(), foreign=())
+    path = folder / "recordings.parquet"
+    frame = pl.read_parquet(path)
+    late = (pl.col("robot") == "R002") & (pl.col("time") > START + timedelta(weeks=8))
+    frame.filter(~late).write_parquet(path)
+    pl.DataFrame(
+        {"what": "fit", "robot": ["R001", "R003"], "which": ["2026-01", "2026-05"],
+         "reason": "too little motion"}
+    ).write_csv(folder / "quarantine.csv")  # fmt: skip
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "2 of 3 robots need attention." in said
+    assert "R002: no recording since 2026-03-02" in said
+    assert "R003: no fit of 2026-05: too little motion" in said
+    assert "R001:" not in said  # a later period could be fitted
+
+
+def test_a_page_of_a_year_stays_small(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 2, 52, per_week=7, rising=(1,), foreign=())
+    write(folder)
+    pages = (folder / "site" / "robots").iterdir()
+    assert max(page.stat().st_size for page in pages) < 230_000
+    (plotly,) = [path for path in folder.rglob("*.js") if path.stat().st_size > 1e6]
+    assert plotly.parent == folder / "site"

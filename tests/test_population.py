@@ -1,0 +1,260 @@
+"""A type from its robots: mean, spreads, who belongs, what is known of the next one."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import IdentificationError
+from deltaid.factors.gather import gathered
+from deltaid.factors.identify import identify_gathered
+from deltaid.identification.generic_motion import random_motion_base
+from deltaid.identification.uncertainty import uncertainty
+from deltaid.model.record import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.population.fitted import fitted
+from deltaid.population.member import Fact, Member, member
+from deltaid.population.next_robot import next_robot, save_next, summary
+from deltaid.population.result import Population
+from deltaid.population.tables import MEMBERS, TYPES, members_table, types_table
+from deltaid.population.widths import widest
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
+from deltaid.robot.load import load_robot
+from deltaid.robot.measured import Measured
+
+ROBOT = load_robot("clavel-delta3")
+LAYOUT = compiled(ROBOT).layout
+BODY, FRICTION, NOISE = 0.03, 0.15, 0.004
+MASS = list(LAYOUT.names).index("P.m")
+STRUT = list(LAYOUT.names).index("S.m")
+
+
+@cache
+def rows() -> np.ndarray:
+    """What recordings tell of a robot: its base parameters, each to a share of its size."""
+    K = random_motion_base(compiled(ROBOT)).combination()
+    sizes = np.abs(K) @ np.array([parameter.scale for parameter in LAYOUT.parameters])
+    return K / (NOISE * sizes)[:, None]
+
+
+def alike(mean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A robot of the type."""
+    p = mean.copy()
+    for name in LAYOUT.bodies:
+        part = LAYOUT.body(name)
+        M, off = pseudo_inertia(p[part]), np.zeros((4, 4))
+        for entry in ROBOT.bodies[name].free:
+            i, j = PSEUDO_INERTIA_ENTRIES[entry]
+            off[i, j] = off[j, i] = rng.standard_normal()
+        size = np.sqrt(np.outer(np.diag(M), np.diag(M)))
+        p[part] = inertia_parameters(M + BODY * size * off)
+    p[LAYOUT.friction] *= 1 + FRICTION * rng.standard_normal(len(p[LAYOUT.friction]))
+    return p
+
+
+def seen(name: str, p: np.ndarray, rng: np.random.Generator, gain: float = 1.0) -> Member:
+    """A robot as its recordings show it."""
+    values = gain * (rows() @ p) + rng.standard_normal(len(rows()))
+    return Member(name, LAYOUT.names, rows(), values, np.zeros((len(values), 0)), (), 60.0)
+
+
+def fleet(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[Member]]:
+    """Mean of a type, its robots, and what is seen of them."""
+    rng = np.random.default_rng(seed)
+    mean = surrogate_parameters(ROBOT, rng, 0.3)
+    truths = np.array([alike(mean, rng) for _ in range(count)])
+    return mean, truths, [seen(f"r{k:03}", p, rng) for k, p in enumerate(truths)]
+
+
+def member_of(found: Population, name: str):
+    return next(one for one in found.members if one.name == name)
+
+
+@pytest.fixture(scope="module")
+def known() -> tuple[np.ndarray, np.ndarray, list[Member], Population]:
+    mean, truths, members = fleet(40, 1)
+    return mean, truths, members, fitted(members, ROBOT)
+
+
+def test_spreads_are_found_with_intervals(known) -> None:
+    _, truths, _, found = known
+    true = {"viscous": FRICTION, "coulomb": FRICTION}
+    half = 2.6 * np.sqrt(np.diag(found.spreads.covariance))
+    for kind, log, reach in zip(found.spreads.kinds, found.spreads.log, half, strict=True):
+        assert abs(log - np.log(true.get(kind, BODY))) < reach, kind
+        assert reach < 1.5, kind
+    friction = LAYOUT.friction
+    expected = truths[:, friction].std(axis=0, ddof=1)
+    np.testing.assert_allclose(found.spread[friction], expected, rtol=0.35)
+    assert np.all(found.spread_low[friction] < expected)
+    assert np.all(expected < found.spread_high[friction])
+
+
+def test_what_all_see_well_is_their_average(known) -> None:
+    _, truths, _, found = known
+    friction = LAYOUT.friction
+    np.testing.assert_allclose(
+        found.mean.value[friction], truths[:, friction].mean(axis=0), rtol=0.01
+    )
+    expected = truths[:, friction].std(axis=0, ddof=1) / np.sqrt(len(truths))
+    np.testing.assert_allclose(found.mean.std[friction], expected, rtol=0.35)
+
+
+def test_intervals_hold_and_what_no_torque_tells_stays_open(known) -> None:
+    _, truths, _, found = known
+    inside = [
+        np.abs(one.within.value - p)[found.free] <= one.within.half[found.free]
+        for one, p in zip(found.members, truths, strict=True)
+    ]
+    assert 0.92 < np.mean(inside) <= 1.0
+    one = found.members[0]
+    assert one.within.std[MASS] > 0.9 * one.alone_std[MASS]
+    assert all(one.belongs for one in found.members)
+
+
+def test_one_weighed_robot_tells_of_all_others(known) -> None:
+    _, truths, members, before = known
+    c = np.eye(len(LAYOUT.names))[STRUT]
+    weighed = replace(members[0], facts=(Fact("scale", c, truths[0, STRUT], 1e-3),))
+    found = fitted([weighed, *members[1:]], ROBOT)
+    errors = [one.within.value[STRUT] - p[STRUT]
+              for one, p in zip(found.members, truths, strict=True)]  # fmt: skip
+    stds = np.array([one.within.std[STRUT] for one in found.members])
+    assert np.all(stds[1:] < 0.2 * before.members[1].within.std[STRUT])
+    assert np.mean(np.abs(errors) < 1.96 * stds) > 0.8
+    assert np.all(stds[1:] > 0.4 * BODY * truths[0, STRUT])
+
+
+def test_the_same_measurement_in_all_descriptions_is_one(known) -> None:
+    _, truths, members, _ = known
+    c = np.eye(len(LAYOUT.names))[STRUT]
+    fact = Fact("scale", c, truths[0, STRUT], 1e-4)
+    every = fitted([replace(one, facts=(fact,)) for one in members], ROBOT)
+    own = replace(members[0], facts=(fact,))
+    one = fitted([own, *members[1:]], ROBOT)
+    # Were it one of each robot, the mean would be known √40 times better.
+    assert one.mean.std[STRUT] < every.mean.std[STRUT] < 2 * one.mean.std[STRUT]
+    assert every.members[5].within.std[STRUT] > 0.4 * BODY * truths[0, STRUT]
+
+
+def test_robots_that_do_not_belong_are_named_and_have_no_say(known) -> None:
+    mean, _, members, before = known
+    rng = np.random.default_rng(5)
+    heavy = alike(mean, rng)
+    heavy[MASS] += 0.3 * mean[MASS]
+    strangers = [
+        seen("heavy", heavy, rng),
+        *(seen(f"amplified {k}", alike(mean, rng), rng, 1.3) for k in range(9)),
+    ]
+    found = fitted([*members, *strangers], ROBOT)
+    assert not any(member_of(found, one.name).belongs for one in strangers)
+    assert all(one.belongs for one in found.members if one.name.startswith("r"))
+    assert member_of(found, "heavy").reason.startswith("P.m is 0.")
+    assert "more than in the type: another tool" in member_of(found, "heavy").reason
+    assert "its torques are 1." in member_of(found, "amplified 3").reason
+    assert "torque constants" in member_of(found, "amplified 3").reason
+    shift = np.abs(found.mean.value - before.mean.value)[found.free]
+    assert np.all(shift < 0.05 * before.mean.std[found.free])
+
+
+def test_worn_friction_is_said_and_the_robot_stays(known) -> None:
+    mean, _, members, _ = known
+    rng = np.random.default_rng(6)
+    worn = alike(mean, rng)
+    worn[LAYOUT.viscous.start + 1] *= 2.5
+    found = member_of(fitted([*members, seen("worn", worn, rng)], ROBOT), "worn")
+    assert found.belongs
+    assert found.reason.startswith("viscous friction of drive2 is 2.")
+
+
+def test_few_robots_say_what_they_cannot(known) -> None:
+    _, truths, members, _ = known
+    for count in (1, 2):
+        found = fitted(members[:count], ROBOT)
+        assert not found.spreads.known
+        assert np.all(np.isnan(found.spread))
+        assert "cannot tell how much robots differ" in " ".join(found.told)
+        assert types_table("x", found)["spread"].null_count() == sum(found.free)
+    inside = np.abs(found.mean.value - truths[0])[found.free] < 3 * found.mean.std[found.free]
+    assert inside.mean() > 0.9
+
+
+def test_the_order_of_robots_does_not_matter(known) -> None:
+    _, _, members, found = known
+    again = fitted(members[::-1], ROBOT)
+    assert np.array_equal(again.mean.value, found.mean.value)
+    with pytest.raises(IdentificationError, match="'r000' is given 2 times"):
+        fitted([members[0], *members], ROBOT)
+    with pytest.raises(IdentificationError, match="no robot was given"):
+        fitted([], ROBOT)
+
+
+def test_widths_claim_no_more_than_is_known() -> None:
+    # A sum of two is known to 0.01, their difference to 10: no entry alone may be narrow.
+    sum_, difference = np.array([1.0, 1.0]), np.array([1.0, -1.0])
+    Q = np.outer(sum_, sum_) / 0.01**2 + np.outer(difference, difference) / 10.0**2
+    w = widest(Q, np.eye(2))
+    left = np.linalg.eigvalsh(Q - np.diag(w))
+    assert left[0] > -1e-9 * left[1]
+    assert np.all(w < 2.1 / 10.0**2)
+    np.testing.assert_allclose(widest(np.diag([4.0, 9.0]), np.eye(2)), [4.0, 9.0], rtol=1e-2)
+
+
+def test_the_next_robot_has_the_type_as_its_prior(known, tmp_path: Path) -> None:
+    _, truths, members, _ = known
+    c = np.eye(len(LAYOUT.names))[STRUT]
+    fact = Fact("scale", c, truths[0, STRUT], 1e-3)
+    found = fitted([replace(members[0], facts=(fact,)), *members[1:]], ROBOT)
+    save_next(found, "plant A", tmp_path / "type.yaml")
+    robot = load_robot(str(tmp_path / "type.yaml"))
+    assert robot == next_robot(found, "plant A")
+    assert "mean of 40 robots of plant A" in robot.sources["bodies.S"]
+    mass, spread = robot.bodies["S"].prior_parameters()[0], robot.bodies["S"].spread
+    assert mass == pytest.approx(found.mean.value[STRUT])
+    assert isinstance(spread, dict)
+    assert BODY < spread["m"] < 3 * BODY
+    assert not any(body.measured for body in robot.bodies.values())
+    assert "40 robots, 40 of the type" in summary(found)
+
+
+def test_tables_are_tidy(known) -> None:
+    _, _, _, found = known
+    types, members = types_table("delta", found), members_table("delta", found)
+    assert types.columns == list(TYPES)
+    assert members.columns == list(MEMBERS)
+    assert len(types) == found.free.sum()
+    assert len(members) == len(found.members) * found.free.sum()
+    assert types["robots"].unique().to_list() == [40]
+    assert members["alone_std"].null_count() == 0
+
+
+def test_a_member_says_what_its_recording_says(tmp_path: Path) -> None:
+    dynamics, rng = compiled(ROBOT), np.random.default_rng(3)
+    motion = random_motion(dynamics.kinematics, rng)
+    truth = alike(prior_parameters(ROBOT), rng)
+    table = simulate_recording(dynamics, truth, motion, rng, duration=4.0, noise=SensorNoise())
+    write_recording(table, tmp_path / "log.csv")
+    settings = Settings(cutoff=15.0, friction="described")
+    file = gathered(ROBOT, tmp_path / "log.csv", settings=settings)
+    body = ROBOT.bodies["S"].changed(measured=(Measured(mass=0.2, std=0.001),))
+    weighed = ROBOT.changed(bodies=ROBOT.bodies | {"S": body})
+    plain, own = (member("one", [file], each, settings) for each in (ROBOT, weighed))
+    problem = identify_gathered(ROBOT, [file], settings).problem
+    np.testing.assert_allclose(plain.rows @ problem.estimate.full, plain.values, rtol=1e-6)
+    np.testing.assert_array_equal(plain.rows, own.rows)
+    assert [(fact.value, fact.std) for fact in own.facts] == [(0.2, 0.001)]
+    alone = fitted([plain], ROBOT).members[0].alone_std[problem.reduction.A.any(axis=1)]
+    expected = uncertainty(problem).std[problem.reduction.A.any(axis=1)]
+    assert np.median(alone / expected) == pytest.approx(1.0, abs=0.05)
+    found = fitted([own], weighed)
+    assert found.members[0].within.std[STRUT] == pytest.approx(0.001, rel=0.05)
