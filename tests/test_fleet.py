@@ -23,6 +23,7 @@ import pytest
 import s3fs
 
 from command import run
+from deltaid import libraries
 from deltaid.errors import DeltaidError
 from deltaid.fleet import cluster
 from deltaid.fleet.cluster import client, done, require_shared
@@ -32,6 +33,7 @@ from deltaid.fleet.store import Store
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.robot import own
+from deltaid.robot.load import load_robot
 from plant import DAYS, SETTINGS, Plant, manifest, plant, recordings
 from stores import KEYS, dask_cluster, s3_server, unreliable
 
@@ -92,6 +94,23 @@ def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
         "robots": 2, "used": 4, "gathered": 0, "fits": 4, "fitted": 0,
     }  # fmt: skip
     assert [line["which"] for line in told["quarantine"]] == [str(whole.path("south/2026-01-09"))]
+    assert Path(told["site"]).is_file()
+
+
+def test_what_the_fleet_knows_is_a_description_of_the_next_robot(whole: Plant) -> None:
+    path = whole.folder / "next.yaml"
+    done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
+               "described", "--prior-out", path)  # fmt: skip
+    assert done.code == 0, done.err
+    assert "mean of 2 robots" in load_robot(path).sources["friction"]
+
+
+def test_without_dask_the_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(libraries, "find_spec", lambda name: None)
+    told = run("fleet", tmp_path / "fleet.yaml", "-o", tmp_path / "fleet")
+    assert told.code == 2
+    assert "needs Dask, which is not installed" in told.err
+    assert "fleet]" in told.err
 
 
 def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:

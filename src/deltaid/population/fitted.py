@@ -170,7 +170,8 @@ def _population(
         within = Estimates(own, std, half_width(std, by_noise, freedom))
         estimates.append(MemberEstimate(one.name, within, std_of(T, own_alone[k][1]), belongs,
                                         reasons[k], float(found.chances[k])))  # fmt: skip
-    spread, low, high = spread_between(T, found.spreads, coordinates)
+    spreads = found.spreads.of_unknown_sizes(coordinates, square)
+    spread, low, high = spread_between(T, spreads, coordinates)
     return Population(
         coordinates=coordinates,
         mean=Estimates(p, std_of(T, square), NORMAL * std_of(T, square)),
@@ -180,7 +181,7 @@ def _population(
         spread_low=low,
         spread_high=high,
         members=tuple(estimates),
-        spreads=found.spreads,
+        spreads=spreads,
         moved=tuple(moved),
         naming=naming,
     )

@@ -1,6 +1,6 @@
 """Spreads between robots by marginal likelihood, with their intervals."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,8 @@ _LEAST, _MOST = 1e-4, 2.0
 _STEP = 0.05
 # Log likelihood that a spread of nearly zero must lose for the spread to be there (95 %).
 _THERE = 1.92
+# Sizes are not further off than by such a share.
+_LIKELY_OFF = 0.5
 # From so many robots on their spreads can be known.
 ENOUGH = 3
 
@@ -41,6 +43,21 @@ class Spreads:
     def freedom(self) -> float:
         """Degrees of freedom of a spread's square: its logarithm has the variance 1 / 2ν."""
         return float(0.5 / np.mean(np.diag(self.covariance)))
+
+    def of_unknown_sizes(
+        self, coordinates: Coordinates, covariance: Float[np.ndarray, "u u"]
+    ) -> "Spreads":
+        """With intervals that know that spreads are shares of sizes which are not known well.
+
+        What is off of one size is off of a kind's spread by a part, as many as it has entries.
+
+        Args:
+            covariance: of the mean, in sizes.
+        """
+        at = coordinates.kind_of()
+        off = np.minimum(np.diag(covariance), _LIKELY_OFF**2)
+        more = [off[at == k].mean() / np.sum(at == k) for k in range(len(self.kinds))]
+        return replace(self, covariance=self.covariance + np.diag(more))
 
     def variance(
         self, coordinates: Coordinates, log: np.ndarray | None = None
