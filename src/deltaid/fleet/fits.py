@@ -132,7 +132,7 @@ def fit_period(job: FitJob, place: Place) -> Fitted:
     """
     with ALONE, threads(1):
         try:
-            done = place.table(_journal(job, PARAMETERS))
+            done = place.finished(_journal(job, PARAMETERS))
             if done is not None:
                 return Fitted(job, {PARAMETERS: done})
             files, damaged = _read(job, place)

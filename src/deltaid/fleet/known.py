@@ -97,20 +97,21 @@ class Known:
         rows = () if table is None else table.iter_rows(named=True)
         schemas = {PARAMETERS: PARAMETERS_SCHEMA, **STUDY_TABLES, **TYPE_TABLES}
         tables = {name: place.table(f"{name}.parquet") for name in schemas}
-        for name, found, schema in (
-            (RECORDINGS, table, RECORDINGS_SCHEMA),
-            *((f"{name}.parquet", tables[name], schemas[name]) for name in schemas),
-        ):
-            if found is not None and found.schema != pl.Schema(schema):
-                raise DeltaidError(
-                    "has other columns than this version writes",
-                    where=place.at(name),
-                    cure="remove it; it is made again from the factor files",
-                )
+        if table is not None and table.schema != pl.Schema(RECORDINGS_SCHEMA):
+            raise DeltaidError(
+                "has other columns than this version writes",
+                where=place.at(RECORDINGS),
+                cure="remove it, and it is made again; recordings that have been thrown away since "
+                "are then forgotten",
+            )
         return cls(
             {row["key"]: row for row in rows if row["file"]},
             {} if retry else _refused(place),
-            {name: one for name, one in tables.items() if one is not None},
+            {  # what another version has written is made again
+                name: one
+                for name, one in tables.items()
+                if one is not None and one.schema == pl.Schema(schemas[name])
+            },
         )
 
     def gathered(self, recorded: Recorded, key: str, listing: Mapping[str, int]) -> Outcome | None:

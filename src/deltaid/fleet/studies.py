@@ -110,7 +110,7 @@ def study_robot(job: StudyJob, place: Place) -> Studied:
     tables, reasons, lasting = dict[str, pl.DataFrame](), dict[str, str](), True
     with ALONE, threads(1):
         try:
-            done = {name: place.table(_journal(job, name)) for name in TABLES}
+            done = {name: place.finished(_journal(job, name)) for name in TABLES}
             if all(one is not None for one in done.values()) and place.size(job.member_file):
                 return Studied(job, {name: x for name, x in done.items() if x is not None})
             files = [place.factors(name) for name in job.files]
