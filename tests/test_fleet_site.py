@@ -251,6 +251,21 @@ def test_a_limit_within_four_weeks_is_to_be_acted_upon(
     assert text in words(page)
 
 
+def test_what_nobody_can_tell_is_not_called_good(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 1, rising=(), foreign=())
+    for robot in ("R001", "R002", "R003"):
+        changed(folder, "drift", robot, state="unknown")
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "there is too little to tell of most" in said
+    assert "Of 9 of 9 drives there is too little to tell" in said
+    assert 'class="verdict untested"' in (folder / "site" / "index.html").read_text("utf-8")
+    robot = words(folder / "site" / "robots" / "R001.html")
+    assert "Whether friction changes cannot be told yet." in robot
+    kind = words(folder / "site" / "types" / f"{TYPES[0]}.html")
+    assert "Whether its robots are alike is not known." in kind  # two robots cannot tell
+
+
 def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:
     folder = write_tables(tmp_path, 3, 15, rising=(), foreign=())
     path = folder / "recordings.parquet"

@@ -44,6 +44,15 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
     return Panel(title, tuple(traces), _change(drift), unit)
 
 
+def time_axis(seen: pl.DataFrame) -> Data:
+    """Of all panels alike; a single time has some days around it."""
+    axis = {"type": "date", "matches": "x"}
+    first, last = seen["time"].min(), seen["time"].max()
+    if not isinstance(first, datetime) or first != last:
+        return axis
+    return axis | {"range": [_at(first - timedelta(days=3)), _at(first + timedelta(days=3))]}
+
+
 def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
     """What was seen."""
     return {

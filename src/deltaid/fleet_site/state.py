@@ -132,7 +132,7 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
         drives=drives,
         noise=last["noise"] if last else None,
         worst_error=last["worst_error"] if last else None,
-        belongs=None if members is None else not foreign,
+        belongs=None if members is None or members["belongs"].has_nulls() else not foreign,
         concerns=tuple(sorted(concerns, key=lambda one: one.urgency)),
     )
 
