@@ -263,10 +263,11 @@ def files(robots: int) -> None:
 
 _START = datetime(2026, 1, 1)
 _FILES = """The first row of the other table by factor files, with three drives, of which 10 % drift:
-robots of one type with bodies and friction of their own, a recording of 12 s a day on one of several motions with 2 % of torque noise,
-a third of them with a load in cycles whose mass nobody tells, a tool change of 0.1 to 0.3 kg that
-nobody told. The model is that of the first three weeks. Looked at every week, and every third day
-in the six weeks after friction begins to rise, always with no more than the files up to then."""
+robots of one type with bodies and friction of their own, a recording of 12 s a day on one of
+several motions with 2 % of torque noise, a third of them with a load in cycles whose mass nobody
+tells, a tool change of 0.1 to 0.3 kg that nobody told. The model is that of the first three weeks.
+Looked at every week, and every third day in the six weeks after friction begins to rise, always
+with no more than the files up to then."""
 
 
 def _looks(onset: np.ndarray) -> list[int]:

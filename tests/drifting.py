@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from deltaid.drift.recorded import Recorded
 from deltaid.dynamics.dynamics import compiled
@@ -28,17 +29,18 @@ SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
 START = datetime(2026, 1, 1)
 
 
-def one_recording(folder: Path, seed: int = 0) -> FactorFile:
-    """A recording of the described robot, gathered."""
+def recording(seed: int) -> pl.DataFrame:
+    """A recording of the described robot, on a motion and with noise of a seed."""
     robot, rng = load_robot(ROBOT), np.random.default_rng(seed)
-    dynamics = compiled(robot)
-    motion = random_motion(dynamics.kinematics, rng)
-    found = simulate_recording(
-        dynamics, prior_parameters(robot), motion, rng, duration=6.0,
-        noise=SensorNoise(torque=0.02),
-    )  # fmt: skip
+    dynamics, p = compiled(robot), prior_parameters(robot)
+    motion, noise = random_motion(dynamics.kinematics, rng), SensorNoise(torque=0.02)
+    return simulate_recording(dynamics, p, motion, rng, duration=6.0, noise=noise)
+
+
+def one_recording(folder: Path, seed: int = 0) -> FactorFile:
+    """The same, gathered."""
     path = folder / f"log{seed}.csv"
-    write_recording(found, path)
+    write_recording(recording(seed), path)
     return gathered(ROBOT, path, settings=SETTINGS)
 
 

@@ -17,7 +17,7 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.gears import Gears
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
@@ -128,10 +128,24 @@ def test_stiff_gears_stay_stiff() -> None:
     assert model_filtered(found.model, found.recordings[0].log).repairs.gears is None
 
 
+@pytest.mark.parametrize("seed", [101, 102])
+def test_noise_of_a_short_recording_is_no_gear_that_winds_up(seed: int) -> None:
+    """Turned back by measured torques, the link takes away their noise where M s ω² is one."""
+    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(seed)
+    p = surrogate_parameters(dynamics.robot, np.random.default_rng(0))
+    motion = random_motion(dynamics.kinematics, rng)
+    noise = SensorNoise(torque=0.02)
+    table = simulate_recording(dynamics, p, motion, rng, duration=6.0, rate=500.0, noise=noise)
+    settings = Settings(cutoff=15.0, friction="described", lag="none", events=False)
+    found = at_stage(dynamics.robot, table, settings)
+    assert all(one.repairs.gears is None for one in found.recordings)
+
+
 def at_stage(robot: RobotDescription, table: pl.DataFrame, settings: Settings) -> Setup:
     """What the stage makes of a recording that nothing else is done to."""
     kinematics = compiled(robot).kinematics
-    recordings = tuple(open_recordings(table.drop("link1", "link2", "link3"), kinematics))
+    table = table.drop("link1", "link2", "link3", strict=False)
+    recordings = tuple(open_recordings(table, kinematics, cutoff=settings.cutoff))
     return gears_turned_back(Setup(robot, recordings, settings), lambda _: None)
 
 

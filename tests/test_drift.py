@@ -16,9 +16,11 @@ from deltaid.drift.settings import DriftSettings
 from deltaid.drift.tables import DRIFT, FRICTION, drift_table, friction_table, save
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.factors.file import ENDING, FactorFile, write
+from deltaid.factors.gather import gathered
 from deltaid.factors.identify import identify_gathered
 from deltaid.model.record import IdentifiedModel
-from drifting import ROBOT, SETTINGS, START, days, one_recording
+from deltaid.recording.mapping import ColumnMapping, TemperatureColumn
+from drifting import ROBOT, SETTINGS, START, days, one_recording, recording
 
 COUNT, ONSET, TOOL = 90, 40, 55
 RNG = np.random.default_rng(8)
@@ -170,3 +172,22 @@ def test_what_the_command_refuses(folder: Path, options: tuple[str, ...], words:
     done = run("drift", ROBOT, folder, *options)
     assert done.code == 2
     assert words in done.err.replace("\n", " ")
+
+
+def test_a_recorded_temperature_is_kept(tmp_path: Path) -> None:
+    """In °C, whatever the unit of its column."""
+    log = tmp_path / "log.parquet"
+    table = recording(0)
+    kelvin = np.linspace(300.15, 304.15, len(table))
+    table.with_columns(oil=kelvin).write_parquet(log)
+    columns = ColumnMapping(temperature=TemperatureColumn(column="oil", unit="K"))
+    known = gathered(ROBOT, log, columns=columns, settings=SETTINGS)
+    found = known.record.temperature
+    assert found is not None
+    assert found.mean == pytest.approx(29.0, abs=0.2)
+    assert found.low == pytest.approx(27.0, abs=0.5)
+    assert found.high == pytest.approx(31.0, abs=0.5)
+    assert Recorded(known, START).degrees == found.mean
+    assert Recorded(known, START, temperature=20.0).degrees == 20.0
+    assert np.isnan(Recorded(replace(known, record=known.record.changed(temperature=None)), START)
+                    .degrees)  # fmt: skip

@@ -23,12 +23,17 @@ import pytest
 import s3fs
 
 from command import run
+from deltaid import libraries
 from deltaid.errors import DeltaidError
 from deltaid.fleet import cluster
 from deltaid.fleet.cluster import client, done, require_shared
 from deltaid.fleet.fleet import find_fleet
 from deltaid.fleet.run import run_fleet
 from deltaid.fleet.store import Store
+from deltaid.mechanism import user_code
+from deltaid.mechanism.user_code import named_path
+from deltaid.robot import own
+from deltaid.robot.load import load_robot
 from plant import DAYS, SETTINGS, Plant, manifest, plant, recordings
 from stores import KEYS, dask_cluster, s3_server, unreliable
 
@@ -89,35 +94,54 @@ def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
         "robots": 2, "used": 4, "gathered": 0, "fits": 4, "fitted": 0,
     }  # fmt: skip
     assert [line["which"] for line in told["quarantine"]] == [str(whole.path("south/2026-01-09"))]
+    assert Path(told["site"]).is_file()
+
+
+def test_what_the_fleet_knows_is_a_description_of_the_next_robot(whole: Plant) -> None:
+    path = whole.folder / "next.yaml"
+    done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
+               "described", "--prior-out", path)  # fmt: skip
+    assert done.code == 0, done.err
+    assert "mean of 2 robots" in load_robot(path).sources["friction"]
+
+
+def test_without_dask_the_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(libraries, "find_spec", lambda name: None)
+    told = run("fleet", tmp_path / "fleet.yaml", "-o", tmp_path / "fleet")
+    assert told.code == 2
+    assert "needs Dask, which is not installed" in told.err
+    assert "fleet]" in told.err
 
 
 def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:
     """Meanwhile a factor file is cut short, a recording is thrown away, another one copied."""
-    own = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
-    assert own.run().computed == (2, 1, 1)
-    own.record(f"north/{DAYS[2]}").path(FIRST[1]).unlink()
-    shutil.copy(own.path(FIRST[0]), own.path("north/2026-01-08"))
-    cut = next((own.output / "factors" / "north").glob("2026-01-05*"))
+    here = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
+    assert here.run().computed == (2, 1, 1)
+    here.record(f"north/{DAYS[2]}").path(FIRST[1]).unlink()
+    shutil.copy(here.path(FIRST[0]), here.path("north/2026-01-08"))
+    cut = next((here.output / "factors" / "north").glob("2026-01-05*"))
     cut.write_bytes(cut.read_bytes()[:-500])
-    second = own.run()
+    second = here.run()
     assert second.computed == (3, 3, 1)
-    assert [line.which for line in second.quarantine] == [str(own.path("north/2026-01-08"))]
+    assert [line.which for line in second.quarantine] == [str(here.path("north/2026-01-08"))]
     assert "is a copy of" in second.quarantine[0].reason
-    assert own.table().equals(whole.table().filter(pl.col("robot") == "north"))
-    gone = own.table("recordings.parquet").filter(~pl.col("there"))
-    assert gone["path"].to_list() == [str(own.path(FIRST[1]))]
+    assert here.table().equals(whole.table().filter(pl.col("robot") == "north"))
+    gone = here.table("recordings.parquet").filter(~pl.col("there"))
+    assert gone["path"].to_list() == [str(here.path(FIRST[1]))]
 
 
 def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:
     text = whole.manifest.read_text(encoding="utf-8")
-    own = whole.folder / "more.yaml"
+    more = whole.folder / "more.yaml"
     (whole.folder / "x").mkdir()
     (whole.folder / "x" / "a.csv").touch()
     (whole.folder / "x" / "2026-01-01.csv").touch()
-    own.write_text(text + "  - robot: x\n    type: x.yaml\n    recordings: x/*\n", encoding="utf-8")
+    more.write_text(
+        text + "  - robot: x\n    type: x.yaml\n    recordings: x/*\n", encoding="utf-8"
+    )
     copy = whole.folder / "copy"
     shutil.copytree(whole.output, copy, copy_function=os.link)
-    done = run("fleet", own, "-o", copy, "--cutoff", 15, "--friction", "described", width=300)
+    done = run("fleet", more, "-o", copy, "--cutoff", 15, "--friction", "described", width=300)
     assert done.code == 0, done.err
     assert "x/a.csv: nothing says when it was made" in done.err
     assert "x.yaml: no such file" in done.err or "no robot file" in done.err
@@ -204,6 +228,7 @@ def _killed_call(site: Site) -> None:
 
 
 def _deadly(number: int) -> int:
+    assert named_path() is not None
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     if number == 5:
@@ -211,7 +236,14 @@ def _deadly(number: int) -> int:
     return number
 
 
-def test_what_kills_workers_stops_nothing_else() -> None:
+def test_what_kills_workers_stops_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All workers, also those that take the place of others, know the user's own mechanism."""
+    monkeypatch.setattr(user_code, "_files", {})
+    monkeypatch.setattr(own, "_named", [])
+    (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
+    user_code.use_mechanism(tmp_path / "mine.py")
     failed: dict[int, str] = {}
     with client(workers=1) as found:
         results = list(

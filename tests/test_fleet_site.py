@@ -5,6 +5,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
+import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 import pytest
@@ -113,6 +114,15 @@ def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
     }  # fmt: skip
 
 
+def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
+    scripts = document(fleet / "site" / "robots" / "R001.html").scripts
+    friction = next(json.loads(one) for one in scripts if '"as recorded"' in one)
+    recorded, cooled = (np.array(trace["y"]) for trace in friction["data"][:2])
+    assert friction["data"][1]["name"].endswith("at one temperature")
+    assert np.std(cooled) < 0.75 * np.std(recorded)
+    assert np.mean(cooled) == pytest.approx(np.mean(recorded), rel=1e-3)
+
+
 def test_names_with_markup_or_paths_do_no_harm(tmp_path: Path) -> None:
     names = {
         0: HOSTILE,
@@ -215,7 +225,8 @@ def test_columns_that_are_missing_and_times_with_zones(tmp_path: Path) -> None:
     write(folder)
     said = words(folder / "site" / "index.html")
     assert "recordings.parquet has no column temperature" in said
-    assert "2026-04-13" in said  # and not nine hours later
+    robot = words(folder / "site" / "robots" / "R001.html")
+    assert "2026-04-13 06:00" in robot  # and not nine hours later
 
 
 @pytest.mark.parametrize(

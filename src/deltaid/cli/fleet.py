@@ -134,6 +134,7 @@ def fleet(
         print_error(
             DeltaidError(
                 "stopped; what has been gathered and fitted is kept",
+                where=output,
                 cure="the same command does what is left",
             )
         )

@@ -6,13 +6,12 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from multiprocessing import get_all_start_methods
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 from deltaid.errors import DeltaidError
 from deltaid.libraries import require
-from deltaid.mechanism.user_code import named_path, use_mechanism
+from deltaid.mechanism.user_code import named_path
 from deltaid.parallel import cores
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ _Result = TypeVar("_Result")
 # Tasks that the scheduler knows at once: all of a year of a fleet would slow it down.
 _AT_ONCE = 2000
 # Deaths of workers that a task may see before it is tried alone.
-_FAILURES = 1
+_FAILURES = 0
 # How long a scheduler may take to answer [s].
 _PATIENCE = 15
 
@@ -79,26 +78,12 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
 
 
 def _share_code(client: "Client") -> None:
-    """Give workers the Python file of the user's own mechanism, also those that start later."""
+    """Give workers the Python file of the user's own mechanism, if there is one."""
     path = named_path()
-    if path is None:
-        return
-    from distributed import WorkerPlugin
+    if path is not None:
+        from deltaid.fleet.own_code import OwnCode
 
-    class OwnMechanism(WorkerPlugin):
-        """Runs the file that the user has named, as it was when the command was called."""
-
-        def __init__(self, code: bytes) -> None:
-            self.code = code
-
-        def setup(self, worker: Any) -> None:
-            """On each worker."""
-            with TemporaryDirectory(prefix="deltaid-") as folder:
-                copy = Path(folder) / "mechanism.py"
-                copy.write_bytes(self.code)
-                use_mechanism(copy)
-
-    client.register_plugin(OwnMechanism(path.read_bytes()))
+        client.register_plugin(OwnCode(path.read_bytes()))
 
 
 def _settings() -> dict[str, Any]:

@@ -10,6 +10,7 @@ from deltaid.errors import DescriptionError
 from deltaid.fleet.manifest import Entry, RecordedFile, beside, read_manifest
 from deltaid.fleet.store import Store, has_pattern
 from deltaid.model.options import Period
+from deltaid.robot.load import catalogue
 
 # A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
 _DATE = re.compile(
@@ -91,11 +92,18 @@ def find_fleet(manifest: str, store: Store, period: Period | None = None) -> Fle
     """
     read, absent, types = read_manifest(manifest, store), list[Absent](), dict[str, str]()
     found, entries = dict[str, Recorded](), list[tuple[str, str]]()
-    for robot, kind, file, columns in read.entries(manifest):
-        types[kind] = beside(kind, manifest)
-        pattern = beside(file.path, manifest)
+    named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
+    single = store.stamps(pattern for pattern, _ in named if not has_pattern(pattern))
+    for pattern, (robot, kind, file, columns) in named:
+        types[kind] = kind if kind in catalogue() else beside(kind, manifest)
         entries.append((robot, pattern))
-        matches = store.matching(pattern)
+        matches = (
+            store.matching(pattern)
+            if has_pattern(pattern)
+            else {pattern: single[pattern]}
+            if pattern in single
+            else {}
+        )
         if not matches:
             what = "no file answers to it" if has_pattern(pattern) else "no such file"
             absent.append(Absent(robot, pattern, f"{what}\n  → check the manifest"))

@@ -1,5 +1,6 @@
 """What the tables of a fleet's folder say of earlier calls, so that nothing is done again."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -57,6 +58,18 @@ class Quarantined:
 
 
 @dataclass(frozen=True)
+class Named:
+    """What the manifest names of a robot: paths, and patterns as regular expressions."""
+
+    paths: frozenset[str]
+    patterns: tuple[re.Pattern[str], ...]
+
+    def has(self, path: str) -> bool:
+        """Whether a path is among it."""
+        return path in self.paths or any(one.fullmatch(path) for one in self.patterns)
+
+
+@dataclass(frozen=True)
 class Known:
     """What is known from earlier calls.
 
@@ -110,7 +123,7 @@ class Known:
         return _outcome(recorded, row)
 
     def gone(
-        self, here: Sequence[Recorded], named: Mapping[str, set[str]], listing: Mapping[str, int]
+        self, here: Sequence[Recorded], named: Mapping[str, Named], listing: Mapping[str, int]
     ) -> list[tuple[Recorded, Outcome, str]]:
         """Recordings that the manifest still names and that are no longer where they were.
 
@@ -118,19 +131,16 @@ class Known:
 
         Args:
             here: recordings that are there.
-            named: by robot, patterns and paths of the manifest, as regular expressions.
+            named: by robot, what the manifest names.
 
         Returns:
             For each, as it was, and the checksum of how it was gathered.
         """
-        import re
-
         there = {one.path for one in here}
-        rules = {robot: [re.compile(one) for one in patterns] for robot, patterns in named.items()}
         found = list[tuple[Recorded, Outcome, str]]()
         for row in self.recordings.values():
             path, robot = str(row["path"]), str(row["robot"])
-            still = any(rule.fullmatch(path) for rule in rules.get(robot, ()))
+            still = robot in named and named[robot].has(path)
             if path in there or not still or listing.get(str(row["file"])) != row["bytes"]:
                 continue
             recorded = Recorded(

@@ -18,7 +18,7 @@ from pydantic import Field, field_validator
 from deltaid.errors import DescriptionError, nearest
 from deltaid.fleet.store import Store, is_address
 from deltaid.model.options import Period
-from deltaid.robot.load import catalogue, parse
+from deltaid.robot.load import parse
 from deltaid.robot.part import Part
 
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
@@ -109,11 +109,12 @@ def read_manifest(name: str, store: Store) -> Manifest:
     Raises:
         DescriptionError: it cannot be read, or is wrong, with line or row, and key.
     """
-    data = None if not is_address(name) and Path(name).is_dir() else store.read(name)
+    cure = "give the YAML, CSV or Parquet file of a fleet"
+    if not is_address(name) and Path(name).is_dir():
+        raise DescriptionError("is a folder, not a file", where=name, cure=cure)
+    data = store.read(name)
     if data is None:
-        raise DescriptionError(
-            "no such file", where=name, cure="give the YAML, CSV or Parquet file of a fleet"
-        )
+        raise DescriptionError("no such file", where=name, cure=cure)
     ending = f".{name.rpartition('.')[2].lower()}"
     if ending in _TABLES:
         return _of_table(data, ending, name)
@@ -126,9 +127,8 @@ def read_manifest(name: str, store: Store) -> Manifest:
 
 
 def beside(name: str, manifest: str) -> str:
-    """What a name in a manifest stands for: a catalogue's name, an address, or a path from its
-    folder."""
-    if name in catalogue() or is_address(name):
+    """What a name in a manifest stands for: an address, or a path from its folder."""
+    if is_address(name):
         return name
     if is_address(manifest):
         return f"{manifest.rpartition('/')[0]}/{name}"

@@ -1,5 +1,6 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
+import os
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -36,6 +37,27 @@ class Place:
     def is_local(self) -> bool:
         """Whether it is a path."""
         return not is_address(self.root)
+
+    def require(self) -> None:
+        """Find out before any work whether the folder can be written to.
+
+        Raises:
+            DeltaidError: it is a file, or cannot be made or written to.
+        """
+        if not self.is_local:
+            return
+        path = Path(self.root)
+        there = next(one for one in (path, *path.parents) if one.exists())
+        if not there.is_dir():
+            raise DeltaidError(
+                "is a file, not a folder", where=str(there), cure="give another name"
+            )
+        if not os.access(there, os.W_OK):
+            raise DeltaidError(
+                "cannot be written to",
+                where=str(there),
+                cure="check the folder's permissions, or give another place",
+            )
 
     def at(self, name: str) -> str:
         """Path or address of a file in it."""

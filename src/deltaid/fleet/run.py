@@ -104,6 +104,7 @@ def run_fleet(
             cannot be written to.
     """
     settings, place = settings or Settings(), Place.of(folder, store or Store())
+    place.require()
     ways = Ways.of(fleet, place, settings, force=force)
     known = Known.of(place, retry=retry)
     with ExitStack() as stack:

@@ -1,5 +1,6 @@
 """The steps of a call: recordings, fits, studies of robots; each does what is left."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -20,6 +21,8 @@ from deltaid.fleet.fits import (
 )
 from deltaid.fleet.fleet import Recorded
 from deltaid.fleet.gathering import FACTORS, Job, Outcome, gather_recorded
+from deltaid.fleet.known import Named
+from deltaid.fleet.store import has_pattern
 from deltaid.fleet.studies import MEMBERS, TABLES, Studied, StudyJob, study_jobs, study_robot
 from deltaid.fleet.types import FOLDER as TYPES
 from deltaid.fleet.types import TABLES as TYPE_TABLES
@@ -164,9 +167,16 @@ def _gone(call: Call, listing: dict[str, int]) -> list[Outcome]:
     """Recordings that have been gathered, and thrown away since."""
     from fsspec.utils import glob_translate
 
-    named = dict[str, set[str]]()
+    patterns = dict[str, list[str]]()
     for robot, pattern in call.fleet.entries:
-        named.setdefault(robot, set()).add(glob_translate(pattern))
+        patterns.setdefault(robot, []).append(pattern)
+    named = {
+        robot: Named(
+            frozenset(one for one in own if not has_pattern(one)),
+            tuple(re.compile(glob_translate(one)) for one in own if has_pattern(one)),
+        )
+        for robot, own in patterns.items()
+    }
     return [
         outcome
         for recorded, outcome, how in call.known.gone(call.fleet.recordings, named, listing)

@@ -5,10 +5,11 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from stat import S_ISREG
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
@@ -16,6 +17,8 @@ from deltaid.errors import DeltaidError
 from deltaid.files import write_bytes
 
 _MAGIC = "*?["
+# So many files of one folder are listed at once and not asked for one by one.
+_MANY = 8
 # How often what a store refuses is asked for, and the wait before the second time [s].
 _TRIES, _WAIT = 4, 0.3
 
@@ -52,7 +55,7 @@ class Store:
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def matching(self, pattern: str) -> dict[str, str]:
-        """Files that a path, an address or a pattern stands for, each with its stamp.
+        """Files that a pattern stands for, each with its stamp.
 
         A stamp changes when a file does, and is known without reading it: size and time of change,
         or entity tag.
@@ -61,23 +64,35 @@ class Store:
             DeltaidError: the store cannot be reached.
         """
         if not is_address(pattern):
-            names = (
-                sorted(glob.glob(pattern, recursive=True)) if has_pattern(pattern) else [pattern]
-            )
+            names = sorted(glob.glob(pattern, recursive=True))
             return {name: self.stamp(name) for name in names if os.path.isfile(name)}
-        protocol, system = pattern.partition("://")[0], self.system(pattern)
+        system = self.system(pattern)
+        return _stamps(_asked(lambda: system.glob(pattern, detail=True), pattern), pattern)
 
-        def asked() -> dict[str, str]:
-            if not has_pattern(pattern):
-                return {pattern: _stamp(system.info(pattern))} if system.isfile(pattern) else {}
-            found = system.glob(pattern, detail=True)
-            return {
-                f"{protocol}://{str(name).removeprefix(f'{protocol}://')}": _stamp(found[name])
-                for name in sorted(found)
-                if found[name].get("type") == "file"
-            }
+    def stamps(self, paths: Iterable[str]) -> dict[str, str]:
+        """Stamps of those of these files that are there; many of one folder are asked for at once.
 
-        return _asked(asked, pattern)
+        Raises:
+            DeltaidError: the store cannot be reached.
+        """
+        folders, found = dict[str, list[str]](), dict[str, str]()
+        for path in dict.fromkeys(paths):
+            folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
+        for folder, own in folders.items():
+            if folder and len(own) >= _MANY:
+                there = self._listed(folder)
+                found |= {path: there[path] for path in own if path in there}
+            else:
+                found |= {path: stamp for path in own if (stamp := self.stamp(path))}
+        return found
+
+    def _listed(self, folder: str) -> dict[str, str]:
+        system = self.system(folder)
+        try:
+            listed = _asked(lambda: system.ls(folder, detail=True), folder)
+        except FileNotFoundError:
+            return {}
+        return _stamps({one["name"]: one for one in listed}, folder)
 
     def stamp(self, path: str) -> str:
         """A file's stamp; empty if there is no such file.
@@ -88,9 +103,10 @@ class Store:
         try:
             if not is_address(path):
                 found = os.stat(path)
-                return f"{found.st_size} {found.st_mtime_ns}"
-            return _asked(lambda: _stamp(self.system(path).info(path)), path)
-        except FileNotFoundError:
+                return f"{found.st_size} {found.st_mtime_ns}" if S_ISREG(found.st_mode) else ""
+            info = _asked(lambda: self.system(path).info(path), path)
+            return _stamp(info) if info.get("type") == "file" else ""
+        except (FileNotFoundError, NotADirectoryError):
             return ""
 
     @contextmanager
@@ -125,6 +141,12 @@ class Store:
             return _asked(lambda: self.system(path).cat_file(path), path)
         except FileNotFoundError:
             return None
+        except OSError as error:
+            raise StoreError(
+                f"cannot be read: {error.strerror or error}",
+                where=path,
+                cure="check its name and permissions",
+            ) from None
 
     def write(self, path: str, data: bytes) -> None:
         """A file of these bytes, whole or not at all.
@@ -206,6 +228,16 @@ class Store:
 
 
 _CHANGED = ("has changed since it was listed",)
+
+
+def _stamps(found: Mapping[str, Mapping[str, Any]], address: str) -> dict[str, str]:
+    """Stamps of the files of a listing, by their addresses."""
+    protocol = f"{address.partition('://')[0]}://"
+    return {
+        f"{protocol}{name.removeprefix(protocol)}": _stamp(found[name])
+        for name in sorted(found)
+        if found[name].get("type") == "file"
+    }
 
 
 def _stamp(info: Mapping[str, Any]) -> str:

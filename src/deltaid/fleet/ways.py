@@ -37,6 +37,7 @@ class Ways:
         mappings: by the manifest's name.
         cutoffs: of each type [Hz].
         wrong: what is wrong, by type or mapping.
+        hows: what has been asked for, by type, mapping and load: a fleet has few.
     """
 
     settings: Settings
@@ -45,6 +46,7 @@ class Ways:
     mappings: Mapping[str, ColumnMapping]
     cutoffs: Mapping[str, float] = field(default_factory=dict)
     wrong: Mapping[str, DeltaidError] = field(default_factory=dict)
+    hows: dict[tuple[str, str, float | None], How] = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool) -> "Ways":
@@ -77,11 +79,16 @@ class Ways:
         Raises:
             DeltaidError: its description or mapping is wrong.
         """
-        mapping = self.mappings.get(one.columns)
+        kind = (one.type, one.columns, one.load)
+        if kind not in self.hows:
+            self.hows[kind] = self._how(one)
+        return self.hows[kind]
+
+    def _how(self, one: Recorded) -> How:
         settings = self.settings
         if settings.cutoff is None and one.type in self.cutoffs:
             settings = settings.changed(cutoff=self.cutoffs[one.type])
-        how = How(self.robots[one.type], mapping, settings, self.force)
+        how = How(self.robots[one.type], self.mappings.get(one.columns), settings, self.force)
         return how.holding(one.load, one.path)
 
     def require(self, one: Recorded) -> None:

@@ -14,8 +14,8 @@ from deltaid.report.page import Block, Chart, Fact, Page, Section
 from deltaid.report.summary import Grade, Summary
 from deltaid.report.table import Table
 
-# Robots that the verdict tells of by name, panels of friction.
-_TOLD, _PANELS = 6, 12
+# Robots that the verdict tells of, those in the table below it, panels of friction.
+_TOLD, _LISTED, _PANELS = 3, 20, 12
 
 
 def overview(
@@ -61,7 +61,7 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
         for one in urgent[:_TOLD]
     ]
     if len(urgent) > _TOLD:
-        lines.append(f"And {len(urgent) - _TOLD} more, told in the table below.")
+        lines.append(f"And {len(urgent) - _TOLD} more, told below.")
     lines += _untold(tables, robots)
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
@@ -120,17 +120,20 @@ def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block
     """Why each robot needs attention, the most urgent first."""
     if not urgent:
         return ()
+    listed = urgent[:_LISTED]
     rows = tuple(
         (one.name, WORDS[one.urgency], "; ".join(concern.text for concern in one.concerns))
-        for one in urgent
+        for one in listed
     )
+    more = len(urgent) - len(listed)
     return (
         Table(
             ("robot", "how soon", "why"),
             rows,
-            "Robots that need attention: act within four weeks, or look when there is time.",
+            "Robots that need attention: act within four weeks, or look when there is time."
+            + f" {more} more are the next in the table of all robots." * (more > 0),
             marked=frozenset(range(len(rows))),
-            links=tuple(links[one.name] for one in urgent),
+            links=tuple(links[one.name] for one in listed),
         ),
     )
 
@@ -165,7 +168,7 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
             WORDS[one.urgency],
             labels.get(one.type, one.type) or NOTHING,
             _changed(one),
-            _until(one),
+            day(one.until),
             {True: "yes", False: "no", None: NOTHING}[one.belongs],
             day(one.last),
             str(one.recordings),
@@ -200,9 +203,3 @@ def _changed(robot: Robot) -> str:
     if not states:
         return NOTHING
     return "unknown" if "unknown" in states else "steady"
-
-
-def _until(robot: Robot) -> str:
-    """The first day that a drive reaches its limit."""
-    dates = [row["horizon"] for row in robot.changed if row["horizon"] is not None]
-    return day(min(dates, default=None))

@@ -76,9 +76,14 @@ class Robot:
         """Drives whose friction has changed."""
         return tuple(one for one in self.drives if one["state"] in _CHANGED)
 
+    @property
+    def until(self) -> datetime | None:
+        """The first day that a drive reaches its limit."""
+        return min((x["horizon"] for x in self.changed if x["horizon"] is not None), default=None)
+
 
 def robots_of(tables: Tables) -> tuple[Robot, ...]:
-    """All robots of all tables; those that need attention first, then by their names."""
+    """All robots of all tables: the most urgent first, then by limits to come, then by names."""
     types = dict[str, str]()
     for frame in (tables.members, tables.parameters, tables.recordings):
         types |= dict(frame.select("robot", "type").unique().iter_rows())
@@ -91,7 +96,8 @@ def robots_of(tables: Tables) -> tuple[Robot, ...]:
         for name, kind in types.items()
         if name
     ]
-    return tuple(sorted(robots, key=lambda one: (one.urgency, one.name)))
+    far = datetime.max
+    return tuple(sorted(robots, key=lambda one: (one.urgency, one.until or far, one.name)))
 
 
 _PARTS = ("recordings", "drift", "parameters", "members", "quarantine")

@@ -7,7 +7,8 @@ import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.identification.compliance_fit import Found, compliances
+from deltaid.identification.compliance_fit import compliances
+from deltaid.identification.compliance_found import Found
 from deltaid.identification.lag_stage import lags_put_right, without_lags
 from deltaid.identification.rows_with_prior import BLOCKS
 from deltaid.identification.scatter import quantile

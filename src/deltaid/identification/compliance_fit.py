@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.identification.compliance_found import Found, Groups
 from deltaid.identification.compliance_rows import Columns, Rows, torques_of
 from deltaid.identification.lag_groups import agree
 from deltaid.identification.rows_with_prior import Sheet, stretches
@@ -43,33 +44,6 @@ _HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
 _SHARES = 2e-3 * 2.0 ** np.arange(6)
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
 _LITTLE = 1e-4
-
-Groups = Float[np.ndarray, "dof groups"]
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """Compliances of all gears.
-
-    Attributes:
-        values: s of every drive [rad/(N m) or m/N].
-        groups: which drives have each of the sizes that were looked for, ones and zeros.
-        sizes, covariance: of these.
-        like_lag: how far the size of each correlates with its drives' lags, between 0 and 1.
-        p: parameters of the robot that go with them.
-    """
-
-    values: Compliance
-    groups: Groups
-    sizes: Float[np.ndarray, " groups"]
-    covariance: Float[np.ndarray, "groups groups"]
-    like_lag: Float[np.ndarray, " groups"]
-    p: Parameters
-
-    @property
-    def deviation(self) -> Float[np.ndarray, " groups"]:
-        """Standard deviations of the sizes."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -251,9 +225,17 @@ class _Fit:
 
     def better(self, found: Found, least: float = _BETTER) -> bool:
         """Whether rows of most stretches of time are nearer with what was found than without, by
-        at least so many standard deviations."""
+        at least so many standard deviations.
+
+        Links are turned back by the model's torques: with measured ones their noise would come
+        back with the opposite sign where M s ω² is about one, and make any rows better.
+        """
         gains = list[np.ndarray]()
-        with_it, without = (self.at(s, found.p)[0] for s in (found.values, self.known))
+        windings = [one.by_model(found.p) for one in self.windings(found.p)]
+        with_it, without = (
+            self.rows.fitted([one.turned(s) for one in windings])[0]
+            for s in (found.values, self.known)
+        )
         for ours, theirs in zip(with_it, without, strict=True):
             noise = np.mean(ours**2, axis=1, keepdims=True)
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
