@@ -74,7 +74,7 @@ class Fitted:
 
     Attributes:
         job: which.
-        tables: by name, such as 'parameters'.
+        tables: by name, such as 'parameters', if they were made in this call.
         reason: why there are none.
         lasting: whether another call would end the same.
         damaged: factor files that cannot be read, and have to be gathered again.
