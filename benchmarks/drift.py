@@ -199,11 +199,13 @@ def series(robots: int) -> None:
             (case.name, f"{case.scatter:.2f} %", count, drifting, f"{soon / drifting:.0%}",
              f"{ever / drifting:.0%}", false, f"{clean:.0f}", f"{false / clean:.3f}")
         )  # fmt: skip
-        print(*rows[-1], f"{time.time() - start:.0f} s", sep="  ", flush=True)
-    head = ("fleet", "scatter", "robots", "drives that drift", "found within 6 weeks",
-            "found by the end", "false alarms", "robot-years without drift",
-            "false alarms a robot-year")  # fmt: skip
-    leave(head, rows, _NOTE)
+        print(f"{time.time() - start:.0f} s")
+        leave(
+            ("fleet", "scatter", "robots", "drives that drift", "found within 6 weeks",
+             "found by the end", "false alarms", "robot-years without drift",
+             "false alarms a robot-year"),
+            rows, _NOTE,
+        )  # fmt: skip
 
 
 _NOTE = """Series of friction, one value a drive and day over 26 weeks, four drives a robot.
