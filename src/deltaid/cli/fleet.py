@@ -112,6 +112,12 @@ def fleet(
     from deltaid.model.record import Settings
 
     positive("--cutoff", cutoff)
+    if scheduler is not None and workers is not None:
+        raise DeltaidError(
+            "is of this machine, and --scheduler has workers of its own",
+            where="--workers",
+            cure="leave one of both out; `dask worker` says how many there are",
+        )
     settings = Settings(
         cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,

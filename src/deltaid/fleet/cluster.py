@@ -71,7 +71,8 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
         config.set(_settings()),
         LocalCluster(
             n_workers=workers or cores(), threads_per_worker=1, processes=True,
-            dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=logging.CRITICAL,
+            dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0,
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as found,
     ):  # fmt: skip

@@ -67,8 +67,7 @@ class Typed:
 
 def type_file(kind: str) -> str:
     """Where the description of the next robot of a type is."""
-    name = kind.rpartition("/")[2].removesuffix(".yaml")
-    return f"{FOLDER}/{UNSAFE.sub('-', name)}.yaml"
+    return f"{FOLDER}/{UNSAFE.sub('-', kind.removesuffix('.yaml'))}.yaml"
 
 
 def described_text(robot: RobotDescription) -> str:
