@@ -114,6 +114,17 @@ def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
     }  # fmt: skip
 
 
+def test_a_step_has_its_levels(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 15, foreign=())
+    changed(folder, "drift", "R003", state="stepped", step=0.2, rate=None, horizon=None)
+    write(folder)
+    page = folder / "site" / "robots" / "R003.html"
+    assert "Friction of q2 has stepped by +20 % about 2026-03-16." in words(page)
+    friction = next(json.loads(one) for one in document(page).scripts if '"level"' in one)
+    level = next(one for one in friction["data"] if one["name"] == "level" and one["yaxis"] == "y2")
+    assert level["y"] == pytest.approx([2.0, 2.0, 2.4, 2.4])
+
+
 def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
     scripts = document(fleet / "site" / "robots" / "R001.html").scripts
     friction = next(json.loads(one) for one in scripts if '"as recorded"' in one)
