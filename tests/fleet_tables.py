@@ -64,6 +64,17 @@ def write_tables(
     return folder
 
 
+def changed(folder: Path, table: str, robot: str, **values: object) -> None:
+    """Other values in a robot's rows of a table; None makes them null."""
+    path = folder / f"{table}.parquet"
+    frame = pl.read_parquet(path)
+    own = pl.col("robot") == robot
+    frame.with_columns(
+        pl.when(own).then(pl.lit(value, frame.schema[key])).otherwise(pl.col(key)).alias(key)
+        for key, value in values.items()
+    ).write_parquet(path)
+
+
 def kind(k: int) -> str:
     """The type of robot k."""
     return TYPES[k % len(TYPES)]

@@ -12,7 +12,7 @@ import pytest
 
 from deltaid.errors import DeltaidError
 from deltaid.fleet_site import write
-from fleet_tables import START, TYPES, name, write_tables
+from fleet_tables import START, TYPES, changed, name, write_tables
 from html_page import HOSTILE, Document
 
 
@@ -22,17 +22,6 @@ def document(page: Path) -> Document:
 
 def words(page: Path) -> str:
     return " ".join(" ".join(document(page).texts).replace("\N{NO-BREAK SPACE}", " ").split())
-
-
-def changed(folder: Path, table: str, robot: str, **values: object) -> None:
-    """Other values in a robot's rows of a table; None makes them null."""
-    path = folder / f"{table}.parquet"
-    frame = pl.read_parquet(path)
-    own = pl.col("robot") == robot
-    frame.with_columns(
-        pl.when(own).then(pl.lit(value, frame.schema[key])).otherwise(pl.col(key)).alias(key)
-        for key, value in values.items()
-    ).write_parquet(path)
 
 
 @pytest.fixture(scope="module")
@@ -284,14 +273,15 @@ def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:
     late = (pl.col("robot") == "R002") & (pl.col("time") > START + timedelta(weeks=8))
     frame.filter(~late).write_parquet(path)
     pl.DataFrame(
-        {"what": "fit", "robot": ["R001", "R003"], "which": ["2026-01", "2026-05"],
-         "reason": "too little motion"}
+        {"what": ["fit", "fit", "type"], "robot": ["R001", "R003", ""],
+         "which": ["2026-01", "2026-05", TYPES[0]], "reason": "too little motion"}
     ).write_csv(folder / "quarantine.csv")  # fmt: skip
     write(folder)
     said = words(folder / "site" / "index.html")
     assert "2 of 3 robots need attention." in said
     assert "R002: no recording since 2026-03-02" in said
     assert "R003: no fit of 2026-05: too little motion" in said
+    assert f"Robots of type {TYPES[0]} could not be compared: too little motion" in said
     assert "R001:" not in said  # a later period could be fitted
 
 

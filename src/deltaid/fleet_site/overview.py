@@ -40,7 +40,7 @@ def overview(
         subtitle=_subtitle(robots, types),
         verdict=verdict(tables, robots),
         facts=_facts(tables, robots, urgent),
-        warnings=tables.words,
+        warnings=(*tables.words, *_of_types(tables, labels)),
         front=(*_attention(urgent, links), *_rising(tables, urgent)),
         sections=(
             Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
@@ -99,6 +99,16 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
 def _unknown(robots: Sequence[Robot]) -> int:
     """Drives of which nobody can tell yet whether their friction changes."""
     return sum(row["state"] == "unknown" for one in robots for row in one.drives)
+
+
+def _of_types(tables: Tables, labels: Mapping[str, str]) -> list[str]:
+    """Types of which nothing could be said, and why."""
+    lost = tables.quarantine.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
+    return [
+        f"Robots of type {labels.get(row['which'], row['which'])} could not be compared: "
+        f"{row['reason']}"
+        for row in lost.iter_rows(named=True)
+    ]
 
 
 def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
