@@ -174,6 +174,12 @@ def test_what_the_command_refuses(folder: Path, options: tuple[str, ...], words:
     assert words in done.err.replace("\n", " ")
 
 
+def test_an_empty_folder_is_told(tmp_path: Path) -> None:
+    done = run("drift", ROBOT, tmp_path)
+    assert done.code == 2
+    assert "holds no factor files" in done.err
+
+
 def test_a_recorded_temperature_is_kept(tmp_path: Path) -> None:
     """In °C, whatever the unit of its column."""
     log = tmp_path / "log.parquet"

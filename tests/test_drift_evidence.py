@@ -221,3 +221,21 @@ def test_what_is_known_before_is_that_of_the_grid() -> None:
     prior = first_prior(np.array([np.inf, 2.0]), scatter, 3)
     np.testing.assert_allclose(np.exp(prior.log_kinds).sum(axis=0), 1.0)
     np.testing.assert_array_equal(prior.precision[0], np.diag([0.0, 0.25]))
+
+
+def test_a_drive_that_tells_nothing_is_unknown_and_disturbs_no_other() -> None:
+    days, T, y = _series(np.random.default_rng(6), 1)
+    y[0, 1] = np.nan
+    found = _looked(days, T, y, 140)
+    one, other = (finding(found, i, DriftSettings(limit=1.5), 3) for i in (1, 0))
+    assert one.state == "unknown"
+    assert one.recordings == 0
+    assert np.isnan(one.level)
+    assert one.limit is None
+    assert "no recording tells" in one.reason
+    assert other.state == "steady"
+
+
+def test_one_recording_is_no_error() -> None:
+    days, T, y = _series(np.random.default_rng(6), 1)
+    assert finding(_looked(days, T, y, 1), 0, DriftSettings(), 3).state == "unknown"

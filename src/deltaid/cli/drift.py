@@ -58,11 +58,17 @@ def drift(
     from deltaid.drift.robot_drift import robot_drift
     from deltaid.drift.settings import DriftSettings
     from deltaid.drift.tables import drift_table, friction_table, require_table, save
+    from deltaid.errors import DeltaidError
     from deltaid.factors.file import read
     from deltaid.report.drift_tables import drift_shown, sentences
 
     settings = DriftSettings(limit=limit, false_alarms=false_alarms, since=_day(since))
     paths = in_folders(factors)
+    for path in paths:
+        if path.is_dir():
+            raise DeltaidError(
+                "holds no factor files", where=str(path), cure="make some with `deltaid gather`"
+            )
     require_outputs(paths, {"--output": output, "--friction": friction})
     writers = {path: table for path, table in ((output, drift_table), (friction, friction_table))
                if path is not None}  # fmt: skip

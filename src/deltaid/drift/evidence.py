@@ -1,7 +1,7 @@
 """How much better a change explains a series than none: Bayes factors, and an alarm from them.
 
 A series in percent, y = X b + u, u of a kind of scatter, has beside that a change d h_k(t): a ramp
-or a step from onset k. Level: a flat prior. Other b and d: normal with standard deviations in
+or a step from onset k. b and d: normal with standard deviations in
 units of σ; σ² inverse gamma with few degrees of freedom. All of them are integrated in closed form,
 kinds of scatter and onsets are summed over.
 
@@ -83,8 +83,8 @@ class Prior:
     """What is known of a series' regressors and scatter before it is looked at.
 
     Attributes:
-        mean: of the coefficients b; anything for the level.
-        precision: inverse of their covariance in units of σ²; zero for the level.
+        mean: of the coefficients b.
+        precision: inverse of their covariance in units of σ².
         log_kinds: logarithm of the shares of kinds of scatter.
     """
 

@@ -46,7 +46,8 @@ class Finding:
         step: of friction, as a share.
         horizon: day on which the limit is passed; nothing where it is not known, or not near.
         temperature: change of friction with temperature, as a share a degree.
-        level: mean friction before the change, at the mean temperature [N m or N].
+        level: mean friction before the change, at the mean temperature [N m or N]; NaN where no
+            recording tells any.
         limit: mean friction that is too much [N m or N]; None if nobody said.
         recordings: how many told something.
         scatter: from day to day, as a share.
@@ -96,7 +97,8 @@ def finding(one: Explained, drive: int, settings: DriftSettings, drives: int) ->
         draws = _of_state(draws, [k for k, name in enumerate(states) if name == state])
     b = _coefficients(one, drive, draws)
     level = float(np.exp((one.start[drive] + np.median(b[:, 0])) / 100.0))
-    limit = _limit(settings, level)
+    level = level if count else float("nan")
+    limit = _limit(settings, level) if count else None
     change = _between(_onsets(one, draws)) if alarm else Between()
     rate = Between() if few or state == "stepped" else _between(_share(draws.size))
     vague = rate.low is not None and rate.high is not None and (
@@ -206,6 +208,8 @@ def _horizon(
 def _reason(
     state: State, few: bool, count: int, span: float, one: Explained, rate: Between, words: str
 ) -> str:
+    if not count:
+        return "no recording tells its friction"
     if few:
         return (
             f"{count} recordings over {span:.0f} days: at least {FEWEST} over {SHORTEST:.0f} days "

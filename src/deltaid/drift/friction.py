@@ -203,7 +203,9 @@ def _day(
 
     N, g, H = system(part.information)
     prior = np.diag(unknowns.precision)
-    inverse = np.linalg.pinv(N + prior, hermitian=True)
+    size = np.sqrt(np.maximum(np.diag(N + prior), 1e-300))
+    inverse = np.linalg.pinv((N + prior) / np.outer(size, size), hermitian=True)
+    inverse = inverse / np.outer(size, size)
     values = inverse @ (g + prior @ unknowns.mean)
     scores = []
     for stretch in part.stretches:
@@ -211,7 +213,8 @@ def _day(
         scores.append(g_k - N_k @ values)
     S = np.stack(scores)
     K = len(S)
-    spread = S.T @ S * (K / (K - 1) if K > 1 else np.inf) + prior
+    # What has one stretch only tells nothing of its noise.
+    spread = S.T @ S * (K / (K - 1) if K > 1 else np.nan) + prior
     return DayFriction(values, inverse @ spread @ inverse, H)
 
 

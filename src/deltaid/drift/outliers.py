@@ -20,10 +20,16 @@ def inflation(
     """
     z = y - _explained(y, regressors)
     wide = np.pad(z, ((0, 0), (_SIDE, _SIDE)), constant_values=np.nan)
-    middle = np.nanmedian(sliding_window_view(wide, 2 * _SIDE + 1, axis=1), axis=2)
-    apart = np.abs(z - middle)
-    scale = np.maximum(1.4826 * np.nanmedian(apart, axis=1, keepdims=True), _LEAST)
+    apart = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
+    scale = np.maximum(1.4826 * _median(apart)[:, None], _LEAST)
     return np.nan_to_num(np.maximum(apart / (_USUAL * scale), 1.0) ** 2, nan=1.0)
+
+
+def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
+    """Along the last axis, of what is there; NaN where nothing is."""
+    found, some = np.full(values.shape[:-1], np.nan), np.isfinite(values).any(axis=-1)
+    found[some] = np.nanmedian(values[some], axis=-1)
+    return found
 
 
 def _explained(

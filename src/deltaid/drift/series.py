@@ -14,8 +14,10 @@ from deltaid.drift.wander import Scatter, whitened_sums
 # Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
 # drives of one robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of a year's
 # seasons where no temperature is known, of a step as a tool changes.
-_TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 3.0
+_TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
 _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
+# A level may be anywhere.
+FLAT = 1e4
 # Friction that is known no better than to this share tells nothing.
 _VAGUE = 0.3
 # What a temperature that is not known adds, if the others are [%/K].
@@ -55,7 +57,7 @@ class Regressors:
             load: [kg].
             tools: days on which a tool was changed.
         """
-        rows = [("level", np.ones(len(days)), np.inf, np.inf)]
+        rows = [("level", np.ones(len(days)), FLAT, np.inf)]
         known, unknown = np.isfinite(temperature), np.zeros(len(days))
         if known.any():
             T = np.where(known, temperature - temperature[known].mean(), 0.0)

@@ -25,7 +25,7 @@ def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, serie
     """What is known of any drive.
 
     Args:
-        scale: standard deviations of coefficients in units of σ; infinite of the level.
+        scale: standard deviations of coefficients in units of σ.
     """
     p = len(scale)
     log = np.log(scatter.usual)

@@ -119,7 +119,7 @@ def _rows(one: RobotDrift) -> Sequence[tuple[object, ...]]:
         (
             one.robot, drive, own.state, *one.dates(own.change), *_three(own.rate),
             *_three(own.step), own.limit, *one.dates(own.horizon), *_three(own.temperature),
-            own.level, one.units[i], own.recordings, own.scatter, own.R, own.threshold,
+            _known(own.level), one.units[i], own.recordings, own.scatter, own.R, own.threshold,
             one.bound, *tool, own.reason,
         )
         for i, (drive, own) in enumerate(zip(one.drives, one.findings, strict=True))

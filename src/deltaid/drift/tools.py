@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from deltaid.drift.evidence import Changes
 from deltaid.drift.outliers import inflation
+from deltaid.drift.series import FLAT
 from deltaid.drift.shared import first_prior, together
 from deltaid.drift.wander import Scatter, whitened_sums
 
@@ -77,7 +78,7 @@ def _step(
     base = np.concatenate([wide, z[..., None]], axis=2)
     changes, scatter = Changes.steps(days), Scatter.grid()
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
-    scale = np.array([np.inf, *([100.0] * len(known))])
+    scale = np.full(1 + len(known), FLAT)
     found = together(sums, changes, first_prior(scale, scatter, 1), scale, 1)
     if found.R[0] < _YEARS:
         return None

@@ -17,7 +17,7 @@ def drift_shown(found: RobotDrift) -> Table:
         (
             drive,
             one.state,
-            f"{number(one.level)} {unit}",
+            f"{number(one.level)} {unit}" if one.level == one.level else "unknown",
             "" if one.change.value is None else _date(found.date(one.change.value)),
             _change(one),
             _limit(found, one),
