@@ -64,6 +64,17 @@ def write_tables(
     return folder
 
 
+def changed(folder: Path, table: str, robot: str, **values: object) -> None:
+    """Other values in a robot's rows of a table; None makes them null."""
+    path = folder / f"{table}.parquet"
+    frame = pl.read_parquet(path)
+    own = pl.col("robot") == robot
+    frame.with_columns(
+        pl.when(own).then(pl.lit(value, frame.schema[key])).otherwise(pl.col(key)).alias(key)
+        for key, value in values.items()
+    ).write_parquet(path)
+
+
 def kind(k: int) -> str:
     """The type of robot k."""
     return TYPES[k % len(TYPES)]
@@ -148,11 +159,13 @@ def _parameters(named: Names, times: Times, usable: list[int], rng: Random) -> p
     periods = [*sorted({f"{time:%Y-%m}" for time in times}), "all"]
     for k in usable:
         for period in periods:
+            many = len(times) if period == "all" else 4
             for parameter, (mean, unit) in PARAMETERS.items():
                 std, by_data = 0.01 * mean, parameter != "S.m"
                 value = mean * (1 + 0.02 * rng.normal()) if by_data else mean
-                rows.append((named[k], kind(k), period, 4, parameter, value, std, value - 2 * std,
-                             value + 2 * std, unit, mean, "data" if by_data else "prior", 0.05,
+                rows.append((named[k], kind(k), period, many, parameter, value, std,
+                             value - 2 * std, value + 2 * std, unit, mean,
+                             "data" if by_data else "prior", 0.05,
                              0.03 + 0.01 * rng.random(), ""))  # fmt: skip
     names = ("robot", "type", "period", "recordings", "parameter", "value", "std", "low", "high",
              "unit", "prior", "decided_by", "noise", "worst_error", "verdicts")  # fmt: skip

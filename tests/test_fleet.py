@@ -205,8 +205,11 @@ def test_a_cluster_and_a_store_that_fail_give_the_same_bits(whole: Plant, site: 
     assert [line.which for line in run.quarantine] == ["s3://plant/south/2026-01-09.parquet"]
     assert "is no Parquet file" in run.quarantine[0].reason
     assert "/tmp" not in run.quarantine[0].reason
-    found = pl.read_parquet(BytesIO(site.files.cat_file("plant/fleet/parameters.parquet")))
-    assert found.drop("key").equals(whole.table())
+    for name in ("parameters", "drift", "types", "members"):
+        data = site.files.cat_file(f"plant/fleet/{name}.parquet")
+        found = pl.read_parquet(BytesIO(data)).drop("key")
+        assert found.equals(whole.table(f"{name}.parquet")), name
+    assert site.files.isfile("plant/fleet/site/index.html")
     assert len(site.files.find("plant/fleet/factors")) == 4
     again = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler="tcp://127.0.0.1:1")
     assert again.computed == (0, 0, 0)

@@ -12,7 +12,7 @@ import pytest
 
 from deltaid.errors import DeltaidError
 from deltaid.fleet_site import write
-from fleet_tables import START, TYPES, name, write_tables
+from fleet_tables import START, TYPES, changed, name, write_tables
 from html_page import HOSTILE, Document
 
 
@@ -22,17 +22,6 @@ def document(page: Path) -> Document:
 
 def words(page: Path) -> str:
     return " ".join(" ".join(document(page).texts).replace("\N{NO-BREAK SPACE}", " ").split())
-
-
-def changed(folder: Path, table: str, robot: str, **values: object) -> None:
-    """Other values in a robot's rows of a table; None makes them null."""
-    path = folder / f"{table}.parquet"
-    frame = pl.read_parquet(path)
-    own = pl.col("robot") == robot
-    frame.with_columns(
-        pl.when(own).then(pl.lit(value, frame.schema[key])).otherwise(pl.col(key)).alias(key)
-        for key, value in values.items()
-    ).write_parquet(path)
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +101,17 @@ def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
     assert {shape["x0"] for shape in friction["layout"]["shapes"]} == {
         "2026-03-16 06:00", "2026-03-07 06:00",
     }  # fmt: skip
+
+
+def test_a_step_has_its_levels(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 15, foreign=())
+    changed(folder, "drift", "R003", state="stepped", step=0.2, rate=None, horizon=None)
+    write(folder)
+    page = folder / "site" / "robots" / "R003.html"
+    assert "Friction of q2 has stepped by +20 % about 2026-03-16." in words(page)
+    friction = next(json.loads(one) for one in document(page).scripts if '"level"' in one)
+    level = next(one for one in friction["data"] if one["name"] == "level" and one["yaxis"] == "y2")
+    assert level["y"] == pytest.approx([2.0, 2.0, 2.4, 2.4])
 
 
 def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
@@ -251,6 +251,21 @@ def test_a_limit_within_four_weeks_is_to_be_acted_upon(
     assert text in words(page)
 
 
+def test_what_nobody_can_tell_is_not_called_good(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 1, rising=(), foreign=())
+    for robot in ("R001", "R002", "R003"):
+        changed(folder, "drift", robot, state="unknown")
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "there is too little to tell of most" in said
+    assert "Of 9 of 9 drives there is too little to tell" in said
+    assert 'class="verdict untested"' in (folder / "site" / "index.html").read_text("utf-8")
+    robot = words(folder / "site" / "robots" / "R001.html")
+    assert "Whether friction changes cannot be told yet." in robot
+    kind = words(folder / "site" / "types" / f"{TYPES[0]}.html")
+    assert "Whether its robots are alike is not known." in kind  # two robots cannot tell
+
+
 def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:
     folder = write_tables(tmp_path, 3, 15, rising=(), foreign=())
     path = folder / "recordings.parquet"
@@ -258,14 +273,15 @@ def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:
     late = (pl.col("robot") == "R002") & (pl.col("time") > START + timedelta(weeks=8))
     frame.filter(~late).write_parquet(path)
     pl.DataFrame(
-        {"what": "fit", "robot": ["R001", "R003"], "which": ["2026-01", "2026-05"],
-         "reason": "too little motion"}
+        {"what": ["fit", "fit", "type"], "robot": ["R001", "R003", ""],
+         "which": ["2026-01", "2026-05", TYPES[0]], "reason": "too little motion"}
     ).write_csv(folder / "quarantine.csv")  # fmt: skip
     write(folder)
     said = words(folder / "site" / "index.html")
     assert "2 of 3 robots need attention." in said
     assert "R002: no recording since 2026-03-02" in said
     assert "R003: no fit of 2026-05: too little motion" in said
+    assert f"Robots of type {TYPES[0]} could not be compared: too little motion" in said
     assert "R001:" not in said  # a later period could be fitted
 
 

@@ -189,6 +189,15 @@ def test_few_robots_say_what_they_cannot(known) -> None:
     assert inside.mean() > 0.9
 
 
+def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
+    mean, _, members = fleet(7, 4)
+    heavy = alike(mean, np.random.default_rng(8))
+    heavy[MASS] *= 1.3
+    found = fitted([*members, seen("heavy", heavy, np.random.default_rng(9))], ROBOT)
+    assert [one.name for one in found.members if not one.belongs] == ["heavy"]
+    assert np.exp(found.spreads.log[0]) < 2 * BODY
+
+
 def test_the_order_of_robots_does_not_matter(known) -> None:
     _, _, members, found = known
     again = fitted(members[::-1], ROBOT)

@@ -112,6 +112,12 @@ def fleet(
     from deltaid.model.record import Settings
 
     positive("--cutoff", cutoff)
+    if scheduler is not None and workers is not None:
+        raise DeltaidError(
+            "is of this machine, and --scheduler has workers of its own",
+            where="--workers",
+            cure="leave one of both out; `dask worker` says how many there are",
+        )
     settings = Settings(
         cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
@@ -145,7 +151,7 @@ def fleet(
         print_json(_as_dictionary(run, output))
     else:
         _print(run, output)
-    if not any(one.tables for one in run.fits):
+    if all(one.reason for one in run.fits):
         raise typer.Exit(2)
 
 
@@ -214,7 +220,7 @@ def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
         "recordings": len(run.outcomes),
         "gathered": run.computed[0],
         "used": sum(bool(one.file) for one in run.outcomes),
-        "fits": sum(bool(one.tables) for one in run.fits),
+        "fits": sum(not one.reason for one in run.fits),
         "fitted": run.computed[1],
         "site": None if not run.site else f"{output}/{run.site}",
         "quarantine": [asdict(line) for line in run.quarantine],
@@ -229,7 +235,7 @@ def _print(run: "FleetRun", output: str) -> None:
     console.print(
         f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
         f"({run.computed[0]} looked at now), "
-        f"{_count(sum(bool(one.tables) for one in run.fits), 'fit')} "
+        f"{_count(sum(not one.reason for one in run.fits), 'fit')} "
         f"({run.computed[1]} made now); in {output}"
     )
     if run.site:

@@ -50,6 +50,8 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
     from dask import config
     from distributed import Client, LocalCluster
 
+    # What Dask has to say of lost connections is said in fewer words.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
             found = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
@@ -69,7 +71,8 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
         config.set(_settings()),
         LocalCluster(
             n_workers=workers or cores(), threads_per_worker=1, processes=True,
-            dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=logging.CRITICAL,
+            dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0,
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as found,
     ):  # fmt: skip
@@ -130,7 +133,28 @@ def done(
 
     Args:
         failed: the result of an item whose workers died again and again, or of a defect.
+
+    Raises:
+        DeltaidError: the scheduler is gone.
     """
+    from distributed.client import FutureCancelledError
+
+    try:
+        yield from _done(client, work, items, failed)
+    except (FutureCancelledError, OSError):
+        raise DeltaidError(
+            "is gone; what has been gathered and fitted is kept",
+            where="the scheduler",
+            cure="start it again; the same command does what is left",
+        ) from None
+
+
+def _done(
+    client: "Client",
+    work: Callable[[_Item], _Result],
+    items: Sequence[_Item],
+    failed: Callable[[_Item, str], _Result],
+) -> Iterator[_Result]:
     from distributed import KilledWorker, as_completed
 
     waiting, own, suspects = iter(items), dict[Any, _Item](), list[_Item]()

@@ -74,7 +74,7 @@ class Fitted:
 
     Attributes:
         job: which.
-        tables: by name, such as 'parameters'.
+        tables: by name, such as 'parameters', if they were made in this call.
         reason: why there are none.
         lasting: whether another call would end the same.
         damaged: factor files that cannot be read, and have to be gathered again.
@@ -132,7 +132,7 @@ def fit_period(job: FitJob, place: Place) -> Fitted:
     """
     with ALONE, threads(1):
         try:
-            done = place.table(_journal(job, PARAMETERS))
+            done = place.finished(_journal(job, PARAMETERS))
             if done is not None:
                 return Fitted(job, {PARAMETERS: done})
             files, damaged = _read(job, place)

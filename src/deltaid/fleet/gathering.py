@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from threading import Lock
 from typing import Any
 
@@ -93,7 +94,7 @@ class Job:
     @property
     def file(self) -> str:
         """Name of the factor file, seen from the fleet's folder."""
-        name = self.recorded.path.rpartition("/")[2].rpartition(".")[0]
+        name = Path(self.recorded.path).stem
         robot = UNSAFE.sub("-", self.recorded.robot)
         return f"{FACTORS}/{robot}/{UNSAFE.sub('-', name)}-{self.key[:12]}{ENDING}"
 

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from typing import Any
 
 import polars as pl
 
@@ -74,12 +75,14 @@ class Known:
     """What is known from earlier calls.
 
     Attributes:
-        recordings: rows of the table of recordings that have factors, by their keys.
+        recordings: that have factors.
+        rows: which row of these has a key.
         refused: reasons, by key.
-        tables: rows of fits, by table.
+        tables: of fits, by name.
     """
 
-    recordings: Mapping[str, Mapping[str, object]]
+    recordings: pl.DataFrame
+    rows: Mapping[str, int]
     refused: Mapping[str, str]
     tables: Mapping[str, pl.DataFrame]
 
@@ -94,31 +97,64 @@ class Known:
             DeltaidError: a table cannot be read.
         """
         table = place.table(RECORDINGS)
-        rows = () if table is None else table.iter_rows(named=True)
         schemas = {PARAMETERS: PARAMETERS_SCHEMA, **STUDY_TABLES, **TYPE_TABLES}
         tables = {name: place.table(f"{name}.parquet") for name in schemas}
-        for name, found, schema in (
-            (RECORDINGS, table, RECORDINGS_SCHEMA),
-            *((f"{name}.parquet", tables[name], schemas[name]) for name in schemas),
-        ):
-            if found is not None and found.schema != pl.Schema(schema):
-                raise DeltaidError(
-                    "has other columns than this version writes",
-                    where=place.at(name),
-                    cure="remove it; it is made again from the factor files",
-                )
+        if table is not None and table.schema != pl.Schema(RECORDINGS_SCHEMA):
+            raise DeltaidError(
+                "has other columns than this version writes",
+                where=place.at(RECORDINGS),
+                cure="remove it, and it is made again; recordings that have been thrown away since "
+                "are then forgotten",
+            )
+        used = pl.DataFrame(schema=RECORDINGS_SCHEMA) if table is None else table
+        used = used.filter(pl.col("file") != "")
         return cls(
-            {row["key"]: row for row in rows if row["file"]},
+            used,
+            {key: k for k, key in enumerate(used["key"])},
             {} if retry else _refused(place),
-            {name: one for name, one in tables.items() if one is not None},
+            {  # what another version has written is made again
+                name: one
+                for name, one in tables.items()
+                if one is not None and one.schema == pl.Schema(schemas[name])
+            },
+        )
+
+    def keys(self, name: str) -> frozenset[str]:
+        """What rows of a table follow from."""
+        return frozenset(self.tables[name]["key"]) if name in self.tables else frozenset()
+
+    def with_new(
+        self,
+        name: str,
+        schema: Mapping[str, Any],
+        keys: Sequence[str],
+        new: Mapping[str, pl.DataFrame],
+    ) -> pl.DataFrame:
+        """A table of rows that follow from some keys, in the order of these.
+
+        Args:
+            new: rows that this call has found, by key; all others are of earlier calls.
+        """
+        order = {key: k for k, key in enumerate(keys)}
+        old = self.tables.get(name, pl.DataFrame(schema=schema))
+        kept = old.filter(pl.col("key").is_in([key for key in order if key not in new]))
+        whole = pl.concat([kept, *(new[key] for key in order if key in new)])
+        places = pl.DataFrame({"key": list(order), "order": list(order.values())},
+                              schema={"key": pl.String, "order": pl.Int64})  # fmt: skip
+        return (
+            whole.join(places, on="key", how="left")
+            .sort("order", maintain_order=True)
+            .drop("order")
         )
 
     def gathered(self, recorded: Recorded, key: str, listing: Mapping[str, int]) -> Outcome | None:
         """What became of a recording in an earlier call, if its factors are still there whole."""
         if key in self.refused:
             return Outcome(recorded, key, reason=self.refused[key], is_new=False)
-        row = self.recordings.get(key)
-        if row is None or listing.get(str(row["file"])) != row["bytes"]:
+        if key not in self.rows:
+            return None
+        row = self.recordings.row(self.rows[key], named=True)
+        if listing.get(str(row["file"])) != row["bytes"]:
             return None
         return _outcome(recorded, row)
 
@@ -138,7 +174,7 @@ class Known:
         """
         there = {one.path for one in here}
         found = list[tuple[Recorded, Outcome, str]]()
-        for row in self.recordings.values():
+        for row in self.recordings.iter_rows(named=True):
             path, robot = str(row["path"]), str(row["robot"])
             still = robot in named and named[robot].has(path)
             if path in there or not still or listing.get(str(row["file"])) != row["bytes"]:

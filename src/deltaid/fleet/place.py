@@ -81,6 +81,13 @@ class Place:
                 cure="remove it; it is made again",
             ) from None
 
+    def finished(self, name: str) -> pl.DataFrame | None:
+        """A table that a task has left; None if there is none that is whole."""
+        try:
+            return self.table(name)
+        except DeltaidError:
+            return None
+
     def save(self, name: str, frame: pl.DataFrame) -> None:
         """Write a Parquet table."""
         buffer = BytesIO()

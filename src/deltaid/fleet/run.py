@@ -1,14 +1,12 @@
 """A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
-
-import polars as pl
 
 from deltaid.drift.settings import DriftSettings
 from deltaid.fleet.call import Call, Say
@@ -40,6 +38,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+_Done = Fitted | Studied | Typed
 _TABLES = (PARAMETERS, *TABLES, *TYPE_TABLES)
 
 
@@ -177,13 +176,16 @@ def _write(call: Call, run: FleetRun) -> None:
     """The tables; what tasks have left behind is then no longer needed."""
     place = call.place
     how = {one.recorded: how_digest(call, one.recorded) for one in run.outcomes}
-    place.save(
-        f"{PARAMETERS}.parquet", _together((one.tables for one in run.fits), PARAMETERS, SCHEMA)
+    steps: tuple[tuple[Sequence[_Done], Mapping[str, Mapping[str, Any]]], ...] = (
+        (run.fits, {PARAMETERS: SCHEMA}),
+        (run.studies, TABLES),
+        (run.types, TYPE_TABLES),
     )
-    for name, schema in TABLES.items():
-        place.save(f"{name}.parquet", _together((one.tables for one in run.studies), name, schema))
-    for name, schema in TYPE_TABLES.items():
-        place.save(f"{name}.parquet", _together((one.tables for one in run.types), name, schema))
+    for done, tables in steps:
+        keys = [one.job.key for one in done]
+        for name, schema in tables.items():
+            new = {one.job.key: one.tables[name] for one in done if name in one.tables}
+            place.save(f"{name}.parquet", call.known.with_new(name, schema, keys, new))
     place.save(RECORDINGS, recordings_table(run.outcomes, how))
     place.store.write(place.at(QUARANTINE), quarantine_csv(run.quarantine))
     for name in place.store.listing(place.at(JOURNAL)):
@@ -210,11 +212,3 @@ def _write_site(place: Place) -> None:
             if page.is_file():
                 at = page.relative_to(folder).as_posix()
                 place.store.write(place.at(at), page.read_bytes())
-
-
-def _together(
-    parts: Iterable[dict[str, pl.DataFrame]], name: str, schema: dict[str, Any]
-) -> pl.DataFrame:
-    """One table of all parts, in their order."""
-    tables = [one[name] for one in parts if name in one]
-    return pl.concat(tables) if tables else pl.DataFrame(schema=schema)

@@ -4,8 +4,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-import polars as pl
-
 from deltaid.drift.settings import DriftSettings
 from deltaid.errors import DeltaidError
 from deltaid.fleet.call import Call
@@ -70,11 +68,11 @@ def gather_again(
 def fit_all(call: Call, outcomes: Sequence[Outcome]) -> tuple[list[Fitted], int]:
     """All fits, in the order of robots and periods, and how many were made now."""
     jobs = fit_jobs(outcomes, call.fleet.period, dict(call.ways.robots), call.ways.settings)
-    there, models = _by_key(call, PARAMETERS), _listing(call, MODELS)
+    there, models = call.known.keys(PARAMETERS), _listing(call, MODELS)
     found = dict[FitJob, Fitted]()
     for job in jobs:
         if job.key in there and (ALL not in job.periods or model_file(job.robot) in models):
-            found[job] = Fitted(job, {PARAMETERS: there[job.key]})
+            found[job] = Fitted(job)
         elif job.key in call.known.refused:
             found[job] = Fitted(job, reason=call.known.refused[job.key])
     left = [job for job in jobs if job not in found]
@@ -90,21 +88,22 @@ def study_all(
 ) -> tuple[list[Studied], int]:
     """Drift of each robot and what it tells of its type, and of how many that was found now."""
     jobs, members = study_jobs(fits, outcomes, drift), _listing(call, MEMBERS)
-    there = {name: _by_key(call, name) for name in TABLES}
+    there = [call.known.keys(name) for name in TABLES]
     found = dict[StudyJob, Studied]()
     for job in jobs:
-        if all(job.key in own for own in there.values()) and job.member_file in members:
-            found[job] = Studied(job, {name: own[job.key] for name, own in there.items()})
+        has_drift = all(job.key in own for own in there)
+        if has_drift and job.member_file in members:
+            found[job] = Studied(job)
         elif job.key in call.known.refused:
-            tables = {name: own[job.key] for name, own in there.items() if job.key in own}
-            what = "drift" if len(tables) < len(TABLES) else "type"
-            found[job] = Studied(job, tables, {what: call.known.refused[job.key]})
+            missing = {"drift": not has_drift, "type": job.member_file not in members}
+            reason = call.known.refused[job.key]
+            found[job] = Studied(job, reasons={k: reason for k, no in missing.items() if no})
     left = [job for job in jobs if job not in found]
     for one in call.done(
         ("studied", "robots"),
         study_robot,
         left,
-        lambda job, why: Studied(job, {}, {"drift": why}, lasting=False),
+        lambda job, why: Studied(job, {}, {"drift": why, "type": why}, lasting=False),
     ):
         found[one.job] = one
     return [found[job] for job in jobs], len(left)
@@ -112,12 +111,12 @@ def study_all(
 
 def type_all(call: Call, studies: Sequence[Studied]) -> tuple[list[Typed], int]:
     """What robots of each type say together, and how many types were fitted now."""
-    jobs, there = type_jobs(studies), {name: _by_key(call, name) for name in TYPE_TABLES}
+    jobs, there = type_jobs(studies), [call.known.keys(name) for name in TYPE_TABLES]
     files = _listing(call, TYPES)
     found = dict[TypeJob, Typed]()
     for job in jobs:
-        if all(job.key in own for own in there.values()) and job.file in files:
-            found[job] = Typed(job, {name: own[job.key] for name, own in there.items()})
+        if all(job.key in own for own in there) and job.file in files:
+            found[job] = Typed(job)
         elif job.key in call.known.refused:
             found[job] = Typed(job, reason=call.known.refused[job.key])
     left = [job for job in jobs if job not in found]
@@ -152,15 +151,6 @@ def _listing(call: Call, folder: str) -> dict[str, int]:
     """Sizes of files in a part of the fleet's folder, by their names seen from that."""
     found = call.place.store.listing(call.place.at(folder))
     return {f"{folder}/{name}": size for name, size in found.items()}
-
-
-def _by_key(call: Call, name: str) -> dict[str, pl.DataFrame]:
-    """Rows of a table of an earlier call, by what they follow from."""
-    table = call.known.tables.get(name)
-    if table is None:
-        return {}
-    parts = table.partition_by("key", as_dict=True, maintain_order=True)
-    return {str(key): part for (key,), part in parts.items()}
 
 
 def _gone(call: Call, listing: dict[str, int]) -> list[Outcome]:

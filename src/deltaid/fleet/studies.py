@@ -72,7 +72,7 @@ class Studied:
 
     Attributes:
         job: which.
-        tables: of drift, by name.
+        tables: of drift, by name, if they were made in this call.
         reasons: why something is missing, by what: 'drift', 'type'.
         lasting: whether another call would end the same.
     """
@@ -90,7 +90,7 @@ def study_jobs(
     by_file = {one.file: one.recorded for one in outcomes if one.file}
     jobs = list[StudyJob]()
     for one in fits:
-        if ALL not in one.job.periods or not one.tables:
+        if ALL not in one.job.periods or one.reason:
             continue
         job = one.job
         recorded = tuple(by_file[name] for name in job.files)
@@ -110,13 +110,13 @@ def study_robot(job: StudyJob, place: Place) -> Studied:
     tables, reasons, lasting = dict[str, pl.DataFrame](), dict[str, str](), True
     with ALONE, threads(1):
         try:
-            done = {name: place.table(_journal(job, name)) for name in TABLES}
+            done = {name: place.finished(_journal(job, name)) for name in TABLES}
             if all(one is not None for one in done.values()) and place.size(job.member_file):
                 return Studied(job, {name: x for name, x in done.items() if x is not None})
             files = [place.factors(name) for name in job.files]
             model = _model(job, place)
         except DeltaidError as error:
-            return Studied(job, {}, {"drift": str(error)}, lasting=False)
+            return Studied(job, {}, dict.fromkeys(("drift", "type"), str(error)), lasting=False)
         try:
             tables = drift_tables(job, files, model)
             for name, table in tables.items():

@@ -54,7 +54,7 @@ class Typed:
 
     Attributes:
         job: which.
-        tables: by name.
+        tables: by name, if they were made in this call.
         reason: why there are none.
         lasting: whether another call would end the same.
     """
@@ -67,8 +67,7 @@ class Typed:
 
 def type_file(kind: str) -> str:
     """Where the description of the next robot of a type is."""
-    name = kind.rpartition("/")[2].removesuffix(".yaml")
-    return f"{FOLDER}/{UNSAFE.sub('-', name)}.yaml"
+    return f"{FOLDER}/{UNSAFE.sub('-', kind.removesuffix('.yaml'))}.yaml"
 
 
 def described_text(robot: RobotDescription) -> str:
@@ -80,7 +79,7 @@ def type_jobs(studies: Iterable[Studied]) -> list[TypeJob]:
     """One for each type that has robots."""
     robots: dict[str, list[Studied]] = {}
     for one in studies:
-        if "type" not in one.reasons and one.tables:
+        if "type" not in one.reasons:
             robots.setdefault(one.job.type, []).append(one)
     return [_job(kind, own) for kind, own in sorted(robots.items())]
 

@@ -41,7 +41,18 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
         return Panel(title, tuple(traces), unit=unit)
     if drift["state"] in ("rising", "falling"):
         traces += _trend(drift, seen)
+    elif drift["state"] == "stepped":
+        traces += _step(drift, seen)
     return Panel(title, tuple(traces), _change(drift), unit)
+
+
+def time_axis(seen: pl.DataFrame) -> Data:
+    """Of all panels alike; a single time has some days around it."""
+    axis = {"type": "date", "matches": "x"}
+    first, last = seen["time"].min(), seen["time"].max()
+    if not isinstance(first, datetime) or first != last:
+        return axis
+    return axis | {"range": [_at(first - timedelta(days=3)), _at(first + timedelta(days=3))]}
 
 
 def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
@@ -106,9 +117,22 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
             }
         )
     ends = [row["level"], at_end(row["rate"])]
-    traces.append(_line("rate", (begin, end), ends, style.PREDICTED, "solid"))
+    traces.append(_line("rate", [begin, end], ends, style.PREDICTED, "solid"))
     if row["limit"] is not None:
-        traces.append(_line("limit", (first, end), [row["limit"]] * 2, style.LIMIT, "dash"))
+        traces.append(_line("limit", [first, end], [row["limit"]] * 2, style.LIMIT, "dash"))
+    return traces
+
+
+def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
+    """Levels before and after a step, and the limit."""
+    first, last = seen["time"][0], seen["time"][-1]
+    on, level, step = row["change"], row["level"], row["step"]
+    if on is None or level is None or step is None:
+        return []
+    x, y = [first, on, on, last], [level, level, level * (1 + step), level * (1 + step)]
+    traces = [_line("level", x, y, style.PREDICTED, "solid")]
+    if row["limit"] is not None:
+        traces.append(_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash"))
     return traces
 
 
@@ -118,9 +142,7 @@ def _end(row: Row, begin: datetime, last: datetime) -> datetime:
     return min(max(row["horizon"] or last, last), furthest)
 
 
-def _line(
-    name: str, times: tuple[datetime, datetime], y: list[float], color: str, dash: str
-) -> Data:
+def _line(name: str, times: list[datetime], y: list[float], color: str, dash: str) -> Data:
     return {
         "type": "scatter", "x": [_at(time) for time in times], "y": y, "name": name,
         "mode": "lines", "line": {"color": color, "width": 2, "dash": dash},

@@ -40,7 +40,7 @@ def overview(
         subtitle=_subtitle(robots, types),
         verdict=verdict(tables, robots),
         facts=_facts(tables, robots, urgent),
-        warnings=tables.words,
+        warnings=(*tables.words, *_of_types(tables, labels)),
         front=(*_attention(urgent, links), *_rising(tables, urgent)),
         sections=(
             Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
@@ -71,6 +71,9 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
         grade, said = Grade.FAIR, f"{many} attention."
     elif tables.absent & {"drift", "recordings"}:
         grade, said = Grade.UNTESTED, "No robot is known to need attention, but tables are missing."
+    elif 2 * _unknown(robots) > sum(len(one.drives) for one in robots):
+        said = "No robot is known to need attention, but there is too little to tell of most."
+        grade = Grade.UNTESTED
     else:
         grade, said = Grade.GOOD, f"None of {len(robots)} robots needs attention."
     return Summary(grade, said, tuple(lines))
@@ -79,7 +82,7 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
 def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
     """What nobody can tell yet, and what was not used."""
     drives = [row for one in robots for row in one.drives]
-    unknown = sum(row["state"] == "unknown" for row in drives)
+    unknown = _unknown(robots)
     lines = []
     if unknown:
         lines.append(
@@ -91,6 +94,21 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
         all_of_them = sum(one.recordings for one in robots)
         lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
     return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
+
+
+def _unknown(robots: Sequence[Robot]) -> int:
+    """Drives of which nobody can tell yet whether their friction changes."""
+    return sum(row["state"] == "unknown" for one in robots for row in one.drives)
+
+
+def _of_types(tables: Tables, labels: Mapping[str, str]) -> list[str]:
+    """Types of which nothing could be said, and why."""
+    lost = tables.quarantine.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
+    return [
+        f"Robots of type {labels.get(row['which'], row['which'])} could not be compared: "
+        f"{row['reason']}"
+        for row in lost.iter_rows(named=True)
+    ]
 
 
 def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:

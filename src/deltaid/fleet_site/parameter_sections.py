@@ -22,7 +22,7 @@ def parameter_section(parameters: pl.DataFrame) -> tuple[Section, ...]:
     ordered = (single if len(single) else whole).sort("period", maintain_order=True)
     last = last_period(told)
     tables = [_values(last, ordered, f"Fitted to the recordings of {last['period'][0]}.")]
-    if len(whole) and len(single):
+    if len(whole) and whole["recordings"][0] != last["recordings"][0]:
         tables.insert(0, _values(whole, ordered, "Fitted to all recordings together."))
     poor = dict(ordered.select("period", "verdicts").unique(maintain_order=True).iter_rows())
     doubts = tuple((period, keys) for period, keys in poor.items() if keys)

@@ -71,29 +71,29 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
             days(one["change_low"], one["change_high"]),
             share(one["rate"]),
             _shares(one["rate_low"], one["rate_high"]),
-            day(one["horizon"]),
-            days(one["horizon_low"], one["horizon_high"]),
+            share(one["temperature_slope"]),
+            count(one["recordings"]),
         )
         for one in drives
     )
-    columns = ("drive", "friction", "changed on", "between", "a month", "between",
-               "limit reached on", "between")  # fmt: skip
+    columns = ("drive", "friction", "changed on", "between", "a month", "between", "per K",
+               "recordings")  # fmt: skip
     states = [one["state"] for one in drives]
     marked = frozenset(k for k, state in enumerate(states) if state not in ("steady", "unknown"))
-    why = tuple(
+    limits = tuple(
         (
             one["drive"],
-            shown(one["level"]),
+            f"{shown(one['level'])} {one['unit']}" if one["level"] is not None else NOTHING,
             shown(one["limit"]),
-            share(one["temperature_slope"]),
-            count(one["recordings"]),
+            day(one["horizon"]),
+            days(one["horizon_low"], one["horizon_high"]),
             one["reason"],
         )
         for one in drives
     )
     return (
         Table(columns, rows, caption, marked=marked),
-        Table(("drive", "level", "limit", "per K", "recordings", "why"), why),
+        Table(("drive", "level", "limit", "reached on", "between", "remarks"), limits),
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from deltaid.fleet_site.friction_figure import MAIN, friction_panel
+from deltaid.fleet_site.friction_figure import MAIN, friction_panel, time_axis
 from deltaid.fleet_site.panels import dates, grid, numbers
 from deltaid.fleet_site.parameter_sections import parameter_section, type_section
 from deltaid.fleet_site.parts import NOTHING, bounds, count, drive_tables, share, shown
@@ -91,7 +91,7 @@ def _friction(
         caption = f"{quantity[:1].upper()}{quantity[1:]} of each drive over time."
         if main:
             caption += " Dotted: the day of a change, with the days it may have been."
-        charts.append(Chart(grid(panels, x={"type": "date", "matches": "x"}, legend=True), caption))
+        charts.append(Chart(grid(panels, x=time_axis(friction), legend=True), caption))
     further: tuple[Block, ...] = (*charts[1:], *_temperature(friction))
     section = Section("What friction goes with", further, "what else was seen, and temperature")
     return (charts[0],), (section,) if further else ()

@@ -18,6 +18,8 @@ Row = Mapping[str, Any]
 _SOON = timedelta(days=28)
 # A robot is silent after so long and so many times its usual pause between recordings.
 _SILENT, _PAUSES = timedelta(days=14), 4
+# What cannot be done with a robot, by what the quarantine calls it.
+_CANNOT = {"drift": "drift cannot be looked for", "type": "cannot be compared with its type"}
 # The period of all recordings of a robot together.
 ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
@@ -132,7 +134,7 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
         drives=drives,
         noise=last["noise"] if last else None,
         worst_error=last["worst_error"] if last else None,
-        belongs=None if members is None else not foreign,
+        belongs=None if members is None or members["belongs"].has_nulls() else not foreign,
         concerns=tuple(sorted(concerns, key=lambda one: one.urgency)),
     )
 
@@ -205,7 +207,9 @@ def _refused(quarantine: pl.DataFrame | None, last: str, *, recorded: bool) -> l
     what = pl.col("what")
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
     for row in others.tail(1).iter_rows(named=True):
-        found.append(Concern(Urgency.LOOK, f"no fit of {row['which']}: {_short(row['reason'])}"))
+        which = "all of its recordings together" if row["which"] == ALL else row["which"]
+        said = _CANNOT.get(row["what"], f"no fit of {which}")
+        found.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
     if not recorded and len(absent := quarantine.filter(what == "recording")):
         row = absent.row(-1, named=True)
         why = f"no recording of it is there: {row['which']}: {_short(row['reason'])}"

@@ -8,6 +8,7 @@ from typing import Any
 import polars as pl
 
 from deltaid.errors import DeltaidError
+from deltaid.population.belonging import LEAST
 
 _TIME = pl.Datetime("us")
 _TEXT, _NUMBER = pl.String, pl.Float64
@@ -117,11 +118,17 @@ def read_tables(folder: Path) -> Tables:
 
 
 def _in_spreads(members: pl.DataFrame, types: pl.DataFrame) -> pl.DataFrame:
-    """Members with their deviations in spreads between robots too; null where none is known."""
+    """Members with their deviations in spreads between robots too, null where none is known.
+
+    Whether a robot belongs is null where too few others could tell.
+    """
     spreads = types.select("type", "parameter", "spread").unique(["type", "parameter"])
     joined = members.join(spreads, on=["type", "parameter"], how="left", maintain_order="left")
     spread = pl.when(pl.col("spread") > 0).then(pl.col("spread"))
-    return joined.with_columns(spreads=pl.col("deviation") / spread).drop("spread")
+    enough = pl.col("robot").n_unique().over("type") >= LEAST
+    return joined.with_columns(
+        spreads=pl.col("deviation") / spread, belongs=pl.when(enough).then(pl.col("belongs"))
+    ).drop("spread")
 
 
 def _read(path: Path) -> pl.DataFrame:

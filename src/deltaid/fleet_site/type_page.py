@@ -43,11 +43,14 @@ def type_page(
     return Page(
         title=label or "Robots of no type",
         subtitle=f"{len(robots)} robots" + (f", described by {kind}" if kind != label else ""),
-        verdict=_verdict(robots, foreign, told=not members.is_empty()),
+        verdict=_verdict(robots, foreign, told=any(one.belongs is not None for one in robots)),
         facts=(
             Fact("robots", str(len(robots))),
             Fact("need attention", str(sum(one.urgency < Urgency.NONE for one in robots))),
-            Fact("do not belong", str(len(foreign)) if not members.is_empty() else NOTHING),
+            Fact(
+                "do not belong",
+                str(len(foreign)) if any(one.belongs is not None for one in robots) else NOTHING,
+            ),
         ),
         front=(*_foreign(foreign, links), *_deviations(members)),
         sections=(
@@ -136,7 +139,9 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
     """All robots of the type with where they differ most."""
     largest = dict[str, tuple[str, float]]()
     for row in members.iter_rows(named=True):
-        size = abs(row["spreads"] or 0.0)
+        if row["spreads"] is None:
+            continue
+        size = abs(row["spreads"])
         if size >= largest.get(row["robot"], ("", 0.0))[1]:
             largest[row["robot"]] = row["parameter"], size
     rows = tuple(

@@ -41,13 +41,14 @@ def _turned_back(setup: Setup, progress: Progress, *, look: bool = True) -> Setu
         setup = setup.repaired(one, gears=None)
     # Lags stand here as columns of their own.
     bare = setup.told((), "compliance").changed(additions=without_lags(setup.additions))
-    seen = [(one, found) for one in bare.recordings if (found := _traced(bare, one)) is not None]
+    seen = [both for one in bare.recordings if (both := _traced(bare, one)) is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     looked_for = (stated == 0) & (look and setup.settings.compliance == "estimate")
     if not seen or not (stated.any() or looked_for.any()):
         return setup
     progress("looking for gears that wind up")
-    found = compliances([each for _, each in seen], bare, np.where(looked_for, np.nan, stated))
+    narrow, wide = zip(*seen, strict=True)
+    found = compliances(narrow, wide, bare, np.where(looked_for, np.nan, stated))
     if not found.values.any():
         return setup
     for one in bare.recordings:
@@ -124,21 +125,26 @@ def _evidence(found: Found, k: int) -> str:
     return text
 
 
-def _traced(setup: Setup, recording: Recording) -> Trace | None:
-    """A recording in memory; None where it has no filter or nothing can be differentiated."""
+def _traced(setup: Setup, recording: Recording) -> tuple[Trace, Trace] | None:
+    """A recording in memory, in the band of the motion and in that of a fit; None where it has no
+    filter or nothing can be differentiated."""
     if recording.low_pass is None:
         return None
     windows = max(_WINDOWS, round(_SECONDS * recording.log.rate / WINDOW))
-    load = prior_parameters(setup.robot)
-    try:
+    load, whole = prior_parameters(setup.robot), recording.low_pass.cutoff
+
+    def within(cutoff: float) -> Trace:
         return trace(
             setup.dynamics,
             recording,
             load,
-            cutoff=_BAND * recording.low_pass.cutoff,
+            cutoff=cutoff,
             reach=0.0,
             reversals=False,
             windows=windows,
         )
+
+    try:
+        return within(_BAND * whole), within(whole)
     except RecordingError:
         return None

@@ -47,11 +47,18 @@ _LITTLE = 1e-4
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
-def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Found:
+def compliances(
+    traces: Sequence[Trace], wide: Sequence[Trace], setup: Setup, stated: Compliance
+) -> Found:
     """Those of gears that show that they wind up, and those that are stated.
 
+    Noise of the torques is in the links' motion with the opposite sign: rows lose it where M s ω²
+    is about one, whatever the gear. Of few rows that is all that is found; in the whole band of a
+    fit, where M s ω² is more, such gears make all rows worse.
+
     Args:
-        traces: of recordings of the same machine.
+        traces: of recordings of the same machine, in the band of the motion.
+        wide: the same in the whole band of a fit.
         setup: the fit that they are meant for.
         stated: s where it is known, NaN where it is to be found.
     """
@@ -60,20 +67,27 @@ def compliances(traces: Sequence[Trace], setup: Setup, stated: Compliance) -> Fo
     free = np.isnan(stated) & fit.loaded(p)
     if not free.any():
         return fit.nothing(p)
-    start, p = fit.start(free, left, p)
-    S = np.eye(len(stated))[:, free]
-    if np.array_equal(start, fit.known) and not _hopeful(fit, S, p):
+    start, near = fit.start(free, left, p)
+    S, is_stiff = np.eye(len(stated))[:, free], np.array_equal(start, fit.known)
+    if is_stiff and not _hopeful(fit, S, p):
         return fit.nothing(p)
-    found = fit.swept(S, start, p)
-    found = _pooled(fit, found)
-    while True:
-        seen = _shown(found)
-        if seen.all():
-            return found if fit.better(found) else fit.nothing(fit.at(fit.known)[1])
+    whole = replace(fit, traces=tuple(wide))
+    for first, own in ((start, near), (fit.known, p))[: 1 if is_stiff else 2]:
+        found = _searched(fit, S, first, own)
+        if found is not None and fit.better(found) and whole.nearer(found):
+            return found
+    return fit.nothing(fit.at(fit.known)[1])
+
+
+def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Found | None:
+    """What shows from a start on; None if nothing does."""
+    found = _pooled(fit, fit.swept(S, start, p))
+    while not (seen := _shown(found)).all():
         if not seen.any():
-            return fit.nothing(fit.at(fit.known)[1])
+            return None
         S = found.groups[:, seen]
         found = fit.swept(S, S @ found.sizes[seen], found.p)
+    return found
 
 
 def _shown(found: Found) -> Bool[np.ndarray, " groups"]:
@@ -225,23 +239,20 @@ class _Fit:
 
     def better(self, found: Found, least: float = _BETTER) -> bool:
         """Whether rows of most stretches of time are nearer with what was found than without, by
-        at least so many standard deviations.
-
-        Links are turned back by the model's torques: with measured ones their noise would come
-        back with the opposite sign where M s ω² is about one, and make any rows better.
-        """
+        at least so many standard deviations."""
         gains = list[np.ndarray]()
-        windings = [one.by_model(found.p) for one in self.windings(found.p)]
-        with_it, without = (
-            self.rows.fitted([one.turned(s) for one in windings])[0]
-            for s in (found.values, self.known)
-        )
+        with_it, without = (self.at(s, found.p)[0] for s in (found.values, self.known))
         for ours, theirs in zip(with_it, without, strict=True):
             noise = np.mean(ours**2, axis=1, keepdims=True)
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
             gains.append(np.add.reduceat(gain, stretches(len(gain))))
         each = np.concatenate(gains)
         return bool(each.mean() > least * each.std(ddof=1) / np.sqrt(len(each)))
+
+    def nearer(self, found: Found) -> bool:
+        """Whether less is left of rows with what was found than without."""
+        with_it, without = (self.at(s, found.p)[0] for s in (found.values, self.known))
+        return _size(with_it) < _size(without)
 
     def _motors(self, one: Trace, p: Parameters) -> Gears:
         return motors_of(self.setup.robot, p, one.low_pass.cutoff, one.low_pass.rate)

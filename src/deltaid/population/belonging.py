@@ -27,6 +27,8 @@ from deltaid.population.spreads import ENOUGH, Spreads, fitted_spreads, prior_sp
 ANYTHING = 1e4
 # Rounds of naming at most.
 _ROUNDS = 8
+# Of so many robots each is left out of the spreads too.
+_FEW = 16
 # From so many robots on one can be named.
 LEAST = ENOUGH + 1
 _ROUNDING = 1e-9
@@ -197,7 +199,39 @@ def sorted_out(
             break
         seen.append(counts.tobytes())
         rows = rows.counting(counts)
+    if count <= _FEW:
+        rows, chances = _one_by_one(rows, coordinates, freedom, naming, count)
+        spreads = fitted_spreads(rows, coordinates, spreads)
     return Sorted(rows, spreads, _mean(rows, spreads, coordinates), chances)
+
+
+def _one_by_one(
+    rows: Rows,
+    coordinates: Coordinates,
+    freedom: Float[np.ndarray, " robots"],
+    naming: float,
+    count: int,
+) -> tuple[Rows, Float[np.ndarray, " robots"]]:
+    """The same of few robots, each left out of the spreads as well, which it would widen until it
+    seems to belong; the farthest is put aside before the next is looked for."""
+    friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
+    while True:
+        chances = np.ones(count)
+        for k in range(count):
+            others = rows.counts.copy()
+            others[k] = False
+            without = rows.counting(others)
+            spreads = fitted_spreads(without, coordinates)
+            found = _mean(without, spreads, coordinates)
+            one = left_out(without, k, found, (freedom[k], spreads.freedom), friction)
+            chances[k] = chance(one, coordinates, found.m)
+        inside = np.flatnonzero(rows.counts[:count])
+        worst = inside[np.argmin(chances[inside])]
+        if chances[worst] >= naming or len(inside) < LEAST:
+            return rows, chances
+        counts = rows.counts.copy()
+        counts[worst] = False
+        rows = rows.counting(counts)
 
 
 def _belonging(
