@@ -208,6 +208,17 @@ def test_variances_change_and_sharp_sums_stay() -> None:
     assert np.abs(off).max() < 1e-6 * np.abs(np.linalg.inv(V)).max()
 
 
+def test_variances_are_had_where_sums_are_known_far_better() -> None:
+    """Correlations whose least eigenvalue is 1e-9, as of parameters that torques tell as sums."""
+    rng = np.random.default_rng(3)
+    Q, _ = np.linalg.qr(rng.standard_normal((30, 30)))
+    V = (Q * np.geomspace(1e-9, 3.0, 30)) @ Q.T
+    wanted = np.diag(V) * np.exp(rng.uniform(-1.0, 1.0, 30))
+    found = with_variances(V, wanted)
+    np.testing.assert_allclose(np.diag(found), wanted, rtol=0.1)
+    assert np.linalg.eigvalsh(found)[0] > 0
+
+
 def test_limbs_scatter_about_what_they_share(model: IdentifiedModel) -> None:
     tolerance = 0.05
     shared, own = model.sample(1000, seed=1), model.sample(1000, seed=1, limb_tolerance=tolerance)

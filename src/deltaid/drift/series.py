@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.drift.evidence import SIZE, YEAR, Changes, Evidence
 from deltaid.drift.outliers import inflation
@@ -16,6 +16,9 @@ from deltaid.drift.wander import Scatter, whitened_sums
 # seasons where no temperature is known, of a step as a tool changes.
 _TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
 _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
+# A sensor that errs from day to day makes the slope of all days too small; that of a temperature
+# over weeks [days] may be another, by so much and between drives.
+_WEEKS, _SLOW, _UNLIKE_SLOW = 7.0, 0.4, 0.02
 # A level may be anywhere.
 FLAT = 1e4
 # Friction that is known no better than to this share tells nothing.
@@ -64,6 +67,8 @@ class Regressors:
             unknown[~known] = _USUAL_SLOPE * temperature[known].std()
             rows.append(("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE))
             rows.append(("temperature²", T**2, _CURVE, _UNLIKE_CURVE))
+            slow = _slow(days, T, known)
+            rows.append(("slow temperature", slow, _SLOW, _UNLIKE_SLOW))
         else:
             angle = 2.0 * np.pi * days / YEAR
             rows += [
@@ -96,6 +101,15 @@ class Explained:
     regressors: Regressors
     changes: Changes
     found: Evidence
+
+
+def _slow(
+    days: Float[np.ndarray, " n"], T: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """A temperature over weeks."""
+    near = np.exp(-0.5 * ((days[:, None] - days[known]) / _WEEKS) ** 2)
+    size = near.sum(axis=1)
+    return np.where(size > 0.0, near @ T[known] / np.where(size > 0.0, size, 1.0), 0.0)
 
 
 def in_percent(

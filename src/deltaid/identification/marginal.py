@@ -91,16 +91,17 @@ def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
     size = np.sqrt(np.diag(V))
     ratio = wanted / size**2
     level = float(np.exp(np.mean(np.log(ratio))))
-    P, ratio = np.linalg.inv(_correlation(V)), ratio / level
+    w, U = np.linalg.eigh(_correlation(V))
+    L, ratio = U * np.sqrt(np.maximum(w, _ROUNDING)), ratio / level
     lam = np.zeros(len(V))
-    value = _dual(P, lam, ratio)
+    value = _dual(L, lam, ratio)
     for _ in range(_STEPS):
-        now = np.linalg.inv(P + np.diag(lam))
+        now = _inverse(L, lam)
         down = np.diag(now) - ratio - _MISSED * lam
         step, share = np.linalg.solve(now**2 + _MISSED * np.eye(len(V)), down), 1.0
         if down @ step < _AGREE:
             break
-        while (new := _dual(P, lam + share * step, ratio)) > value - 1e-4 * share * (down @ step):
+        while (new := _dual(L, lam + share * step, ratio)) > value - 1e-4 * share * (down @ step):
             share /= 2
             if share < _AGREE:  # what is left is rounding
                 share, new = 0.0, value
@@ -108,13 +109,20 @@ def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
         if share == 0:
             break
         lam, value = lam + share * step, new
-    found = level * np.linalg.inv(P + np.diag(lam))
-    return 0.5 * (found + found.T) * np.outer(size, size)
+    return level * _inverse(L, lam) * np.outer(size, size)
 
 
-def _dual(P: Matrix, lam: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n"]) -> float:
-    """The function that `with_variances` minimises; infinite where there is no covariance."""
-    values = np.linalg.eigvalsh(P + np.diag(lam))
+def _inverse(L: Matrix, lam: Float[np.ndarray, " n"]) -> Matrix:
+    """(C⁻¹ + diag λ)⁻¹ = L (1 + Lᵀ diag(λ) L)⁻¹ Lᵀ with C = L Lᵀ, which may be nearly singular."""
+    half = np.linalg.cholesky(np.eye(len(L)) + (L.T * lam) @ L)
+    root = solve_triangular(half, L.T, lower=True)
+    return root.T @ root
+
+
+def _dual(L: Matrix, lam: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n"]) -> float:
+    """The function that `with_variances` minimises, but for log det C; infinite where there is no
+    covariance."""
+    values = np.linalg.eigvalsh(np.eye(len(L)) + (L.T * lam) @ L)
     if values[0] <= 0:
         return np.inf
     return float(lam @ wanted - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
