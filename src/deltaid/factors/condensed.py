@@ -1,6 +1,6 @@
 """What one recording says, condensed: triangular factors of its rows, whole and in groups."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -9,7 +9,22 @@ from jaxtyping import Float, Int
 
 # Of a recording: consecutive stretches of time, and places of the platform, the last of which takes
 # in what is seldom visited. Together no more than 40 groups.
-STRETCHES, PLACES = 26, 14
+_STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
+# A file has no more bytes, of which so many are for what stands beside its factors; numbers of the
+# whole take twice those of a group, and the rows with tolerances about one and a half.
+_BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
+
+
+def counts(sizes: Sequence[int]) -> tuple[int, int]:
+    """How many stretches of time and places a file has room for.
+
+    Args:
+        sizes: columns of each drive's factors, τ among them.
+    """
+    entries = sum(n * (n + 1) // 2 for n in sizes)
+    room = int((_BYTES - _BESIDE) / (_GROUP * entries) - _WHOLES)
+    places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
+    return max(min(_STRETCHES, room - places), 2), places
 
 
 @dataclass(frozen=True, eq=False)

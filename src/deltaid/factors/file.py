@@ -1,8 +1,8 @@
 """Factor files: one small Parquet file a recording.
 
 A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
-bit, and so does what tolerances do; those of stretches and places, which only tell how far to trust
-the rest, keep seven digits.
+bit; those of stretches and places, and what tolerances do, which only tell how far to trust the
+rest, keep seven digits.
 What stands beside them is JSON under the key `deltaid` of the file's metadata.
 """
 
@@ -21,7 +21,7 @@ from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
-_EXACT, _BESIDE = ("whole", "geometry"), ("samples", "torque_max")
+_APART, _BESIDE = ("whole", "geometry"), ("samples", "torque_max")
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -68,7 +68,7 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
     geometry = [] if condensed.geometry is None else [condensed.geometry]
     for group in (condensed.whole, *geometry, *condensed.groups):
         for i, R in enumerate(group.factors):
-            row, exact = packed(R), group.name in _EXACT
+            row, exact = packed(R), group is condensed.whole
             rows.append(
                 (group.name, i, group.samples[i], group.torque_max[i],
                  row if exact else None, None if exact else row.astype(np.float32))
@@ -141,7 +141,7 @@ def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condens
         for name, part, more in (
             ("whole", table.filter(pl.col("group") == "whole"), 0),
             ("geometry", table.filter(pl.col("group") == "geometry"), len(record.quantities)),
-            ("groups", table.filter(~pl.col("group").is_in(_EXACT)), 0),
+            ("groups", table.filter(~pl.col("group").is_in(_APART)), 0),
         )
         if len(part)
     }
@@ -155,7 +155,7 @@ def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condens
 def _groups(table: pl.DataFrame, sizes: list[int], where: str) -> Groups:
     """Some groups of a file."""
     drives, names = len(sizes), table["group"].to_list()[:: len(sizes)]
-    packed_in = "exact" if names[0] in _EXACT else "rounded"
+    packed_in = "exact" if names[0] == "whole" else "rounded"
     lengths = [n * (n + 1) // 2 for n in sizes]
     if table[packed_in].list.len().to_list() != lengths * len(names):
         raise RecordingError("has lost some of its numbers", where=where, cure=_CURE)

@@ -10,7 +10,7 @@ from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.factors.columns import GatheredColumns, plain
-from deltaid.factors.condensed import PLACES, STRETCHES, Condensed, Group, Groups
+from deltaid.factors.condensed import Condensed, Group, Groups, counts
 from deltaid.factors.file import FactorFile
 from deltaid.factors.lattice import Lattice
 from deltaid.factors.record_of import record_of
@@ -50,12 +50,13 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
     rows = MeasuredRows(columns.regressor)
     lattice = Lattice.over(columns.dynamics.robot, recording.log.reach)
     places = Places(lattice.box, rows.dof, len(rows.active) + 1, lattice.parts)
-    blocks = gather(rows, recording, places, count=STRETCHES)
     at = np.searchsorted(rows.active, columns.kept)
     drives, entries = rows.regressor_pattern
     felt = tuple(
         np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
     )
+    stretch_count, place_count = counts([len(own) + 1 for own in felt])
+    blocks = gather(rows, recording, places, count=stretch_count)
     places_at = [np.append(at[one], len(rows.active)) for one in felt]
 
     def group(name: str, part: Information) -> Group:
@@ -67,7 +68,7 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
         columns.kept_names,
         felt,
         group("whole", merge(blocks)),
-        Groups.of([*stretches, *_by_place(places.sums, places_at, lattice)]),
+        Groups.of([*stretches, *_by_place(places.sums, places_at, lattice, place_count)]),
     )
 
 
@@ -126,12 +127,13 @@ def _by_place(
     sums: Float[np.ndarray, "places drives augmented augmented"],
     at: Sequence[np.ndarray],
     lattice: Lattice,
+    count: int,
 ) -> list[Group]:
-    """The places that are visited most, and one for all others."""
+    """The places that are visited most, and one for all others; so many at most."""
     weight = np.einsum("pijj->p", sums)
     visited = np.flatnonzero(weight > 0)
     visited = visited[np.argsort(-weight[visited], kind="stable")]
-    own, rest = visited[: PLACES - 1], visited[PLACES - 1 :]
+    own, rest = visited[: count - 1], visited[count - 1 :]
     named = [(lattice.name(int(k)), sums[k]) for k in np.sort(own)]
     if rest.size:
         named.append(("place elsewhere", sums[rest].sum(axis=0)))
