@@ -14,6 +14,12 @@ import threadpoolctl
 
 import deltaid
 
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: tests of browsers, stores and processes wait half the time."""
+    return (os.cpu_count() or 1) + 1
+
+
 # On matrices as small as the tests' BLAS threads only wait for one another: one here, and one in
 # the processes that tests start.
 os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"

@@ -67,16 +67,15 @@ def compliances(
     free = np.isnan(stated) & fit.loaded(p)
     if not free.any():
         return fit.nothing(p)
-    start, near = fit.start(free, left, p)
-    S, is_stiff = np.eye(len(stated))[:, free], np.array_equal(start, fit.known)
-    if is_stiff and not _hopeful(fit, S, p):
+    start, p = fit.start(free, left, p)
+    S = np.eye(len(stated))[:, free]
+    if np.array_equal(start, fit.known) and not _hopeful(fit, S, p):
         return fit.nothing(p)
+    found = _searched(fit, S, start, p)
+    if found is None or not fit.better(found):
+        return fit.nothing(fit.at(fit.known)[1])
     whole = replace(fit, traces=tuple(wide))
-    for first, own in ((start, near), (fit.known, p))[: 1 if is_stiff else 2]:
-        found = _searched(fit, S, first, own)
-        if found is not None and fit.better(found) and whole.nearer(found):
-            return found
-    return fit.nothing(fit.at(fit.known)[1])
+    return found if whole.nearer(found) else fit.nothing(fit.at(fit.known)[1])
 
 
 def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Found | None:

@@ -36,20 +36,20 @@ def drift_shown(found: RobotDrift) -> Table:
 
 def sentences(found: RobotDrift) -> list[str]:
     """What each finding rests on, tools that were changed, what bounds false alarms."""
-    told = [
+    lines = [
         f"{drive}: {text}"
         for drive, one in zip(found.drives, found.findings, strict=True)
         if one.state != "steady" and (text := _told(found, one))
     ]
     for tool in found.tools:
         way = "heavier" if tool.mass > 0 else "lighter"
-        told.append(
+        lines.append(
             f"what the robot holds became {way} by {abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on "
             f"{_date(found.date(tool.day))}, which nothing had told; friction was not taken for it"
         )
     if found.common is not None:
-        told.append(found.common)
-    return [*told, f"false alarms: {found.bound}"]
+        lines.append(found.common)
+    return [*lines, f"false alarms: {found.bound}"]
 
 
 def _told(found: RobotDrift, one: Finding) -> str:
