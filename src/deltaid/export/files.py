@@ -79,6 +79,10 @@ class Target:
     addition: str = ""
     code: Callable[[Model, str, Code], Export] | None = None
 
+    def export(self, subject: Model, stem: str, code: Code) -> Export:
+        """The content; `code` says nothing to targets that are none."""
+        return self.build(subject, stem) if self.code is None else self.code(subject, stem, code)
+
 
 def _c(subject: Model, stem: str, code: Code) -> Export:
     found = c_code(subject, stem, code.precision, code.functions)
@@ -165,10 +169,7 @@ def write_export(
     """
     if target not in TARGETS:
         raise unknown(target, TARGETS, "target", "write_export")
-    build, of_code = TARGETS[target].build, TARGETS[target].code
-    if of_code is not None:
-        build = partial(of_code, code=Code(SINGLE if single else DOUBLE, tuple(functions)))
-    elif single or functions:
+    if (single or functions) and TARGETS[target].code is None:
         raise DeltaidError(
             f"precision and further functions are of code, and {target} is none",
             where="--single" if single else "--with",
@@ -180,7 +181,8 @@ def write_export(
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
         require_writable(part, inputs)
-    export = build(subject, path.stem)
+    code = Code(SINGLE if single else DOUBLE, tuple(functions))
+    export = TARGETS[target].export(subject, path.stem, code)
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
