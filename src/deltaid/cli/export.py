@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from deltaid.export.options import TargetName
+from deltaid.export.options import FURTHER, TargetName
 
 
 def register(app: typer.Typer) -> None:
@@ -23,6 +23,17 @@ def export(
         str,
         typer.Option("--output", "-o", help="File to write, or folder (name/).", metavar="PATH"),
     ],
+    single: Annotated[
+        bool, typer.Option("--single", help="Code in single precision: float, REAL.")
+    ] = False,
+    further: Annotated[
+        str,
+        typer.Option(
+            "--with",
+            metavar="NAME,…",
+            help=f"Further functions of code: {', '.join(FURTHER)}.",
+        ),
+    ] = "",
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
@@ -38,6 +49,7 @@ def export(
     found = load(model)
     if without_friction:
         found = found.without_friction()
-    written = write_export(found, to, output, (Path(model),))
+    functions = [name.strip() for name in further.split(",") if name.strip()]
+    written = write_export(found, to, output, (Path(model),), single=single, functions=functions)
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

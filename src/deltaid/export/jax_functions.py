@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.export.c_code import acceleration, bias
+from deltaid.export.model_functions import acceleration, bias
 from deltaid.libraries import require
 from deltaid.model.model import ModelLike, load
 from deltaid.shown import Named
