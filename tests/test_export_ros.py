@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import shutil
 import subprocess
 from pathlib import Path
@@ -118,24 +117,6 @@ def test_drives_have_interfaces_limits_and_transmissions() -> None:
     stroke = chosen.robot.telescope.stroke
     assert stroke is not None
     assert (float(slide.get("lower", "")), float(slide.get("upper", ""))) == stroke
-
-
-def test_drake_loads_it_with_motors() -> None:
-    pytest.importorskip("pydrake.multibody.parsing", reason="Drake is not installed")
-    from pydrake.multibody.parsing import Parser
-    from pydrake.multibody.plant import MultibodyPlant
-
-    logging.getLogger("drake").setLevel(logging.ERROR)
-    chosen = subject("irb360-6-1600")
-    plant = MultibodyPlant(1e-3)
-    Parser(plant).AddModelsFromString(urdf(chosen).urdf, "urdf")
-    plant.Finalize()
-    assert plant.num_actuators() == len(chosen.robot.drives)
-    for drive, limits in chosen.robot.drive_limits.items():
-        motor = plant.GetJointActuatorByName(f"{drive}_motor")
-        assert motor.effort_limit() == limits.effort
-        assert motor.default_rotor_inertia() == chosen.value(f"rotor.{drive}")
-        assert plant.GetJointByName(drive).default_damping() == chosen.value(f"viscous.{drive}")
 
 
 @pytest.mark.skipif(shutil.which("check_urdf") is None, reason="check_urdf is not installed")

@@ -56,12 +56,13 @@ def mjcf(subject: Model) -> str:
     assets(root, seen)
     world = ET.SubElement(root, "worldbody")
     scene(world, seen)
+    base = ET.SubElement(world, "body", name="base")
     for shape in drawn:
         if not shape.body:
-            draw(world, shape)
+            draw(base, shape)
     order: list[str] = []
     for body in tree.children(""):
-        _body(world, subject, tree, body, drawn, forces, home, order)
+        _body(base, subject, tree, body, drawn, forces, home, order)
     struts(root, subject, tree)
     _equality(root, tree)
     _actuators(root, subject)
