@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import logging
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deltaid.control.simulation import integrate
+from deltaid.export.files import write_export
 from deltaid.export.mjcf import mjcf
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.urdf import urdf
 from deltaid.model.model import Model
 from exports import subject
+from sessions import ROOT
 
 pytest.importorskip("pydrake.multibody.parsing", reason="Drake is not installed")
 from pydrake.multibody.parsing import Parser
@@ -103,3 +107,16 @@ def test_urdf(name: str) -> None:
         inputs[motor.input_start()] = tau
     plant.get_actuation_input_port().FixValue(context, inputs)
     same_path(plant, context, chosen)
+
+
+def test_the_example_holds_the_loops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_export(subject("par4").without_friction(), "urdf", tmp_path / "robot.urdf")
+    monkeypatch.chdir(tmp_path)
+    scope = runpy.run_path(str(ROOT / "examples" / "in_drake.py"))
+    assert "drive4" in capsys.readouterr().out
+    plant, context = scope["plant"], scope["context"]
+    for pair in scope["loops"]["coincident_frames"]:
+        a, b = (plant.GetFrameByName(n).CalcPoseInWorld(context) for n in pair["frames"])
+        np.testing.assert_allclose(a.translation(), b.translation(), rtol=0, atol=1e-4)

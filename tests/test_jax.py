@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Iterator
 
 import casadi as ca
@@ -13,6 +14,7 @@ from composed import Make
 from deltaid.export.jax_functions import JaxFunctions
 from deltaid.robot.load import load_robot
 from exports import COMPOSED, disturbed, model, states, subject, the, title
+from sessions import ROOT
 from support import assert_close
 
 jax = pytest.importorskip("jax", reason="JAX is not installed")
@@ -145,3 +147,9 @@ def test_single_precision_unless_told_otherwise(delta: JaxFunctions) -> None:
         jax.config.update("jax_enable_x64", True)
     assert tau.dtype == np.float32
     assert_close(np.asarray(tau, float), model(chosen, z, qd, qdd).tau[0], 1e-4)
+
+
+def test_the_example_descends(capsys: pytest.CaptureFixture[str]) -> None:
+    scope = runpy.run_path(str(ROOT / "examples" / "in_jax.py"))
+    assert scope["loss"](scope["p"]) < 0.05 * scope["before"]
+    assert "N m after" in capsys.readouterr().out
