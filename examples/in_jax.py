@@ -1,6 +1,6 @@
 """A robot in JAX: torques of many samples, and parameters by descent on a loss of one's own.
 
-pip install 'deltaid[jax]'
+pip install jax
 python in_jax.py
 """
 

@@ -75,7 +75,7 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
     Raises:
         DeltaidError: JAX is not installed, or there is no such model.
     """
-    require("jax", by="jax_functions", name="JAX", install="pip install 'deltaid[jax]'")
+    require("jax", by="jax_functions", name="JAX", install="pip install jax")
     import jax
 
     from deltaid.export.jax_graph import as_jax
