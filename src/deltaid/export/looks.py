@@ -100,21 +100,25 @@ def _arm(limb: LimbGeometry, n: int, s: float) -> Iterator[Shape]:
 
 def _carriage(subject: Model, limb: LimbGeometry, n: int, s: float) -> Iterator[Shape]:
     """A rail as long as the drive's range, and what slides on it."""
-    start, end = _rail(subject, limb, n)
+    yield Rod("", f"rail{n}", "base", *_rail(subject, limb, n, s), 0.018 * s)
+    R, half = _along_rail(limb), s * np.array([0.025, 0.05, 0.05])
+    yield Box(f"C{n}", f"carriage{n}", "arm", np.zeros(3), R, half)
+
+
+def _along_rail(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
+    """Axes in the limb's frame whose z runs along the rail."""
     R, _ = Rotation.align_vectors([limb.rail], [_Z])
-    outwards = -0.035 * s * R.as_matrix()[:, 0]
-    place = limb.R_WL @ (outwards if limb.outwards else -outwards)
-    yield Rod("", f"rail{n}", "base", start + place, end + place, 0.018 * s)
-    half = s * np.array([0.025, 0.05, 0.05])
-    yield Box(f"C{n}", f"carriage{n}", "arm", np.zeros(3), R.as_matrix(), half)
+    return R.as_matrix()
 
 
-def _rail(subject: Model, limb: LimbGeometry, n: int) -> tuple[Vector, Vector]:
+def _rail(subject: Model, limb: LimbGeometry, n: int, s: float) -> tuple[Vector, Vector]:
+    """Both ends of a rail, which stands behind the joints of its carriage."""
     limits = subject.robot.drive_limits.get(f"drive{n}")
     q = subject.dynamics.kinematics.inverse(subject.home)[n - 1]
     low, high = (limits and limits.range) or (q - 0.5 * limb.strut, q + 0.5 * limb.strut)
-    along = limb.R_WL @ limb.rail
-    return limb.base + low * along, limb.base + high * along
+    behind = -0.035 * s * _along_rail(limb)[:, 0] * (1 if limb.outwards else -1)
+    place, along = limb.base + limb.R_WL @ behind, limb.R_WL @ limb.rail
+    return place + low * along, place + high * along
 
 
 def _base(subject: Model, s: float) -> Iterator[Shape]:
@@ -127,7 +131,7 @@ def _base(subject: Model, s: float) -> Iterator[Shape]:
         plate = middle + up, middle + up + 0.02 * s * _Z
         yield Rod("", "base", "base", *plate, radius, round=False)
         return
-    rails = [_rail(subject, limb, n) for n, limb in enumerate(limbs, 1)]
+    rails = [_rail(subject, limb, n, s) for n, limb in enumerate(limbs, 1)]
     for end in (0, 1):
         points = sorted((rail[end] for rail in rails), key=lambda r: np.arctan2(r[1], r[0]))
         for k, point in enumerate(points):
