@@ -41,13 +41,13 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
     """
     from deltaid.drift.settings import DriftSettings
 
-    number, is_torque = _limit(limit)
+    (number, is_torque), day = _limit(limit), _day(since)
     try:
         return DriftSettings(
             limit=number,
             limit_is="torque" if is_torque else "share",
             false_alarms=false_alarms,
-            since=_day(since),
+            since=day,
         )
     except DeltaidError as error:
         option = f"--{error.where.replace('_', '-')}"
