@@ -210,7 +210,8 @@ def _stretch(
 ) -> Stretch:
     """A stretch from its first sample, that of the peak, and its last."""
     start, peak, end = (float(w.time[k]) for k in at)
-    z, speed = w.z[at[1]], w.speed[:, at[1]]
+    # Copies: a view would keep all samples about it, for as long as the recording is looked at.
+    z, speed = w.z[at[1]].copy(), w.speed[:, at[1]].copy()
     return Stretch(start, end, drives, sizes, peak, z, speed, np.nan_to_num(left))
 
 
