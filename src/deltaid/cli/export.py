@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from deltaid.export.options import TargetName
+from deltaid.export.options import FmiVersion, TargetName
 
 
 def register(app: typer.Typer) -> None:
@@ -26,6 +26,7 @@ def export(
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
+    fmi: Annotated[FmiVersion, typer.Option("--fmi", help="Version of FMI, of a unit.")] = "2",
 ) -> None:
     """Write a model as code or as a model of another program.
 
@@ -38,6 +39,6 @@ def export(
     found = load(model)
     if without_friction:
         found = found.without_friction()
-    written = write_export(found, to, output, (Path(model),))
+    written = write_export(found, to, output, (Path(model),), fmi=fmi)
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

@@ -13,7 +13,7 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
-from deltaid.export.options import TargetName
+from deltaid.export.options import FmiVersion, TargetName
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.model.model import Model, ModelLike, load
@@ -78,8 +78,8 @@ def _urdf(subject: Model, stem: str) -> Export:
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
-def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
-    unit = fmu(subject, stem, forward=forward)
+def _fmu(subject: Model, stem: str, *, forward: bool, version: FmiVersion = "2") -> Export:
+    unit = fmu(subject, stem, forward=forward, version=version)
     return Export({".fmu": unit.content}, unit.warnings)
 
 
@@ -115,7 +115,12 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
 
 
 def write_export(
-    model: ModelLike, target: TargetName, output: str | Path, inputs: tuple[Path, ...] = ()
+    model: ModelLike,
+    target: TargetName,
+    output: str | Path,
+    inputs: tuple[Path, ...] = (),
+    *,
+    fmi: FmiVersion = "2",
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -124,6 +129,7 @@ def write_export(
         output: a file, or a folder for a file named after the robot; the name of a folder that
             is not there yet ends in a slash.
         inputs: files that must not be overwritten.
+        fmi: version of the standard, of a unit.
 
     Raises:
         DeltaidError: there is no such target, it cannot hold the model, or a file cannot be
@@ -137,7 +143,10 @@ def write_export(
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
         require_writable(part, inputs)
-    export = TARGETS[target].build(subject, path.stem)
+    if target in ("fmu", "fmu-inverse"):
+        export = _fmu(subject, path.stem, forward=target == "fmu", version=fmi)
+    else:
+        export = TARGETS[target].build(subject, path.stem)
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())

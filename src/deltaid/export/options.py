@@ -3,3 +3,4 @@
 from typing import Literal
 
 TargetName = Literal["c", "mjcf", "urdf", "fmu", "fmu-inverse", "casadi", "npz"]
+FmiVersion = Literal["2", "3"]
