@@ -15,6 +15,7 @@ from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
 from deltaid.export.options import TargetName
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.export.structured_text import structured_text
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.forces.constraint_forces import ConstraintForces
@@ -89,6 +90,11 @@ def _c(subject: Model, stem: str, code: Code) -> Export:
     return Export({".c": found.source, ".h": found.header}, code.warnings(subject))
 
 
+def _st(subject: Model, stem: str, code: Code) -> Export:
+    text = structured_text(subject, stem, code.precision, code.functions)
+    return Export({".st": text}, code.warnings(subject))
+
+
 def _casadi(subject: Model, stem: str) -> Export:
     return Export({".casadi": casadi_file(subject)})
 
@@ -115,6 +121,7 @@ PLAIN = Code(DOUBLE, ())
 
 TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
+    "st": Target((".st",), partial(_st, code=PLAIN), code=_st),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
     "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
     "casadi": Target((".casadi",), _casadi),
