@@ -67,6 +67,4 @@ def step_graph(
     ]
     graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
     x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
-    return StepGraph(
-        graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period
-    )
+    return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

@@ -27,7 +27,7 @@ from deltaid.online.signals import Signals
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
 # Memory [s] of a load, of the model's own errors, and of torques that the model has not.
-_LOAD, _MODEL, _UNMODELLED = 30.0, 300.0, 0.05
+_LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 # Torques whose direction no speed tells stay for so long [s].
 _AT_REST = 0.02
 
@@ -69,7 +69,7 @@ def estimates(
         bounds: of the followed friction, in deviations.
     """
     period, n_load = settings.period, len(known.entries.shown)
-    rows = ca.horzcat(s.columns, ca.diag(ca.SX(known.unmodelled)))
+    rows = ca.horzcat(s.smooth_columns, ca.diag(ca.SX(known.unmodelled)))
     kinds = _kinds(known, s.qd.numel())
     stays = np.exp(-period / np.array(_memory(settings))[kinds])
     n, held = rows.shape[1], ca.SX.sym("held")
@@ -77,7 +77,7 @@ def estimates(
     P = ca.tril2symm(ca.SX(ca.Sparsity.lower(n), packed))
     prior = ca.vertcat(*(held if kind == 0 else ca.SX(1) for kind in kinds))
     before = Estimate(x, P).forgotten(ca.SX(stays), prior, ca.SX((kinds == 3).astype(float)))
-    innovations = s.residual - rows @ before.x
+    innovations = s.smooth_residual - rows @ before.x
     variances = known.noise**2 + (_AT_REST / period) * s.dry**2
     seen = window(rows, innovations, variances, before.P, period, anew)
     spread = ca.sqrt(ca.fmax(before.P[0, 0], 0))
@@ -88,7 +88,7 @@ def estimates(
     )  # fmt: skip
     behind, weight = before, found.trust * s.live
     for i in range(s.qd.numel()):
-        behind = behind.told(rows[i, :], s.residual[i], variances[i], weight)
+        behind = behind.told(rows[i, :], s.smooth_residual[i], variances[i], weight)
     behind = _bounded(behind, s.at_friction, bounds)
     behind = _taken_anew(behind, n_load, found.changed, found.held)
     at = slice(0, n_load)
