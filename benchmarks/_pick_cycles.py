@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.limits import effort_limits
 from deltaid.model.model import Model
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters
 
 # Stand at either end [s], and the share of it after which a load is on or off.
@@ -161,13 +162,17 @@ def _cycles(
 
 
 def _place(
-    robot: object, rng: np.random.Generator, middle: np.ndarray, half: np.ndarray, low: float
+    robot: RobotDescription,
+    rng: np.random.Generator,
+    middle: np.ndarray,
+    half: np.ndarray,
+    low: float,
 ) -> np.ndarray:
     at = middle + 0.85 * half * rng.uniform(-1, 1, len(half))
     at[2] = low + 0.1 * half[2] * rng.uniform(-1, 1)
-    turn = robot.task.turn  # pyright: ignore[reportAttributeAccessIssue]
+    turn = robot.task.turn
     if turn is not None:
-        limits = robot.turn  # pyright: ignore[reportAttributeAccessIssue]
+        limits = robot.turn
         reach = min(0.5 * (limits.high - limits.low), 0.5 * np.pi)
         at[turn] = 0.5 * (limits.high + limits.low) + 0.8 * reach * rng.uniform(-1, 1)
     return at

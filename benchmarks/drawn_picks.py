@@ -13,75 +13,27 @@ A row of a log is what a drive knows at one instant: angle, and the torque betwe
 has just held and the one that it sets now.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from _pick_cycles import Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushes
-from jaxtyping import Bool, Float
+from _pick_robots import ENCODER, RATE, Production, coefficients, lacking, production_of
+from jaxtyping import Bool, Float, Int
 
-from deltaid.check.identified import identify
 from deltaid.control.control_model import ControlModel
 from deltaid.control.simulation import time_steps
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.dynamics.limits import effort_limits
+from deltaid.dynamics.task_dynamics import TaskDynamics
 from deltaid.kernel.batch import BatchKernel
-from deltaid.model.model import Model, load
-from deltaid.model.settings import Settings
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.recording.memory import Recording
+from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import load_robot
 
-RATE = 1000.0
-ENCODER = 2 * np.pi / 2**20
+__all__ = ["Produced", "Production", "produced", "production_of"]
 _BANDWIDTH = 2 * np.pi * 20.0
-# Speed below which friction that the model lacks fades out [rad/s or m/s per size of speeds].
-_AT_REST = 0.01
-
-
-@dataclass(frozen=True)
-class Strange:
-    """Friction of drives that their model lacks, as shares.
-
-    Attributes:
-        stribeck: of Coulomb friction, at lowest speed; gone at `speed` times the fastest.
-        carried: of what gears carry.
-        ripple: of Coulomb friction, `waves` to a radian or metre.
-        cold: of viscous friction, at the start, and how fast it goes [s].
-    """
-
-    stribeck: float = 0.25
-    speed: float = 0.05
-    carried: float = 0.02
-    ripple: float = 0.05
-    waves: float = 50.0
-    cold: float = 0.1
-    warming: float = 900.0
-
-
-@dataclass(frozen=True, eq=False)
-class Production:
-    """Robots of one type.
-
-    Attributes:
-        robot: as described.
-        truth: of each, one robot a row.
-        models: of each, by an identification.
-        payload: largest mass that is picked [kg].
-        fastest: typical largest speed of each drive.
-    """
-
-    robot: RobotDescription
-    truth: Float[np.ndarray, "robots parameters"]
-    models: tuple[Model, ...]
-    payload: float
-    strange: Strange
-    noise: float
-    largest: Float[np.ndarray, "robots dof"]
-    fastest: Float[np.ndarray, " dof"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,100 +57,6 @@ class Produced:
     lost: Bool[np.ndarray, " robots"]
 
 
-def production_of(
-    name: str,
-    payload: float,
-    robots: int,
-    seed: int,
-    *,
-    strange: Strange | None = None,
-    noise: float = 0.02,
-    recording: float = 20.0,
-) -> Production:
-    """Draw robots of a type and identify each of them from a recording of its own."""
-    robot, strange = load_robot(name), strange or Strange()
-    rng = np.random.default_rng([seed, 1])
-    truth, models, largest, fastest = [], [], [], []
-    for _ in range(robots):
-        p = surrogate_parameters(robot, rng)
-        model, sizes = _identified(robot, p, payload, strange, noise, recording, rng)
-        truth.append(p)
-        models.append(model)
-        largest.append(sizes[0])
-        fastest.append(sizes[1])
-    speed = np.median(fastest, axis=0)
-    return Production(
-        robot, np.array(truth), tuple(models), payload, strange, noise, np.array(largest), speed
-    )
-
-
-def _identified(
-    robot: RobotDescription,
-    p: np.ndarray,
-    payload: float,
-    strange: Strange,
-    noise: float,
-    duration: float,
-    rng: np.random.Generator,
-) -> tuple[Model, tuple[np.ndarray, np.ndarray]]:
-    """A robot's model from a recording, and the largest torques and speeds of its cycles.
-
-    Half of it is a random motion, as fast as the drives allow, half are cycles without a load.
-    """
-    dynamics, kinematics = compiled(robot), compiled(robot).kinematics
-    time = np.arange(round(0.5 * duration * RATE)) / RATE
-    cycles = draw_cycles(Model(robot, p, robot.name), payload, rng, time[-1])
-    parts, limits = [(cycles.z, cycles.q, cycles.qd, cycles.qdd)], effort_limits(robot)
-    motion, pace = random_motion(kinematics, rng, period=0.4 * duration), 1.5
-    while len(parts) < 2:
-        z, zd, zdd = motion.evaluate(pace * time)
-        one = (z, *kinematics.drive_motion(z, pace * zd, pace**2 * zdd))
-        if np.all(np.abs(dynamics.torque(z, *one[2:], p)) < 0.7 * limits):
-            parts.append(one)
-        pace *= 0.9
-    fastest = np.abs(cycles.qd).max(axis=0)
-    largest = np.abs(dynamics.torque(cycles.z, cycles.qd, cycles.qdd, p)).max(axis=0)
-    data = []
-    for k, (z, q, qd, qdd) in enumerate(parts):
-        tau = dynamics.torque(z, qd, qdd, p)
-        tau += lacking(strange, coefficients(robot, p), fastest, q, qd, tau, np.inf)
-        tau += noise * largest * rng.standard_normal(tau.shape)
-        steps, at = np.round(q / ENCODER) * ENCODER, time[: len(q)]
-        data.append(Recording.from_arrays(t=at, q=steps, tau=tau, name=f"{robot.name} {k}"))
-    settings = Settings(friction="described", events=False, lag="none", compliance="none")
-    return load(identify(robot, data, settings=settings, force=True)), (largest, fastest)
-
-
-def coefficients(robot: RobotDescription, p: np.ndarray) -> Float[np.ndarray, "2 *robots dof"]:
-    """Viscous and Coulomb coefficients of the drives; zero for one without."""
-    names = compiled(robot).layout.names
-    found = np.zeros((2, *p.shape[:-1], len(robot.drives)))
-    for row, kind in zip(found, ("viscous", "coulomb"), strict=True):
-        for i, drive in enumerate(robot.drives):
-            if f"{kind}.{drive}" in names:
-                row[..., i] = p[..., names.index(f"{kind}.{drive}")]
-    return found
-
-
-def lacking(
-    s: Strange,
-    known: Float[np.ndarray, "2 *robots dof"],
-    fastest: np.ndarray,
-    q: np.ndarray,
-    qd: np.ndarray,
-    tau: np.ndarray,
-    time: float,
-) -> np.ndarray:
-    """Friction that the model lacks, on the side of the drives' torques."""
-    viscous, coulomb = known
-    x = qd / fastest
-    sign = np.tanh(x / _AT_REST)
-    falling = s.stribeck * coulomb * np.exp(-((x / s.speed) ** 2))
-    ripple = s.ripple * coulomb * np.sin(s.waves * q)
-    cold = s.cold * np.exp(-time / s.warming) * viscous * qd
-    return sign * (falling + s.carried * np.abs(tau)) + ripple * np.abs(sign) + cold
-
-
 def produced(
     kind: Production, duration: float, seed: int, *, push: float = 0.0, begin: float = 0.0
 ) -> Produced:
@@ -210,7 +68,9 @@ def produced(
     """
     models = kind.models
     each = [np.random.default_rng([seed, k]) for k in range(len(models))]
-    ways = [draw_cycles(m, kind.payload, rng, duration) for m, rng in zip(models, each, strict=True)]
+    ways = [
+        draw_cycles(m, kind.payload, rng, duration) for m, rng in zip(models, each, strict=True)
+    ]
     picks = [draw_picks(w, kind.payload, rng) for w, rng in zip(ways, each, strict=True)]
     pushes = [draw_pushes(m, duration, rng, push) if push else []
               for m, rng in zip(models, each, strict=True)]  # fmt: skip
@@ -235,9 +95,9 @@ class _Plants:
         return cls(step, BatchKernel(e.z, e.q), BatchKernel(e.z, _levers(robot, e)))
 
 
-def _levers(robot: RobotDescription, e: object) -> ca.SX:
+def _levers(robot: RobotDescription, e: TaskDynamics) -> ca.SX:
     """∂(platform point)/∂q (3 × δ), and the lever of each drive's elbow or carriage."""
-    T, moves = e.T, robot.task.moves  # pyright: ignore[reportAttributeAccessIssue]
+    T, moves = e.T, robot.task.moves
     arms = [1.0 if one.drive == "linear" else one.upper_arm for one in robot.limb_geometry]
     return ca.vertcat(ca.vec(ca.densify(T[moves, :])), ca.SX(np.array(arms)))
 
@@ -260,7 +120,11 @@ def _run(
                      for m, w in zip(kind.models, ways, strict=True)])  # fmt: skip
     stiffness, damping = mass * _BANDWIDTH**2, 2 * mass * _BANDWIDTH
     p, held = _parameters(kind, picks, time)
-    forces, limits, known = _Forces(robot, pushes), effort_limits(robot), coefficients(robot, kind.truth)
+    forces, limits, known = (
+        _Forces(robot, pushes),
+        effort_limits(robot),
+        coefficients(robot, kind.truth),
+    )
     substeps, h = time_steps(RATE)
     z, qd = np.stack([w.z[0] for w in ways]), speeds[0]
     qs, taus, poses = (np.empty((n, count, dof)) for _ in range(3))
@@ -283,7 +147,7 @@ def _run(
             out = plants.step(np.vstack([z.T, qd.T, acting.T, more]), threads=1).T
             z, qd = out[:, :dof], out[:, dof:]
     taus += kind.noise * kind.largest * rng.standard_normal(taus.shape)
-    lost = ~np.isfinite(poses).all(axis=(0, 2))
+    lost = np.array(~np.isfinite(poses).all(axis=(0, 2)))
     return Produced(time, qs, taus, poses, held >= 0, picks, pushes, lost)
 
 
@@ -291,7 +155,9 @@ def _ahead(model: Model, way: Cycles) -> np.ndarray:
     return model.dynamics.torque(way.z, way.qd, way.qdd, model.p)
 
 
-def _parameters(kind: Production, picks: list[list[Pick]], time: np.ndarray) -> tuple:
+def _parameters(
+    kind: Production, picks: list[list[Pick]], time: np.ndarray
+) -> tuple[Callable[[int], np.ndarray], Int[np.ndarray, "time robots"]]:
     """Parameters of all plants at sample k, and which pick is held (−1 for none)."""
     layout = compiled(kind.robot).layout
     body = layout.body("EE" if "EE" in layout.bodies else "P")
