@@ -7,7 +7,8 @@ is solved exactly over a sample of length h: with a = e^(−Kh) and g = (1 − a
     y_{k+1} = a y_k + (1 − g) x_{k+1} + (g − a) x_k     for straight lines,
     y_{k+1} = a y_k + (1 − a) x_k                       for x held from k to k + 1.
 
-One number is kept for each signal, s_k = a y_k + (what x_k adds), so that y_{k+1} = s_k + … x_{k+1}.
+One number is kept for each signal, s_k = a y_k + (what x_k adds), so that
+y_{k+1} = s_k + … x_{k+1}.
 """
 
 from dataclasses import dataclass
@@ -54,7 +55,3 @@ class Lowpass:
     def keep(self, output: ca.SX, x: ca.SX) -> ca.SX:
         """What is kept for the next sample."""
         return self.a * output + self.before * x
-
-    def resting_on(self, output: ca.SX, x: ca.SX) -> ca.SX:
-        """What the last sample would have kept for this output now."""
-        return output - self.now * x
