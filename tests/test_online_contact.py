@@ -25,8 +25,10 @@ def judged(
     heavy: float = 0.0,
 ) -> dict[str, np.ndarray]:
     """A residual judged in numbers."""
-    untold = {} if lifted is None else {
-        "lifted": ca.SX(ca.DM(np.array(lifted))), "light": ca.SX(light), "heavy": ca.SX(heavy)}  # fmt: skip
+    untold = {}
+    if lifted is not None:
+        column = ca.SX(ca.DM(np.array(lifted)))
+        untold = {"lifted": column, "light": ca.SX(light), "heavy": ca.SX(heavy)}
     residual = Residual(
         ca.SX(ca.DM(np.array(rho))),
         ca.SX(ca.DM(S)),

@@ -142,4 +142,3 @@ def change(
         Kept(since, waited, waiting * (1 - by_gripper)),
     )
     return Change(changed, now, trust, kept)
-

@@ -13,6 +13,11 @@ from deltaid.online.graph import Given, Kept, Part
 from deltaid.online.layout import Field
 from deltaid.robot.description import RobotDescription
 
+# Moments of a load that nobody told, as shares of the largest.
+_ASIDE = 0.2
+# A contact's time is counted up to here [s].
+_FOREVER = 1e6
+
 
 @dataclass(frozen=True, eq=False)
 class Expected:
@@ -25,7 +30,7 @@ class Expected:
         covariance: of these.
         dry: filtered size of torques that no speed tells.
         mass: of the load held, in units of the largest one.
-        lifted: the column of the largest mass.
+        lifted: columns of the load, the mass first, one for each entry's largest size.
         told: 1 where the gripper tells what it holds.
         M: mass matrix.
     """
@@ -73,17 +78,19 @@ def residual_of(
     """The residual with its covariance: of what is estimated, of torques that the model has not,
     of torque noise behind the filter, and of noise of speeds in the momentum, K M v."""
     behind = settings.unmodelled**2 + settings.noise**2 * 0.5 * settings.corner * settings.period
+    untold = 1 - e.told
     speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
+    aside = e.lifted[:, 1:] * (_ASIDE * untold)
     S = e.columns @ e.covariance @ e.columns.T + ca.diag(ca.DM(behind)) + speeds @ speeds.T
+    S += aside @ aside.T
     T = mechanism.speeds.inverse_jacobian[robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(e.z)
-    untold = 1 - e.told
     return Residual(
         value=e.residual,
         covariance=S,
         bound=e.dry,
         levers=levers,
-        lifted=e.lifted,
+        lifted=e.lifted[:, 0],
         light=-e.mass * untold,
         heavy=(1 - e.mass) * untold,
     )
@@ -93,12 +100,13 @@ def contact_part(
     robot: RobotDescription, mechanism: Mechanism, e: Expected, settings: ContactSettings
 ) -> tuple[Contact, Part]:
     """Contact of one cycle, and the fields that it keeps and gives."""
-    before = ca.SX.sym("contact")
+    since = ca.SX.sym("contact_time")
     residual = residual_of(robot, mechanism, e, settings)
-    seen = contact(residual, before, settings.threshold)
+    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), settings.threshold)
+    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     moves, dof = residual.levers.shape
     unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
-    kept = Kept(Field("contact", 1, "1 while there is a contact"), before, seen.found)
+    kept = Kept(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts)
     given = (
         Given(Field("contact", 1, "1 while there is a contact"), seen.found),
         Given(Field("contact_size", 1, "size of the residual, 1 at the threshold"), seen.size),
@@ -139,7 +147,7 @@ def contact_of(cycle: Cycle) -> Part:
         covariance=P,
         dry=s.dry,
         mass=x[0],
-        lifted=s.columns[:, 0],
+        lifted=s.columns[:, s.at_load],
         told=ca.if_else(s.u["gripper"] > -0.5, 1.0, 0.0),
         M=M(s.z, ca.SX(cycle.model.p)),
     )

@@ -73,10 +73,18 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
     Y = dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     largest = np.abs(Y @ model.p).max(axis=0)
     found = model.identified
-    noise = _each(settings.noise, "noise", model, largest * _NOISE if found is None else
-                  np.array(found.fit.rms_unfiltered) * model.gains)
-    unmodelled = _each(settings.unmodelled, "unmodelled", model, largest * _UNMODELLED
-                       if found is None else np.array(found.fit.rms) * model.gains)
+    noise = _each(
+        settings.noise,
+        "noise",
+        model,
+        largest * _NOISE if found is None else np.array(found.fit.rms_unfiltered) * model.gains,
+    )
+    unmodelled = _each(
+        settings.unmodelled,
+        "unmodelled",
+        model,
+        largest * _UNMODELLED if found is None else np.array(found.fit.rms) * model.gains,
+    )
     root = _root(model)
     followed = tuple(
         k

@@ -60,12 +60,18 @@ class Estimates:
 
 
 def estimates(
-    s: Signals, known: Knowledge, settings: OnlineSettings, anew: ca.SX, bounds: Bounds
+    s: Signals,
+    known: Knowledge,
+    settings: OnlineSettings,
+    anew: ca.SX,
+    touched: ca.SX,
+    bounds: Bounds,
 ) -> Estimates:
     """The second part of a cycle.
 
     Args:
         anew: 1 where filters begin anew behind this cycle.
+        touched: 1 where something pushes the robot, so that a residual says nothing of the rest.
         bounds: of the followed friction, in deviations.
     """
     period, n_load = settings.period, len(known.entries.shown)
@@ -86,7 +92,7 @@ def estimates(
         seen, held, s.u["gripper"], before.x[0], spread, least,
         settings.alarm, settings.grip_time, period,
     )  # fmt: skip
-    behind, weight = before, found.trust * s.live
+    behind, weight = before, found.trust * s.live * (1 - touched)
     for i in range(s.qd.numel()):
         behind = behind.told(rows[i, :], s.residual[i], variances[i], weight)
     behind = _bounded(behind, s.at_friction, bounds)

@@ -100,7 +100,9 @@ def signals(
     kept = [
         _z(near, q, found.z, model),
         Kept(Field("live", 1, "1 once a cycle was good"), live, ca.SX(1), ca.SX(0)),
-        _filter("torque", torque_before, of_torque.keep(torque, tau), of_torque.before * tau, begins),
+        _filter(
+            "torque", torque_before, of_torque.keep(torque, tau), of_torque.before * tau, begins
+        ),
         _filter("columns", before, _entries(f.kept, shape), _entries(f.resting, shape), begins),
         _filter("dry", dry_before, lines.keep(dry_now, dry), lines.keep(dry, dry), begins),
     ]
