@@ -13,6 +13,10 @@ from deltaid.online.load import Estimates, estimates
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals, signals
 
+# While something pushes the robot nothing is learnt, for so long at most [s]: what stays is no push
+# but something that the model lacks, and estimates take it up.
+_LONGEST = 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
@@ -54,10 +58,10 @@ def step_graph(
     """
     settings = settings or OnlineSettings()
     known = known or knowledge(model, settings)
-    anew = ca.SX.sym("anew")
+    anew, touched = ca.SX.sym("anew"), ca.SX.sym("touched")
     read, first = signals(model, known, settings, anew)
     bounds = friction_bounds(model, known, settings.friction_range)
-    found = estimates(read, known, settings, anew, bounds)
+    found = estimates(read, known, settings, anew, touched, bounds)
     cycle = Cycle(model, settings, known, read, found, anew)
     parts = [
         first,
@@ -66,5 +70,9 @@ def step_graph(
         *(one(cycle) for one in more),
     ]
     graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
-    x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
+    kept = {one.field.name: one.following for part in parts for one in part.kept}
+    lasts = kept.get("contact_time", ca.SX(0))
+    contact = ca.if_else(ca.logic_and(lasts > 0, lasts < _LONGEST), 1.0, 0.0)
+    x, y = ca.substitute([graph.following, graph.y], [touched], [contact])
+    x, y = ca.substitute([x, y], [anew], [found.changed])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

@@ -4,7 +4,8 @@
 
 Ψ and Φ are filtered columns (`signals`). c are errors of the model: constants with the covariance
 that the identification left, and the drives' friction, which may change slowly. d is torque that
-the model has not and that stays for some hundredths of a second, one number a drive. Because they
+the model has not and that stays for some hundredths of a second, one number a drive; how large it is on this robot is
+learnt from how large it is found to be, E(d² + P_dd) = 1 in units of its size. Because they
 are estimated together, what the robot showed of c while it was empty, or carried a load before,
 stays, and what it did not show remains in the load's interval however long it is held.
 
@@ -28,6 +29,9 @@ Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
 # Memory [s] of a load, of the model's own errors, and of torques that the model has not.
 _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
+# How fast [s] the size of torques that the model has not is learnt, within which bounds, and the
+# most by which one cycle counts.
+_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.7, 20.0), 10.0
 # Torques whose direction no speed tells stay for so long [s].
 _AT_REST = 0.02
 
@@ -60,16 +64,23 @@ class Estimates:
 
 
 def estimates(
-    s: Signals, known: Knowledge, settings: OnlineSettings, anew: ca.SX, bounds: Bounds
+    s: Signals,
+    known: Knowledge,
+    settings: OnlineSettings,
+    anew: ca.SX,
+    touched: ca.SX,
+    bounds: Bounds,
 ) -> Estimates:
     """The second part of a cycle.
 
     Args:
         anew: 1 where filters begin anew behind this cycle.
+        touched: 1 where something pushes the robot, so that a residual says nothing of the rest.
         bounds: of the followed friction, in deviations.
     """
     period, n_load = settings.period, len(known.entries.shown)
-    rows = ca.horzcat(s.smooth_columns, ca.diag(ca.SX(known.unmodelled)))
+    level = ca.SX.sym("level", s.qd.numel())
+    rows = ca.horzcat(s.smooth_columns, ca.diag(ca.SX(known.unmodelled) * level))
     kinds = _kinds(known, s.qd.numel())
     stays = np.exp(-period / np.array(_memory(settings))[kinds])
     n, held = rows.shape[1], ca.SX.sym("held")
@@ -86,9 +97,12 @@ def estimates(
         seen, held, s.u["gripper"], before.x[0], spread, least,
         settings.alarm, settings.grip_time, period,
     )  # fmt: skip
-    behind, weight = before, found.trust * s.live
+    behind, weight = before, found.trust * s.live * (1 - touched)
     for i in range(s.qd.numel()):
         behind = behind.told(rows[i, :], s.smooth_residual[i], variances[i], weight)
+    of_drives = slice(n - s.qd.numel(), n)
+    size = behind.x[of_drives] ** 2 + ca.diag(behind.P)[of_drives] - 1
+    grown = level * (1 + period / _LEVEL * weight * ca.fmin(size, _LARGEST_STEP))
     behind = _bounded(behind, s.at_friction, bounds)
     behind = _taken_anew(behind, n_load, found.changed, found.held)
     at = slice(0, n_load)
@@ -106,6 +120,8 @@ def estimates(
             packed,
             ca.tril(ca.densify(behind.P)).nz[:],
         ),
+        Kept(Field("level", level.numel(), "how much more than thought the model lacks, drive by "
+                   "drive", initial=1.0), level, ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])),
         *found.kept,
         *seen.kept,
     )  # fmt: skip

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from deltaid.errors import DeltaidError
+from deltaid.online.contact import threshold
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,9 @@ class OnlineSettings:
         rest_speed: speed [rad/s or m/s] below which the direction of friction is not known.
         friction_range: share by which friction may be off or may change.
         friction_time: over which friction may change by that much [s].
+        false_alarms: of contact that are accepted in an hour.
+        speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None for
+            none.
         alarm: how many standard deviations make a change of load.
     """
 
@@ -48,6 +52,8 @@ class OnlineSettings:
     friction_range: float = 0.3
     friction_time: float = 10.0
     alarm: float = 5.0
+    false_alarms: float = 1.0
+    speed_noise: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         for name in ("rate", "corner", "extent", "rest_speed", "friction_time", "alarm"):
@@ -80,6 +86,10 @@ class OnlineSettings:
     def _positive(self, name: str, value: float) -> None:
         if not 0 < value < 1e9:
             raise DeltaidError(f"must be a positive number, and is {value:g}", where=name)
+
+    def contact_threshold(self, dof: int) -> float:
+        """How large a residual must be for a contact, in deviations (`online.contact`)."""
+        return threshold(self.false_alarms, self.corner, dof)
 
     @property
     def period(self) -> float:
