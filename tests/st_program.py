@@ -89,12 +89,12 @@ class Program:
         step = self._scope.pop("step")
 
         def instance() -> Any:
-            state = {key: list(v) if isinstance(v, list) else v for key, v in kept.items()}
+            state = {key: _copy(value) for key, value in kept.items()}
 
             def cycle(**given: Any) -> tuple[None, dict[str, Any]]:
                 with np.errstate(all="raise", under="ignore"):
                     state.update(step(**given, **state))
-                return None, {key: state[key] for key in outputs}
+                return None, {key: _copy(state[key]) for key in outputs}
 
             return cycle
 
@@ -197,6 +197,10 @@ class Program:
             elif ":=" in a.text.decode():
                 given.append(f"{_text(a, 'name')}=list({self._part(a, 'value')})")
         return f"{_text(node, 'function')}({', '.join(given)})"
+
+
+def _copy(value: Any) -> Any:
+    return list(value) if isinstance(value, list) else value
 
 
 def _arguments(node: Node) -> list[Node]:

@@ -13,6 +13,7 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
+from deltaid.export.online_cycle import NO_CONTACT
 from deltaid.export.options import TargetName
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.structured_text import structured_text
@@ -20,6 +21,7 @@ from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.online.settings import OnlineSettings
 from deltaid.robot.body_inertia import why_not_physical
 
 
@@ -51,17 +53,21 @@ class Code:
     Attributes:
         precision: of its numbers.
         functions: names of further functions.
+        online: of the function of that name.
     """
 
     precision: Precision
     functions: tuple[str, ...]
+    online: OnlineSettings
 
     def warnings(self, subject: Model) -> tuple[str, ...]:
         """What further functions cannot tell of this robot."""
-        if "constraint-forces" not in self.functions:
-            return ()
-        note = ConstraintForces(subject.robot).note
-        return (note,) if note else ()
+        notes = []
+        if "constraint-forces" in self.functions:
+            notes.append(ConstraintForces(subject.robot).note)
+        if "online" in self.functions and subject.identified is None:
+            notes.append(NO_CONTACT)
+        return tuple(note for note in notes if note)
 
 
 @dataclass(frozen=True)
@@ -86,12 +92,12 @@ class Target:
 
 
 def _c(subject: Model, stem: str, code: Code) -> Export:
-    found = c_code(subject, stem, code.precision, code.functions)
+    found = c_code(subject, stem, code.precision, code.functions, code.online)
     return Export({".c": found.source, ".h": found.header}, code.warnings(subject))
 
 
 def _st(subject: Model, stem: str, code: Code) -> Export:
-    text = structured_text(subject, stem, code.precision, code.functions)
+    text = structured_text(subject, stem, code.precision, code.functions, code.online)
     return Export({".st": text}, code.warnings(subject))
 
 
@@ -117,7 +123,7 @@ def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
     return Export({".fmu": unit.content}, unit.warnings)
 
 
-PLAIN = Code(DOUBLE, ())
+PLAIN = Code(DOUBLE, (), OnlineSettings())
 
 TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
@@ -159,6 +165,7 @@ def write_export(
     *,
     single: bool = False,
     functions: Sequence[str] = (),
+    online: OnlineSettings | None = None,
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -168,7 +175,9 @@ def write_export(
             is not there yet ends in a slash.
         inputs: files that must not be overwritten.
         single: code in single precision (float, REAL).
-        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`.
+        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
+            `online`.
+        online: what the function of that name is made for; 1000 cycles a second if None.
 
     Raises:
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
@@ -188,7 +197,7 @@ def write_export(
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
         require_writable(part, inputs)
-    code = Code(SINGLE if single else DOUBLE, tuple(functions))
+    code = Code(SINGLE if single else DOUBLE, tuple(functions), online or OnlineSettings())
     export = TARGETS[target].export(subject, path.stem, code)
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):

@@ -5,6 +5,8 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from deltaid.export.text import plain_letters
+
 _WIDTH = 100
 
 
@@ -117,8 +119,5 @@ def comments(notes: Sequence[str]) -> list[str]:
 
 def comment(text: str) -> str:
     """A comment of plain letters that ends where it should."""
-    for letter, plain in (("²", "^2"), ("³", "^3"), ("·", " "), ("α", "a"), ("–", "-")):
-        text = text.replace(letter, plain)
-    ascii_only = text.encode("ascii", "replace").decode()
-    apart = re.sub(r"([(*)])(?=[(*)])", r"\1 ", ascii_only)
+    apart = re.sub(r"([(*)])(?=[(*)])", r"\1 ", plain_letters(text))
     return f"(* {apart} *)"
