@@ -26,7 +26,7 @@ class Cycle:
         model, settings, known: what the cycle is of.
         signals: what is read, filtered.
         estimates: what is known of load, model and friction.
-        anew: 1 where filters begin anew behind this cycle, because the load changes.
+        anew: 1 where filters begin anew behind this cycle, because the gripper told of another load.
     """
 
     model: Model
@@ -61,7 +61,7 @@ def step_graph(
     anew, touched = ca.SX.sym("anew"), ca.SX.sym("touched")
     read, first = signals(model, known, settings, anew)
     bounds = friction_bounds(model, known, settings.friction_range)
-    found = estimates(read, known, settings, anew, touched, bounds)
+    found = estimates(read, known, settings, touched, bounds)
     cycle = Cycle(model, settings, known, read, found, anew)
     parts = [
         first,
@@ -74,5 +74,5 @@ def step_graph(
     lasts = kept.get("contact_time", ca.SX(0))
     contact = ca.if_else(ca.logic_and(lasts > 0, lasts < _LONGEST), 1.0, 0.0)
     x, y = ca.substitute([graph.following, graph.y], [touched], [contact])
-    x, y = ca.substitute([x, y], [anew], [found.changed])
+    x, y = ca.substitute([x, y], [anew], [found.told])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

@@ -14,7 +14,24 @@ from dataclasses import dataclass
 import casadi as ca
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What one measured number does.
+
+    Attributes:
+        row: h, what it shows of the states.
+        innovation: what it is beyond what was expected.
+        variance: of that.
+        gain: by which states move with it.
+    """
+
+    row: ca.SX
+    innovation: ca.SX
+    variance: ca.SX
+    gain: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """Mean x and symmetric covariance P of the states."""
 
@@ -32,14 +49,18 @@ class Estimate:
         P = self.P * (kept @ kept.T) + ca.diag(prior * (1 - kept * kept))
         return Estimate(self.x * (1 - wanders * (1 - kept)), P)
 
-    def told(self, row: ca.SX, value: ca.SX, variance: ca.SX, weight: ca.SX) -> "Estimate":
+    def measured(
+        self, row: ca.SX, value: ca.SX, variance: ca.SX, weight: ca.SX
+    ) -> tuple["Estimate", Told]:
         """With one number known, value = row·x and noise of this variance.
 
         Args:
             weight: share of its information that is taken, 0 for none.
         """
-        moves = self.P @ row.T
+        moves, innovation = self.P @ row.T, value - row @ self.x
         total = (row @ moves) * weight + variance
-        gain = moves * (weight / total)
-        P = self.P - gain @ moves.T
-        return Estimate(self.x + gain * (value - row @ self.x), ca.tril2symm(ca.tril(P)))
+        share = weight / total
+        gain = moves * share
+        P = ca.tril2symm(ca.tril(self.P - gain @ moves.T))
+        told = Told(row, innovation * weight, total, gain)
+        return Estimate(self.x + gain * innovation, P), told

@@ -24,6 +24,8 @@ from deltaid.posterior.density import density
 _DIRECTIONS = 4
 # Torque noise and unmodelled torque where nothing is known of them, as shares of a drive's largest.
 _NOISE, _UNMODELLED = 0.02, 0.01
+# Torques that a model has not: as shares of what the fit left, and of friction near rest.
+_OF_FIT, _OF_FRICTION = 2.0, 0.05
 # Friction that is followed.
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Typical motion: seconds and samples.
@@ -83,7 +85,12 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
         settings.unmodelled,
         "unmodelled",
         model,
-        largest * _UNMODELLED if found is None else np.array(found.fit.rms) * model.gains,
+        np.hypot(
+            largest * _UNMODELLED
+            if found is None
+            else _OF_FIT * np.array(found.fit.rms) * model.gains,
+            _OF_FRICTION * _dry(model),
+        ),
     )
     root = _root(model)
     followed = tuple(
@@ -109,6 +116,15 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
         unmodelled=unmodelled,
         largest=largest,
     )
+
+
+def _dry(model: Model) -> Float[np.ndarray, " drives"]:
+    """Friction of each drive that jumps at rest."""
+    found = np.zeros(len(model.robot.drives))
+    for k, term in enumerate(model.robot.friction_terms, start=model.layout.friction.start):
+        if term.joint in model.robot.drives and not term.continuous and not term.of_load:
+            found[model.robot.drives.index(term.joint)] += abs(model.p[k])
+    return found
 
 
 def _each(

@@ -4,7 +4,8 @@
 
 Ψ and Φ are filtered columns (`signals`). c are errors of the model: constants with the covariance
 that the identification left, and the drives' friction, which may change slowly. d is torque that
-the model has not and that stays for some hundredths of a second, one number a drive. Because they
+the model has not and that stays for some hundredths of a second, one number a drive; how large it is on this robot is
+learnt from how large it is found to be, E(d² + P_dd) = 1 in units of its size. Because they
 are estimated together, what the robot showed of c while it was empty, or carried a load before,
 stays, and what it did not show remains in the load's interval however long it is held.
 
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.online.changes import change, window
+from deltaid.online.changes import Onsets, Rules, after, change, waits
 from deltaid.online.graph import Given, Kept, Part, chosen
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import Knowledge
@@ -27,7 +28,12 @@ from deltaid.online.signals import Signals
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
 # Memory [s] of a load, of the model's own errors, and of torques that the model has not.
-_LOAD, _MODEL, _UNMODELLED = 30.0, 300.0, 0.05
+_LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
+# How fast [s] the size of torques that the model has not is learnt, within which bounds, and the
+# most by which one cycle counts.
+_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.7, 20.0), 10.0
+# Below this share of the largest mass a load's own shape says nothing of how its release looks.
+_LEAST_SHARE = 0.01
 # Torques whose direction no speed tells stay for so long [s].
 _AT_REST = 0.02
 
@@ -44,6 +50,7 @@ class Estimates:
         behind: and after it.
         held: 1 while a load is held, behind this cycle.
         changed: 1 where that is another one from now on.
+        told: 1 where the gripper told that.
         load: entries of the load, consistent; zero while none is held.
         part: of the graph.
     """
@@ -55,6 +62,7 @@ class Estimates:
     behind: Estimate
     held: ca.SX
     changed: ca.SX
+    told: ca.SX
     load: ca.SX
     part: Part
 
@@ -63,19 +71,18 @@ def estimates(
     s: Signals,
     known: Knowledge,
     settings: OnlineSettings,
-    anew: ca.SX,
     touched: ca.SX,
     bounds: Bounds,
 ) -> Estimates:
     """The second part of a cycle.
 
     Args:
-        anew: 1 where filters begin anew behind this cycle.
         touched: 1 where something pushes the robot, so that a residual says nothing of the rest.
         bounds: of the followed friction, in deviations.
     """
     period, n_load = settings.period, len(known.entries.shown)
-    rows = ca.horzcat(s.columns, ca.diag(ca.SX(known.unmodelled)))
+    level = ca.SX.sym("level", s.qd.numel())
+    rows = ca.horzcat(s.smooth_columns, ca.diag(ca.SX(known.unmodelled) * level))
     kinds = _kinds(known, s.qd.numel())
     stays = np.exp(-period / np.array(_memory(settings))[kinds])
     n, held = rows.shape[1], ca.SX.sym("held")
@@ -83,20 +90,28 @@ def estimates(
     P = ca.tril2symm(ca.SX(ca.Sparsity.lower(n), packed))
     prior = ca.vertcat(*(held if kind == 0 else ca.SX(1) for kind in kinds))
     before = Estimate(x, P).forgotten(ca.SX(stays), prior, ca.SX((kinds == 3).astype(float)))
-    innovations = s.residual - rows @ before.x
+    innovations = s.smooth_residual - rows @ before.x
     variances = known.noise**2 + (_AT_REST / period) * s.dry**2
-    seen = window(rows, innovations, variances, before.P, period, anew)
-    spread = ca.sqrt(ca.fmax(before.P[0, 0], 0))
-    least = known.least_mass / known.load_scales[0]
-    found = change(
-        seen, held, s.u["gripper"], before.x[0], spread, least,
-        settings.alarm, settings.grip_time, period,
-    )  # fmt: skip
-    behind, weight = before, found.trust * s.live * (1 - touched)
+    gripper = s.u["gripper"]
+    weight = s.live * (1 - touched) * (1 - waits(held, gripper))
+    unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
+    of_load = before.x[:n_load] / ca.fmax(before.x[0], _LEAST_SHARE)
+    shown = rows[:, :n_load] @ chosen(ca.logic_and(held, before.x[0] > _LEAST_SHARE), of_load, unit)
+    behind, onsets = before, Onsets.named(n, period)
     for i in range(s.qd.numel()):
-        behind = behind.told(rows[i, :], s.residual[i], variances[i], weight)
-    behind = _bounded(behind, s.at_friction, bounds)
-    behind = _taken_anew(behind, n_load, found.changed, found.held)
+        behind, told = behind.measured(rows[i, :], s.smooth_residual[i], variances[i], weight)
+        onsets = onsets.told(shown[i], told)
+    seen = onsets.likeliest
+    spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
+    rules = Rules(
+        known.least_mass / known.load_scales[0], settings.alarm, settings.grip_time, period
+    )
+    found = change(seen, held, gripper, behind.x[0], spread, rules)
+    of_drives = slice(n - s.qd.numel(), n)
+    size = behind.x[of_drives] ** 2 + ca.diag(behind.P)[of_drives] - 1
+    calm = weight * (ca.fabs(seen.score) < 0.5 * settings.alarm)
+    grown = level * (1 + period / _LEVEL * calm * ca.fmin(size, _LARGEST_STEP))
+    behind = after(_bounded(behind, s.at_friction, bounds), seen, found, n_load)
     at = slice(0, n_load)
     load = known.entries.consistent(
         behind.x[at], behind.P[at, at], known.load_scales, settings.extent
@@ -112,8 +127,10 @@ def estimates(
             packed,
             ca.tril(ca.densify(behind.P)).nz[:],
         ),
+        Kept(Field("level", level.numel(), "how much more than thought the model lacks, drive by "
+                   "drive", initial=1.0), level, ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])),
         *found.kept,
-        *seen.kept,
+        *onsets.kept(found.changed),
     )  # fmt: skip
     names = ", ".join(known.entries.names)
     given = (
@@ -126,7 +143,7 @@ def estimates(
         Given(Field("unexplained", s.qd.numel(), "what load and model leave of it"), innovations),
     )
     return Estimates(
-        rows, innovations, variances, before, behind, found.held, found.changed, load,
+        rows, innovations, variances, before, behind, found.held, found.changed, found.told, load,
         Part(kept, given),
     )  # fmt: skip
 
@@ -146,11 +163,3 @@ def _bounded(estimate: Estimate, at: slice, bounds: Bounds) -> Estimate:
     x = ca.SX(estimate.x)
     x[at] = ca.fmin(ca.fmax(x[at], ca.SX(bounds[0])), ca.SX(bounds[1]))
     return Estimate(x, estimate.P)
-
-
-def _taken_anew(estimate: Estimate, n_load: int, changed: ca.SX, held: ca.SX) -> Estimate:
-    """With nothing known of the load where it changed, but that it is none where none is held."""
-    n = estimate.x.numel()
-    kept = ca.vertcat(ca.SX.ones(n_load) * (1 - changed), ca.SX.ones(n - n_load))
-    fresh = ca.vertcat(ca.SX.ones(n_load) * (changed * held), ca.SX.zeros(n - n_load))
-    return Estimate(estimate.x * kept, estimate.P * (kept @ kept.T) + ca.diag(fresh))

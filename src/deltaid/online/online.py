@@ -111,31 +111,48 @@ class Online(Named):
     def step(
         self,
         q: Float[np.ndarray, " dof"],
-        qd: Float[np.ndarray, " dof"],
+        qd: Float[np.ndarray, " dof"] | None,
         tau: Float[np.ndarray, " dof"],
         gripper: bool | None = None,
     ) -> OnlineEstimate:
         """One cycle.
 
         Args:
-            q, qd: measured drive coordinates and velocities.
+            q, qd: measured drive coordinates and velocities; None where these are differenced.
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
         """
         told = _NOT_TOLD if gripper is None else float(gripper)
-        rows = np.concatenate([q, qd, tau, [told]])
-        return self._estimate(self._advance(rows[None])[0])
+        parts = [q, *self._velocity(qd), tau, [told]]
+        return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
     def run(
-        self, q: Rows, qd: Rows, tau: Rows, gripper: Float[np.ndarray, " samples"] | None = None
+        self,
+        q: Rows,
+        qd: Rows | None,
+        tau: Rows,
+        gripper: Float[np.ndarray, " samples"] | None = None,
     ) -> OnlineEstimate:
         """Many cycles, one a row, from where the last one ended.
 
         Args:
+            q, qd, tau: as of `step`.
             gripper: 1 holds, 0 empty, -1 not told.
         """
         told = np.full(len(q), _NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
-        return self._estimate(self._advance(np.column_stack([q, qd, tau, told])))
+        parts = [q, *self._velocity(qd), tau, told]
+        return self._estimate(self._advance(np.column_stack(parts)))
+
+    def _velocity(self, qd: np.ndarray | None) -> list[np.ndarray]:
+        if (qd is None) != (self.settings.speed == "differenced"):
+            which = "are differenced" if qd is not None else "are measured"
+            raise DeltaidError(
+                f"velocities {which} by the settings, but "
+                + ("were given" if qd is not None else "were not given"),
+                where="qd",
+                cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
+            )
+        return [] if qd is None else [qd]
 
     def _advance(
         self, inputs: Float[np.ndarray, "samples inputs"]

@@ -14,6 +14,9 @@ class OnlineSettings:
     Attributes:
         rate: cycles a second [Hz].
         corner: K of the filter of torques [1/s].
+        speed: 'measured' where each cycle has a velocity of the same instant; 'differenced' where
+            it comes from two positions: everything is then taken half a cycle earlier, between
+            them, where the difference has no lag.
         torque: 'sampled' where it is measured together with the position, 'held' where it is the
             command that holds from this cycle to the next.
         largest_mass: of a load [kg]; None for three times the body that carries it.
@@ -36,6 +39,7 @@ class OnlineSettings:
 
     rate: float = 1000.0
     corner: float = 100.0
+    speed: Literal["measured", "differenced"] = "measured"
     torque: Literal["sampled", "held"] = "sampled"
     largest_mass: float | None = None
     extent: float = 0.15
@@ -76,6 +80,8 @@ class OnlineSettings:
             )
         if self.torque not in ("sampled", "held"):
             raise DeltaidError(f"is sampled or held, not {self.torque}", where="torque")
+        if self.speed not in ("measured", "differenced"):
+            raise DeltaidError(f"is measured or differenced, not {self.speed}", where="speed")
 
     def _positive(self, name: str, value: float) -> None:
         if not 0 < value < 1e9:
