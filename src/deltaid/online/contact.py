@@ -150,7 +150,7 @@ def contact(residual: Residual, before: ca.SX, u: float | ca.SX) -> Contact:
         size=size,
         found=found,
         limb=ca.if_else(found > 0.5, limb, -1.0),
-        force=ca.if_else(found > 0.5, force, 0.0),
+        force=ca.if_else(ca.logic_and(found > 0.5, limb < 0.5), force, 0.0),
         effort=-rho,
         information=information,
     )

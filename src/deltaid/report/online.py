@@ -68,7 +68,8 @@ def _verdict(watched: Watched) -> Summary:
 def _mass(watched: Watched) -> Figure:
     """What is held over time, with its interval."""
     s, figure = watched.series, go.Figure()
-    high, low = (np.where(s.held > 0, x, np.nan) for x in (s.high, s.low))
+    top = max((1.4 * one.mass.value for one in watched.loads), default=1.0)
+    high, low = (np.where(s.held > 0, np.minimum(x, 2 * top), 0.0) for x in (s.high, s.low))
     line = {"width": 0, "shape": "hv"}
     figure.add_scatter(x=_few(s.time), y=_few(high), line=line, showlegend=False, hoverinfo="skip")
     figure.add_scatter(
@@ -87,7 +88,6 @@ def _mass(watched: Watched) -> Figure:
         line={"color": style.MEASURED, "width": 1.5, "shape": "hv"},
         hovertemplate="%{y:.3g} kg at %{x:.4g} s<extra></extra>",
     )
-    top = max((1.4 * one.mass.value for one in watched.loads), default=1.0)
     figure.update_xaxes(title_text="time [s]")
     figure.update_yaxes(title_text="mass held [kg]", range=[-0.05 * top, top])
     figure.update_layout(height=340)

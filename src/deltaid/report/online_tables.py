@@ -20,7 +20,7 @@ def loads_table(watched: Watched) -> Table:
 
 def _load(one: HeldLoad) -> tuple[str, ...]:
     end = "held still" if one.end is None else f"{one.end:.3f}"
-    soon = "left before" if one.soon is None else f"{number(one.soon[0], 3)}"
+    soon = "left before" if one.soon is None else f"{one.soon[0]:.3f}"
     centre = ", ".join(f"{axis} {1e3 * x:.0f}" for axis, x in one.centre) or "not shown"
     mass = one.mass
     return (
@@ -35,7 +35,7 @@ def _load(one: HeldLoad) -> tuple[str, ...]:
 
 def between(low: float, high: float) -> str:
     """An interval in a few characters."""
-    return f"{number(low, 3)} to {number(high, 3)}"
+    return f"{low:.3f} to {high:.3f}"
 
 
 def touches_table(watched: Watched) -> Table:
