@@ -21,7 +21,6 @@ from deltaid.online.layout import Field
 from deltaid.online.online import Online
 from exports import needs_compiler
 from st_program import Program
-from support import assert_close
 
 ROBOT, CYCLES, LIFTED = "clavel-delta3", 120, 60
 SPOILT = (30, 31)
@@ -29,9 +28,9 @@ PRECISIONS = pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["double
 
 
 @cache
-def recording() -> tuple[Online, np.ndarray, np.ndarray]:
-    """The stream behind a motion in which a load is lifted, its inputs and its outputs; two cycles
-    have NaN and infinite inputs."""
+def recording(precision: Precision) -> tuple[Online, np.ndarray, np.ndarray]:
+    """The stream behind a motion in which a load is lifted, its inputs, in floats where C has such,
+    and its outputs; two cycles have NaN and infinite inputs."""
     model = load(ROBOT)
     dynamics, online = model.dynamics, Online(model)
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
@@ -43,6 +42,7 @@ def recording() -> tuple[Online, np.ndarray, np.ndarray]:
     tau = np.where(lifted[:, None], *(dynamics.torque(z, qd, qdd, p) for p in (heavier, model.p)))
     inputs = np.ascontiguousarray(np.column_stack([q, qd, tau, lifted]))
     inputs[SPOILT[0]], inputs[SPOILT[1], 2] = np.nan, np.inf
+    inputs = inputs.astype(float if precision is DOUBLE else np.float32).astype(float)
     found = online.run(q=inputs[:, :3], qd=inputs[:, 3:6], tau=inputs[:, 6:9], gripper=inputs[:, 9])
     assert found.held.any()
     return online, inputs, np.column_stack([found.outputs[f.name] for f in fields(online)])
@@ -54,18 +54,15 @@ def fields(online: Online) -> list[Field]:
 
 def assert_outputs(found: np.ndarray, expected: np.ndarray, precision: Precision) -> None:
     for column in range(expected.shape[1]):
-        size = max(np.abs(expected[:, column]).max(), 1e-3)
-        assert_close(found[:, column] / size, expected[:, column] / size, share_of(precision))
-
-
-def share_of(precision: Precision) -> float:
-    return 1e-11 if precision is DOUBLE else 1e-3  # of a covariance that is followed in floats
+        size = max(np.abs(expected[:, column]).max(), 1.0)
+        share = 1e-12 if precision is DOUBLE else 3e-5  # of a covariance that is kept in floats
+        np.testing.assert_allclose(found[:, column], expected[:, column], atol=share * size)
 
 
 @needs_compiler
 @PRECISIONS
 def test_c_is_the_stream_of_python(precision: Precision, tmp_path: Path) -> None:
-    online, inputs, expected = recording()
+    online, inputs, expected = recording(precision)
     library = build(load(ROBOT), tmp_path, precision=precision, further=("online",))
     graph, number = online.graph, library.type
     state, out = np.full(graph.state.size, 7, number), np.empty(graph.outputs.size, number)
@@ -90,7 +87,7 @@ def call(library: Library, *arrays: np.ndarray) -> int:
 
 @PRECISIONS
 def test_structured_text_is_the_stream_of_python(precision: Precision) -> None:
-    online, inputs, expected = recording()
+    online, inputs, expected = recording(precision)
     program = Program(structured_text(load(ROBOT), "rob", precision, ("online",)))
     block, number = program.units["rob_online"](), np.float32 if program.single else float
     codes, found = [], []
@@ -118,7 +115,7 @@ def test_a_prior_has_no_contacts_and_says_so(tmp_path: Path) -> None:
 
 
 def test_rate_without_the_function(tmp_path: Path) -> None:
-    refused("is the rate of the function online", "export", ROBOT, "--to", "c", "-o",
-            tmp_path / "r.c", "--rate", "500")  # fmt: skip
+    asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--rate", "500")
+    assert "is the rate of the function online" in refused(*asked, folder=tmp_path)
     with pytest.raises(DeltaidError, match="has no further function"):
         write_export(ROBOT, "c", tmp_path / "r.c", functions=["on-line"])

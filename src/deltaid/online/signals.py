@@ -180,7 +180,7 @@ def _instant(u: dict[str, ca.SX], gains: ca.SX, settings: OnlineSettings) -> _In
 
 def _columns(
     model: Model, known: Knowledge, settings: OnlineSettings
-) -> tuple[Momentum, np.ndarray, int]:
+) -> tuple[Momentum, ca.DM, int]:
     """The equations, and directions of p: the model's own, a load, its errors, friction."""
     rest = dict.fromkeys(model.robot.friction_joints, settings.rest_speed)
     momentum = build_momentum(model.robot, model.dynamics.kinematics.mechanism, rest)
