@@ -179,8 +179,8 @@ def _bounded(estimate: Estimate, at: slice, bounds: Bounds) -> Estimate:
     """With friction within its bounds.
 
     What hangs together with a coefficient moves with it, x + P_k (bound − x_k) / P_kk: that is the
-    likeliest estimate at the bound. If the coefficient moved alone, the others would no longer fit what was
-    measured, and the next cycle would throw them about.
+    likeliest estimate at the bound. If the coefficient moved alone, the others would no longer fit
+    what was measured, and the next cycle would throw them about.
     """
     x, P = ca.SX(estimate.x), estimate.P
     for k, low, high in zip(range(at.start, at.stop), *bounds, strict=True):
