@@ -25,7 +25,7 @@ _DIRECTIONS = 4
 # Torque noise and unmodelled torque where nothing is known of them, as shares of a drive's largest.
 _NOISE, _UNMODELLED = 0.02, 0.01
 # Torques that a model has not: as shares of what the fit left, and of friction near rest.
-_OF_FIT, _OF_FRICTION = 2.0, 0.05
+_OF_FIT, _OF_FRICTION = 3.0, 0.08
 # Friction that is followed.
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Typical motion: seconds and samples.

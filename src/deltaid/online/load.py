@@ -31,7 +31,7 @@ Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 # How fast [s] the size of torques that the model has not is learnt, within which bounds, and the
 # most by which one cycle counts.
-_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.7, 20.0), 10.0
+_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.85, 20.0), 10.0
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
 # Torques whose direction no speed tells stay for so long [s].
@@ -141,6 +141,10 @@ def estimates(
         Given(Field("load", n_load, f"entries of the load: {names}"), load),
         Given(Field("load_std", n_load, "their standard deviations"), std),
         Given(Field("change_score", 1, "deviations by which the mass looks changed"), seen.score),
+        Given(
+            Field("unnoticed", 1, "mass that may have been taken without being noticed", "kg"),
+            _unnoticed(onsets, found.held, gripper, settings.alarm) * known.load_scales[0],
+        ),
         Given(Field("residual", s.qd.numel(), "torque that the empty model lacks"), s.residual),
         Given(Field("unexplained", s.qd.numel(), "what load and model leave of it"), innovations),
     )
@@ -149,6 +153,15 @@ def estimates(
         ca.SX(known.unmodelled) * level,
         Part(kept, given),
     )  # fmt: skip
+
+
+def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.SX:
+    """Mass that is no change yet, in units of the largest; none where the gripper tells."""
+    known = onsets.each[0].information
+    for one in onsets.each[1:]:
+        known = ca.fmax(known, one.information)
+    open_ = ca.logic_and(gripper <= -0.5, ca.logic_not(held))
+    return ca.if_else(open_, ca.fmin(1.0, alarm / ca.sqrt(known + 1e-12)), 0.0)
 
 
 def _kinds(known: Knowledge, dof: int) -> np.ndarray:

@@ -35,6 +35,7 @@ class OnlineEstimate(Named):
         load, load_std: entries of the load, consistent, and their standard deviations; zero while
             nothing is held.
         friction: coefficients that are followed.
+        unnoticed: mass that may be held although none was noticed [kg].
         residual: torque that the model without a load lacks, filtered [N m or N].
         unexplained: what load and model leave of it.
         good: whether the cycle could be used: all numbers finite, loops closed.
@@ -47,6 +48,7 @@ class OnlineEstimate(Named):
     load: Float[np.ndarray, "*samples entries"]
     load_std: Float[np.ndarray, "*samples entries"]
     friction: Float[np.ndarray, "*samples coefficients"]
+    unnoticed: Float[np.ndarray, "*samples"]
     residual: Float[np.ndarray, "*samples dof"]
     unexplained: Float[np.ndarray, "*samples dof"]
     good: np.ndarray
@@ -59,9 +61,11 @@ class OnlineEstimate(Named):
 
     @property
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
-        """Between which masses it lies with 95 % [kg]."""
+        """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
+        be held unnoticed."""
         half = _HALF * self.load_std[..., 0]
-        return np.maximum(self.mass[..., None] + np.stack([-half, half], axis=-1), 0.0)
+        low, high = self.mass - half, self.mass + half + self.unnoticed
+        return np.maximum(np.stack([low, high], axis=-1), 0.0)
 
 
 class Online(Named):
@@ -182,6 +186,7 @@ class Online(Named):
             load=fields["load"],
             load_std=fields["load_std"],
             friction=fields.get("friction", empty),
+            unnoticed=fields["unnoticed"][..., 0],
             residual=fields["residual"],
             unexplained=fields["unexplained"],
             good=fields["status"][..., 0] < 0.5,

@@ -38,7 +38,7 @@ class OnlineSettings:
     """
 
     rate: float = 1000.0
-    corner: float = 100.0
+    corner: float = 150.0
     speed: Literal["measured", "differenced"] = "measured"
     torque: Literal["sampled", "held"] = "sampled"
     largest_mass: float | None = None
@@ -51,7 +51,7 @@ class OnlineSettings:
     rest_speed: float = 0.02
     friction_range: float = 0.3
     friction_time: float = 10.0
-    alarm: float = 5.0
+    alarm: float = 4.0
     false_alarms: float = 1.0
     speed_noise: tuple[float, ...] | None = None
 
