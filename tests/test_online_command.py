@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -32,7 +33,7 @@ def folder(made: Picked, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def told(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
+def told(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """What the command says of it as JSON, and the table and page that it wrote."""
     out = tmp_path_factory.mktemp("told")
     files = ("-o", out / "time.parquet", "--report", out / "page.html")
@@ -41,7 +42,7 @@ def told(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, 
     return json.loads(outcome.out), out
 
 
-def test_loads_are_those_that_were_held(told: tuple[dict, Path]) -> None:
+def test_loads_are_those_that_were_held(told: tuple[dict[str, Any], Path]) -> None:
     loads = told[0]["loads"]
     assert [(one["start"], one["end"]) for one in loads] == [pytest.approx(h) for h in HELD]
     for one in loads:
@@ -51,7 +52,7 @@ def test_loads_are_those_that_were_held(told: tuple[dict, Path]) -> None:
         assert one["mass_soon"]["low"] < MASS < one["mass_soon"]["high"]
 
 
-def test_pushes_are_found_where_and_as_hard_as_they_were(told: tuple[dict, Path]) -> None:
+def test_pushes_are_found_where_and_as_hard_as_they_were(told: tuple[dict[str, Any], Path]) -> None:
     contacts = told[0]["contacts"]
     assert len(contacts) == len(PUSHES)
     for one, (start, end, drive, size) in zip(contacts, PUSHES, strict=True):
@@ -59,10 +60,10 @@ def test_pushes_are_found_where_and_as_hard_as_they_were(told: tuple[dict, Path]
         assert end < one["end"] < end + 0.05
         assert one["place"] == ("platform" if drive is None else f"drive{drive + 1}")
         found = one["force"] if drive is None else [one["effort"]]
-        np.testing.assert_allclose(found, size, atol=0.2 * np.linalg.norm(size))
+        np.testing.assert_allclose(found, size, atol=0.2 * float(np.linalg.norm(size)))
 
 
-def test_what_can_be_told(told: tuple[dict, Path]) -> None:
+def test_what_can_be_told(told: tuple[dict[str, Any], Path]) -> None:
     found = told[0]
     assert 0.5 < found["smallest_force"]["best"] < found["smallest_force"]["worst"] < 30
     assert found["cycles"] == 10_000
@@ -73,14 +74,14 @@ def test_what_can_be_told(told: tuple[dict, Path]) -> None:
         assert abs(one["value"] - one["before"]) < 3 * one["std"] + 0.1
 
 
-def test_table_and_page(told: tuple[dict, Path]) -> None:
+def test_table_and_page(told: tuple[dict[str, Any], Path]) -> None:
     table = pl.read_parquet(told[1] / "time.parquet")
     assert len(table) == 10_000
     middle = table.filter((pl.col("t") > 4.0) & (pl.col("t") < 4.9))
     assert middle["mass"].mean() == pytest.approx(MASS, abs=0.05)
-    assert table.filter(pl.col("held") == 0)["mass"].abs().max() == 0
+    assert not table.filter(pl.col("held") == 0)["mass"].to_numpy().any()
     pushed = table.filter((pl.col("t") > 3.53) & (pl.col("t") < 3.6))
-    assert pushed["contact_size"].min() > 1
+    assert pushed["contact_size"].to_numpy().min() > 1
     assert pushed["force_x"].mean() == pytest.approx(25, abs=3)
     page = (told[1] / "page.html").read_text(encoding="utf-8")
     assert "limb of drive2" in page

@@ -36,7 +36,7 @@ class Loads:
     """Loads that were held, one after the other.
 
     Args:
-        told: whether a gripper told when; else what is hardly a load, or held for a moment, is none.
+        told: whether a gripper told when; else what is hardly a load, or a moment long, is none.
     """
 
     def __init__(self, online: Online, told: bool) -> None:
