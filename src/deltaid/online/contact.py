@@ -129,19 +129,20 @@ class Contact:
     information: ca.SX
 
 
-def contact(residual: Residual, before: ca.SX, u: float | ca.SX) -> Contact:
+def contact(residual: Residual, before: ca.SX, u: float, live: ca.SX | float = 1.0) -> Contact:
     """Judge a residual.
 
     Args:
         before: whether there was a contact a cycle ago.
         u: threshold.
+        live: 0 where the filter has no past, so that nothing can be told.
     """
     rho, T = _beyond(residual), residual.levers
     dof = rho.numel()
     solved = cholesky_solve(residual.covariance, ca.horzcat(rho, T.T, ca.SX.eye(dof)))
     weighted, of_levers, inverse = solved[:, 0], solved[:, 1 : 1 + T.shape[0]], solved[:, -dof:]
     squared = ca.dot(rho, weighted)
-    size = ca.sqrt(ca.fmax(squared, 0.0)) / u
+    size = ca.if_else(live, ca.sqrt(ca.fmax(squared, 0.0)) / u, 0.0)
     found = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
     information = T @ of_levers
     force = -cholesky_solve(information, T @ weighted)

@@ -52,6 +52,7 @@ class Estimates:
         changed: 1 where that is another one from now on.
         told: 1 where the gripper told that.
         load: entries of the load, consistent; zero while none is held.
+        lacking: size of torques that the model has not, δ.
         part: of the graph.
     """
 
@@ -64,6 +65,7 @@ class Estimates:
     changed: ca.SX
     told: ca.SX
     load: ca.SX
+    lacking: ca.SX
     part: Part
 
 
@@ -152,6 +154,7 @@ def estimates(
     )
     return Estimates(
         rows, innovations, variances, before, behind, found.held, found.changed, found.told, load,
+        ca.SX(known.unmodelled) * level,
         Part(kept, given),
     )  # fmt: skip
 
