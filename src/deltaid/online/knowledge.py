@@ -103,7 +103,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
     rest = root.copy()
     rest[list(followed)] = 0.0
     seen = (Y @ rest) / noise[:, None] / np.sqrt(_SAMPLES)
-    _, size, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
+    V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)[2]
     mass = settings.largest_mass or _LOAD_SHARE * float(model.body(entries.body)[0])
     return Knowledge(
         entries=entries,

@@ -110,7 +110,7 @@ class Online(Named):
     @cached_property
     def feedforward(self) -> FeedForward:
         """Torques of a motion with the load that is held."""
-        return FeedForward(self.model, self.known, self.settings)
+        return FeedForward(self.model, self.known)
 
     def step(
         self,

@@ -82,7 +82,7 @@ def signals(
     q, qd, tau, live = now.q, now.qd, now.tau, now.live
     near = ca.SX.sym("z", dof)
     found = pose(mechanism, near, q)
-    momentum, D, columns = _columns(model, known, settings)
+    momentum, D = _columns(model, known, settings)
     load = _carried(model, qd, tau)
     period, K = settings.period, settings.corner
     lines = Lowpass.lines(K, period)
@@ -178,9 +178,7 @@ def _instant(u: dict[str, ca.SX], gains: ca.SX, settings: OnlineSettings) -> _In
     return _Instant(0.5 * (q + last), speed, middle, live, False, tuple(kept))
 
 
-def _columns(
-    model: Model, known: Knowledge, settings: OnlineSettings
-) -> tuple[Momentum, np.ndarray, int]:
+def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[Momentum, ca.DM]:
     """The equations, and directions of p: the model's own, a load, its errors, friction."""
     rest = dict.fromkeys(model.robot.friction_joints, settings.rest_speed)
     momentum = build_momentum(model.robot, model.dynamics.kinematics.mechanism, rest)
@@ -188,7 +186,7 @@ def _columns(
     load = unit[:, [first + k for k in known.entries.shown]] * known.load_scales
     friction = unit[:, list(known.followed)] * known.friction_std
     D = np.column_stack([model.p, load, known.directions, friction])
-    return momentum, ca.DM(ca.sparsify(ca.DM(D))), D.shape[1]
+    return momentum, ca.sparsify(ca.DM(D))
 
 
 def _entries(matrix: ca.SX, shape: ca.Sparsity) -> ca.SX:
