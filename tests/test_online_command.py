@@ -99,7 +99,7 @@ def test_no_gripper_says_what_is_lost(folder: Path) -> None:
 def test_fewer_false_alarms_need_more_force(made: Picked) -> None:
     replay = open_replay(made.model, made.table[:3000])
     few, many = (watch(made.model, replay, OnlineSettings(false_alarms=n)) for n in (1e-3, 1e3))
-    assert few.worst > 1.2 * many.worst
+    assert few.best > 1.2 * many.best
     assert not few.touches
 
 

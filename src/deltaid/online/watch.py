@@ -17,6 +17,8 @@ from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.rows import Replay, Rows
 from deltaid.online.settings import OnlineSettings
 
+# [m/s²].
+_GRAVITY = 9.81
 # Rows of a series at most.
 _SERIES = 200_000
 
@@ -101,6 +103,8 @@ class _Run:
         u = self.online.settings.contact_threshold(found.residual.shape[1])
         A = out["contact_information"][ends].reshape(-1, moves, moves)
         best, worst = least_force(A, u)
+        if not self.told:  # straight up or down, a load may hide its weight of a push
+            worst = worst + _GRAVITY * self.online.known.load_scales[0]
         interval = found.mass_interval[ends]
         return Series(
             time=at[ends],
