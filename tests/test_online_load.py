@@ -87,10 +87,8 @@ def test_bad_cycles_say_so_and_leave_estimates_alone() -> None:
     bad[[300, 310, 320, *range(330, 340)]] = True
     assert np.array_equal(y["status"][:, 0] == 1, bad)
     assert np.isfinite(y["state"]).all()
-    assert np.all(y["load"][bad] == 0)
-    places = graph.state.places
-    for name in ("x", "P", "held"):
-        assert np.array_equal(y["state"][335, places[name]], y["state"][329, places[name]])
+    assert y["held"][bad].all()
+    assert np.abs(y["load"][330:340] - y["load"][329]).max() < 1e-6
     assert abs(y["load"][-1, 0] - 1.0) < 0.1
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from deltaid.export.options import TargetName
+from deltaid.export.options import FURTHER, TargetName
 
 
 def register(app: typer.Typer) -> None:
@@ -23,6 +23,20 @@ def export(
         str,
         typer.Option("--output", "-o", help="File to write, or folder (name/).", metavar="PATH"),
     ],
+    single: Annotated[
+        bool, typer.Option("--single", help="Code in single precision: float, REAL.")
+    ] = False,
+    further: Annotated[
+        str,
+        typer.Option(
+            "--with",
+            metavar="NAME,…",
+            help=f"Further functions of code: {', '.join(FURTHER)}.",
+        ),
+    ] = "",
+    rate: Annotated[
+        float | None, typer.Option(help="Cycles a second of the function online; 1000.")
+    ] = None,
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
@@ -31,13 +45,26 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, print_warnings
+    from deltaid.cli.output import console, positive, print_warnings
+    from deltaid.errors import DeltaidError
     from deltaid.export.files import write_export
     from deltaid.model.model import load
+    from deltaid.online.settings import OnlineSettings
 
+    positive("--rate", rate, (10.0, 1e5))
     found = load(model)
     if without_friction:
         found = found.without_friction()
-    written = write_export(found, to, output, (Path(model),))
+    functions = [name.strip() for name in further.split(",") if name.strip()]
+    if rate is not None and "online" not in functions:
+        raise DeltaidError(
+            "is the rate of the function online, which is not asked for",
+            where="--rate",
+            cure="add --with online, or leave it out",
+        )
+    online = OnlineSettings(rate=rate, corner=min(100.0, rate / 5)) if rate else None
+    written = write_export(
+        found, to, output, (Path(model),), single=single, functions=functions, online=online
+    )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,10 +13,15 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
+from deltaid.export.online_cycle import NO_CONTACT
 from deltaid.export.options import TargetName
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.export.structured_text import structured_text
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
+from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.online.settings import OnlineSettings
 from deltaid.robot.body_inertia import why_not_physical
 
 
@@ -42,6 +47,30 @@ class Written:
 
 
 @dataclass(frozen=True)
+class Code:
+    """What a user chooses of code.
+
+    Attributes:
+        precision: of its numbers.
+        functions: names of further functions.
+        online: of the function of that name.
+    """
+
+    precision: Precision
+    functions: tuple[str, ...]
+    online: OnlineSettings
+
+    def warnings(self, subject: Model) -> tuple[str, ...]:
+        """What further functions cannot tell of this robot."""
+        notes = []
+        if "constraint-forces" in self.functions:
+            notes.append(ConstraintForces(subject.robot).note)
+        if "online" in self.functions and subject.identified is None:
+            notes.append(NO_CONTACT)
+        return tuple(note for note in notes if note)
+
+
+@dataclass(frozen=True)
 class Target:
     """One form of a model.
 
@@ -49,16 +78,27 @@ class Target:
         suffixes: ends of the names of its files, the one asked for first.
         build: its content for a subject and the name of the file without its end.
         addition: what follows the robot's name in a file's name that was not given.
+        code: the same for code, of which the user may choose precision and functions.
     """
 
     suffixes: tuple[str, ...]
     build: Callable[[Model, str], Export]
     addition: str = ""
+    code: Callable[[Model, str, Code], Export] | None = None
+
+    def export(self, subject: Model, stem: str, code: Code) -> Export:
+        """The content; `code` says nothing to targets that are none."""
+        return self.build(subject, stem) if self.code is None else self.code(subject, stem, code)
 
 
-def _c(subject: Model, stem: str) -> Export:
-    code = c_code(subject, stem)
-    return Export({".c": code.source, ".h": code.header})
+def _c(subject: Model, stem: str, code: Code) -> Export:
+    found = c_code(subject, stem, code.precision, code.functions, code.online)
+    return Export({".c": found.source, ".h": found.header}, code.warnings(subject))
+
+
+def _st(subject: Model, stem: str, code: Code) -> Export:
+    text = structured_text(subject, stem, code.precision, code.functions, code.online)
+    return Export({".st": text}, code.warnings(subject))
 
 
 def _casadi(subject: Model, stem: str) -> Export:
@@ -83,8 +123,11 @@ def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
     return Export({".fmu": unit.content}, unit.warnings)
 
 
+PLAIN = Code(DOUBLE, (), OnlineSettings())
+
 TARGETS: Mapping[TargetName, Target] = {
-    "c": Target((".c", ".h"), _c),
+    "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
+    "st": Target((".st",), partial(_st, code=PLAIN), code=_st),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
     "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
     "casadi": Target((".casadi",), _casadi),
@@ -115,7 +158,14 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
 
 
 def write_export(
-    model: ModelLike, target: TargetName, output: str | Path, inputs: tuple[Path, ...] = ()
+    model: ModelLike,
+    target: TargetName,
+    output: str | Path,
+    inputs: tuple[Path, ...] = (),
+    *,
+    single: bool = False,
+    functions: Sequence[str] = (),
+    online: OnlineSettings | None = None,
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -124,20 +174,31 @@ def write_export(
         output: a file, or a folder for a file named after the robot; the name of a folder that
             is not there yet ends in a slash.
         inputs: files that must not be overwritten.
+        single: code in single precision (float, REAL).
+        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
+            `online`.
+        online: what the function of that name is made for; 1000 cycles a second if None.
 
     Raises:
-        DeltaidError: there is no such target, it cannot hold the model, or a file cannot be
-            written.
+        DeltaidError: there is no such target or function, it cannot hold the model, or a file
+            cannot be written.
     """
     if target not in TARGETS:
         raise unknown(target, TARGETS, "target", "write_export")
+    if (single or functions) and TARGETS[target].code is None:
+        raise DeltaidError(
+            f"precision and further functions are of code, and {target} is none",
+            where="--single" if single else "--with",
+            cure=f"leave it out, or choose {' or '.join(t for t in TARGETS if TARGETS[t].code)}",
+        )
     subject = load(model)
     require_physical(subject)
     path = output_path(target, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
         require_writable(part, inputs)
-    export = TARGETS[target].build(subject, path.stem)
+    code = Code(SINGLE if single else DOUBLE, tuple(functions), online or OnlineSettings())
+    export = TARGETS[target].export(subject, path.stem, code)
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())

@@ -1,15 +1,18 @@
-"""A CasADi SX function as one straight-line C99 function: no loop, no call but those of math.h.
+"""A CasADi SX graph as straight-line statements: no loop, no call but those of math.h.
 
-The graph's instruction list works on numbered slots, and so does the C code: `w17 = w3*w4;`. Slots
-are few hundred local doubles, so the function needs a small, fixed stack and has no state.
+The graph's instruction list works on numbered slots, and so does the code: `w17 = w3*w4;`. Slots
+are few hundred local numbers, so a function needs a small, fixed stack and has no state. How a
+statement looks is a dialect's; C's is here, that of structured text beside it.
 """
 
 import textwrap
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
+from deltaid.export.precision import DOUBLE, Precision
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 
 _INFIX = {
@@ -34,7 +37,7 @@ _CALLED = {
 
 @dataclass(frozen=True)
 class Array:
-    """An input of a C function: its name and its symbols. A table is no argument, but in scope."""
+    """An input of a function: its name and its symbols. A table is no argument, but in scope."""
 
     name: str
     symbols: ca.SX
@@ -44,6 +47,62 @@ class Array:
 SIGN = "(double)(({a} > 0.0) - ({a} < 0.0))"
 
 
+class Dialect(ABC):
+    """How a language writes the steps of a graph; values are texts."""
+
+    @abstractmethod
+    def number(self, x: float) -> str:
+        """A constant."""
+
+    @abstractmethod
+    def set(self, target: str, text: str) -> list[str]:
+        """The statements by which a variable gets a value."""
+
+    @abstractmethod
+    def operation(self, target: str, op: int, args: list[str]) -> list[str]:
+        """The statements by which a variable gets the result of an operation."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A graph as statements.
+
+    Attributes:
+        lines: the statements.
+        used: names of the inputs that they read.
+        slots: variables that they write.
+    """
+
+    lines: list[str]
+    used: set[str]
+    slots: list[str]
+
+
+def body(inputs: Sequence[Array], out: str, expression: ca.SX, dialect: Dialect) -> Body:
+    """Statements that compute a column of expressions, in the order of CasADi's instructions."""
+    f = ca.Function("f", [array.symbols for array in inputs], ca.cse([ca.densify(expression)]))
+    names = [array.name for array in inputs]
+    value: dict[int, str] = {}  # what a slot holds: its own name, an input's entry or a number
+    lines: list[str] = []
+    used: set[str] = set()
+    slots: set[int] = set()
+    for k in range(f.n_instructions()):
+        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op == ca.OP_CONST:
+            value[written[0]] = dialect.number(f.instruction_constant(k))
+        elif op == ca.OP_INPUT:
+            used.add(names[read[0]])
+            value[written[0]] = f"{names[read[0]]}[{read[1]}]"
+        elif op == ca.OP_OUTPUT:
+            lines += dialect.set(f"{out}[{written[1]}]", value[read[0]])
+        else:
+            target = f"w{written[0]}"
+            lines += dialect.operation(target, op, [value[i] for i in read])
+            slots.add(written[0])
+            value[written[0]] = target
+    return Body(lines, used, [f"w{k}" for k in sorted(slots)])
+
+
 def straight_line(
     name: str,
     inputs: Sequence[Array],
@@ -51,6 +110,7 @@ def straight_line(
     *,
     linkage: str = "",
     sign: str = SIGN,
+    precision: Precision = DOUBLE,
 ) -> str:
     """C text of `void name(const double input[], …, double output[])`.
 
@@ -63,84 +123,82 @@ def straight_line(
         NotImplementedError: the graph has an operation that no kernel has either, which no
             mechanism can be built with (`kernel.llvm_ir.operations_unknown`).
     """
-    out_name, expression = output
+    (out_name, expression), real = output, precision.c_type
     dense = ca.vec(ca.densify(expression).T)
-    function = ca.Function("f", [array.symbols for array in inputs], ca.cse([dense]))
-    lines, used, slots = _body(function, [array.name for array in inputs], out_name, sign)
-    arguments = [f"const double {a.name}[{a.symbols.numel()}]" for a in inputs if not a.is_table]
-    signature = ", ".join([*arguments, f"double {out_name}[{dense.numel()}]"])
-    unused = [f"    (void){a.name};" for a in inputs if not a.is_table and a.name not in used]
+    found = body(inputs, out_name, dense, _C(precision, sign))
+    arguments = [f"const {real} {a.name}[{a.symbols.numel()}]" for a in inputs if not a.is_table]
+    signature = ", ".join([*arguments, f"{real} {out_name}[{dense.numel()}]"])
+    unused = [f"    (void){a.name};" for a in inputs if not a.is_table and a.name not in found.used]
     return "\n".join(
         [
-            f"{linkage}void {name}({signature})",
+            *wrapped(f"{linkage}void {name}({signature})"),
             "{",
-            *_declared(slots),
+            *(wrapped(f"    {real} {', '.join(found.slots)};") if found.slots else []),
             *unused,
-            *lines,
+            *found.lines,
             "}",
         ]
     )
 
 
-def _body(
-    f: ca.Function, names: list[str], out: str, sign: str
-) -> tuple[list[str], set[str], list[int]]:
-    """Statements, names of the inputs that they read, and the slots that they write."""
-    value: dict[int, str] = {}  # what a slot holds: its own name, an input's entry or a number
-    lines: list[str] = []
-    used: set[str] = set()
-    slots: set[int] = set()
-    for k in range(f.n_instructions()):
-        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
-        if op == ca.OP_CONST:
-            value[written[0]] = number(f.instruction_constant(k))
-        elif op == ca.OP_INPUT:
-            used.add(names[read[0]])
-            value[written[0]] = f"{names[read[0]]}[{read[1]}]"
-        elif op == ca.OP_OUTPUT:
-            lines.append(f"    {out}[{written[1]}] = {value[read[0]]};")
-        else:
-            text = _operation(op, [value[i] for i in read], sign)
-            slots.add(written[0])
-            value[written[0]] = f"w{written[0]}"
-            lines.append(f"    w{written[0]} = {text};")
-    return lines, used, sorted(slots)
+@dataclass(frozen=True)
+class _C(Dialect):
+    """Statements of C99."""
 
+    precision: Precision
+    sign: str
 
-def _operation(op: int, args: list[str], sign: str) -> str:
-    """One scalar operation as a C expression."""
-    a, b = args[0], args[-1]
-    if op in _INFIX:
-        return f"{a} {_INFIX[op]} {b}"
-    if op in _COMPARED:
-        return f"(double)({a} {_COMPARED[op]} {b})"
-    if op in _CALLED:
-        return f"{_CALLED[op]}({', '.join(args)})"
-    simple = {
-        ca.OP_ASSIGN: a,
-        ca.OP_NEG: f"-{a}",
-        ca.OP_SQ: f"{a} * {a}",
-        ca.OP_TWICE: f"{a} + {a}",
-        ca.OP_INV: f"1.0 / {a}",
-        ca.OP_SIGN: sign.format(a=a),
-        ca.OP_NOT: f"(double)({a} == 0.0)",
-        ca.OP_AND: f"(double)({a} != 0.0 && {b} != 0.0)",
-        ca.OP_OR: f"(double)({a} != 0.0 || {b} != 0.0)",
-        ca.OP_IF_ELSE_ZERO: f"({a} != 0.0) ? {b} : 0.0",
-    }
-    if op not in simple:
-        raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
-    return simple[op]
+    def number(self, x: float) -> str:
+        return self.precision.c_number(x)
+
+    def set(self, target: str, text: str) -> list[str]:
+        return [f"    {target} = {text};"]
+
+    def operation(self, target: str, op: int, args: list[str]) -> list[str]:
+        return self.set(target, self._expression(op, args))
+
+    def _expression(self, op: int, args: list[str]) -> str:
+        """One scalar operation."""
+        a, b, f, real = args[0], args[-1], self.precision.suffix, self.precision.c_type
+        if op in _INFIX:
+            return f"{a} {_INFIX[op]} {b}"
+        if op in _COMPARED:
+            return f"({real})({a} {_COMPARED[op]} {b})"
+        if op in _CALLED:
+            return f"{_CALLED[op]}{f}({', '.join(args)})"
+        sign = self.sign if not f else self.sign.replace("double", real).replace("0.0", "0.0f")
+        simple = {
+            ca.OP_ASSIGN: a,
+            ca.OP_NEG: f"-{a}",
+            ca.OP_SQ: f"{a} * {a}",
+            ca.OP_TWICE: f"{a} + {a}",
+            ca.OP_INV: f"1.0{f} / {a}",
+            ca.OP_SIGN: sign.format(a=a),
+            ca.OP_NOT: f"({real})({a} == 0.0{f})",
+            ca.OP_AND: f"({real})({a} != 0.0{f} && {b} != 0.0{f})",
+            ca.OP_OR: f"({real})({a} != 0.0{f} || {b} != 0.0{f})",
+            ca.OP_IF_ELSE_ZERO: f"({a} != 0.0{f}) ? {b} : 0.0{f}",
+        }
+        if op not in simple:
+            raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
+        return simple[op]
 
 
 def number(x: float) -> str:
     """A double as C text that reads back with every bit."""
-    text = repr(float(x))
-    return f"({text})" if text.startswith("-") else text
+    return DOUBLE.c_number(x)
 
 
-def _declared(slots: list[int]) -> list[str]:
-    if not slots:
-        return []
-    text = f"double {', '.join(f'w{k}' for k in slots)};"
-    return textwrap.wrap(text, 96, initial_indent="    ", subsequent_indent="        ")
+def wrapped(text: str) -> list[str]:
+    """A declaration in lines of at most 96 characters, broken after commas."""
+    indent = text[: len(text) - len(text.lstrip())]
+    whole = text.strip().replace(" ", "\0").replace(",\0", ", ")
+    lines = textwrap.wrap(
+        whole,
+        96,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace("\0", " ") for line in lines]

@@ -37,6 +37,7 @@ class ConstraintForces(WithParameters, Shown):
             only the sum of a pair is determined.
         note: why single struts have no forces of their own; empty if they have.
         socket_force: spring force at each ball joint [N], None where it is not described.
+        equations: the graphs.
 
     Raises:
         DescriptionError: the robot has a mechanism of the user's own, whose joints are not known.
@@ -55,10 +56,10 @@ class ConstraintForces(WithParameters, Shown):
         self.robot = robot
         self.layout = parameter_layout(robot)
         self.kinematics = Kinematics(robot)
-        self._equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)
-        self.names = tuple(channel.name for channel in self._equations.channels)
-        self.units = tuple(channel.unit for channel in self._equations.channels)
-        self.struts = self._equations.struts
+        self.equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)
+        self.names = tuple(channel.name for channel in self.equations.channels)
+        self.units = tuple(channel.unit for channel in self.equations.channels)
+        self.struts = self.equations.struts
         self.note = _why_sums(robot)
         self.socket_force = robot.limbs.socket_force if splits(robot) else None
 
@@ -95,16 +96,16 @@ class ConstraintForces(WithParameters, Shown):
 
     @cached_property
     def _values(self) -> ca.SX:
-        return ca.vertcat(*[channel.value for channel in self._equations.channels])
+        return ca.vertcat(*[channel.value for channel in self.equations.channels])
 
     @cached_property
     def _kernel(self) -> BatchKernel:
-        e = self._equations
+        e = self.equations
         return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), self._values, uniform=e.p)
 
     @cached_property
     def _coefficients(self) -> ca.Function:
-        e = self._equations
+        e = self.equations
         C = ca.densify(ca.jacobian(self._values, e.p))
         return ca.Function("C", [e.z, e.qd, e.qdd], [C])
 

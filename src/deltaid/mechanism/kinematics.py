@@ -11,6 +11,7 @@ from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
+from deltaid.mechanism.joint_states import WithJointStates
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.mechanism.passive_joints import PassiveJoints
@@ -40,7 +41,7 @@ class BodyPoses(Shown):
     r_WB: Float[np.ndarray, "*samples 3"]
 
 
-class Kinematics(Shown, Plotted):
+class Kinematics(WithJointStates, Shown, Plotted):
     """Kinematics of a described robot. Arrays have one sample a row; kernels compile when needed.
 
     A single sample may be given as a vector, and then what is returned has no axis of samples.

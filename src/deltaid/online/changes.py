@@ -232,12 +232,12 @@ def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estima
     by_itself = found.seen
     mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * found.held
     variance = _WIDER / (seen.information + 1.0) + (_ROUGH * seen.size) ** 2
-    others = (1 - mine) * seen.moved * by_itself
-    first = ca.vertcat(found.held * by_itself, ca.SX.zeros(n - 1))
-    along = first - others
+    others = ca.vertcat(ca.SX(n_load, 1), seen.moved[n_load:]) * by_itself
+    first = ca.vertcat(found.held * by_itself, ca.SX(n - 1, 1))
+    along = ca.densify(first - others) * ca.sqrt(variance)
     x = estimate.x * (1 - mine * found.changed) - others * seen.size + first * mass
     kept = 1 - mine * found.changed
     fresh = ca.vertcat(found.told, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
     fresh = fresh * (found.changed * found.held)
-    P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + variance * (along @ along.T)
+    P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

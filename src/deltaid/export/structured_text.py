@@ -1,0 +1,90 @@
+"""IEC 61131-3 structured text of a model: the functions that C has, as one file of units.
+
+Functions return a status and have their results as outputs, which are zero unless it is OK. What
+keeps something from one cycle to the next, the pose z, is a function block. A controller that
+stops on floating-point exceptions meets none here (`st_statements`): numbers too large for any
+robot are refused at the door, and nothing is divided or rooted unseen.
+"""
+
+import re
+
+from deltaid.errors import DeltaidError
+from deltaid.export.further_functions import further_cycles, further_functions
+from deltaid.export.model_functions import model_functions
+from deltaid.export.parameter_table import parameter_table
+from deltaid.export.precision import DOUBLE, Precision
+from deltaid.export.st_cycle import cycle_units, start_of
+from deltaid.export.st_helpers import helpers
+from deltaid.export.st_statements import plain
+from deltaid.export.st_units import Variable, comments, constants
+from deltaid.export.st_writer import Writer
+from deltaid.model.model import Model
+from deltaid.online.settings import OnlineSettings
+
+DEFAULT = OnlineSettings()
+
+
+def structured_text(
+    subject: Model,
+    prefix: str,
+    precision: Precision = DOUBLE,
+    further: tuple[str, ...] = (),
+    online: OnlineSettings = DEFAULT,
+) -> str:
+    """The units of a model; their names are PREFIX_….
+
+    Args:
+        further: names of functions beside those that every export has (`options.FURTHER`).
+        online: of the function of that name.
+
+    Raises:
+        DeltaidError: the prefix is no identifier, or the robot has not what a further function
+            needs.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", prefix) or len(prefix) > 20:
+        raise DeltaidError(
+            f"'{prefix[:60]}' cannot begin the names of functions of structured text",
+            where="name of the output",
+            cure="use at most 20 letters, digits and single _ between them, a letter first",
+        )
+    table = parameter_table(subject, f"{prefix}_p", precision)
+    functions = [
+        *model_functions(subject, table, precision),
+        *further_functions(subject, table, further),
+    ]
+    writer = Writer(subject, prefix, precision)
+    cycles = further_cycles(subject, further, online)
+    units = [*helpers(prefix, precision), *map(writer.unit, functions)]
+    units += [unit for cycle in cycles for unit in cycle_units(writer, cycle)]
+    notes = [subject.provenance, *_conventions(subject, precision)]
+    head = "\n".join(comments(notes))
+    values = tuple(plain(precision, x) for x in subject.p if x)
+    parameters = Variable(
+        f"{prefix}_p",
+        precision.st_type,
+        len(values),
+        values,
+        tuple(f"{name}, {unit}" for name, unit, _ in table.rows),
+    )
+    starts = [start_of(writer, cycle) for cycle in cycles]
+    listed = constants([*writer.statuses(), writer.home(f"{prefix}_home"), parameters, *starts])
+    return "\n".join([head, "", listed, *(unit.text() for unit in units)])
+
+
+def _conventions(subject: Model, precision: Precision) -> list[str]:
+    robot = subject.robot
+    drives = [
+        f"  [{k}] {drive}: "
+        + ("m, m/s, m/s^2, N" if robot.is_linear(drive) else "rad, rad/s, rad/s^2, N m")
+        for k, drive in enumerate(robot.drives)
+    ]
+    turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
+    return [
+        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status of the list "
+        "below; outputs of a function are zero unless it is OK.",
+        "Drive coordinates q, rates qd, qdd, torques tau, in the order of the drives:",
+        *drives,
+        "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",
+        f"Task coordinates z: x, y, z of the platform point in the world [m]{turn}.",
+        "Equation of motion: M(q) qdd + C(q, qd) qd + g(q) + f(qd) = tau.",
+    ]

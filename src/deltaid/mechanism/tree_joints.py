@@ -1,0 +1,147 @@
+"""Coordinates of all joints of the robot's tree, the one that MJCF and URDF are written as.
+
+A robot for programs that only know trees is cut where struts hold the platform and where the
+telescope meets it (`export.spanning_tree`, which has bodies, frames and axes). In the closed robot
+each joint's coordinate is a function of z, and these functions stand here:
+
+    limbN_swing   strut about the driven body's y: α, less q for an arm, which turns about y as well
+    limbN_tilt    then about the strut's z: β, with x_S = (cos α cos β, sin β, −sin α cos β)
+    bar_x, bar_y  a telescope's upper universal joint below its turn ψ, and slide, its length
+    platform, partN_turn, tool, …   the platform's own joints
+    platform_x, middle_x, part1_x, tool_x, …   where a part of the platform is in the world
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import DeltaidError
+from deltaid.mechanism.mechanism import Mechanism
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
+from deltaid.robot.telescope import Telescope
+
+
+@dataclass(frozen=True, eq=False)
+class TreeJoints:
+    """Coordinates of some joints of the tree: ϑ(z) and its rate along a motion of the drives.
+
+    Attributes:
+        names: of the joints.
+        z, qd: δ symbols each.
+        position: ϑ [rad or m].
+        inverse_jacobian: T = ∂z/∂q.
+    """
+
+    names: tuple[str, ...]
+    z: ca.SX
+    qd: ca.SX
+    position: ca.SX
+    inverse_jacobian: ca.SX
+
+    @cached_property
+    def velocity(self) -> ca.SX:
+        """ϑ̇ = ∂ϑ/∂z T q̇ as a function of z and q̇ [rad/s or m/s]."""
+        return ca.jacobian(self.position, self.z) @ (self.inverse_jacobian @ self.qd)
+
+
+def passive_joints(robot: RobotDescription, mechanism: Mechanism) -> TreeJoints:
+    """The joints of the tree without a drive.
+
+    Raises:
+        DeltaidError: the mechanism is the user's own, so its joints are not known.
+    """
+    found = tree_coordinates(robot, mechanism)
+    return _joints(mechanism, {n: x for n, x in found.items() if n not in robot.drives})
+
+
+def all_joints(robot: RobotDescription, mechanism: Mechanism) -> TreeJoints:
+    """All joints of the tree, drives first.
+
+    Raises:
+        DeltaidError: the mechanism is the user's own, so its joints are not known.
+    """
+    found = tree_coordinates(robot, mechanism)
+    return _joints(mechanism, {n: found[n] for n in (*robot.drives, *found)})
+
+
+def _joints(mechanism: Mechanism, found: Mapping[str, ca.SX]) -> TreeJoints:
+    speeds = mechanism.speeds
+    x = ca.vertcat(*found.values())
+    return TreeJoints(tuple(found), mechanism.z, speeds.q.u, x, speeds.inverse_jacobian)
+
+
+def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str, ca.SX]:
+    """ϑ(z) of every joint of the tree by name, in the tree's order.
+
+    Raises:
+        DeltaidError: the mechanism is the user's own, so its joints are not known.
+    """
+    if robot.mechanism is not None:
+        raise DeltaidError(
+            "has a mechanism of its own, of which only poses are known and no joints",
+            where=robot.name,
+            cure="choose a target without bodies and joints: c, fmu, casadi or npz; poses are "
+            "those of Kinematics.poses",
+        )
+    found = _of_platform(robot.platform, mechanism.z)
+    for i, limb in enumerate(mechanism.limbs):
+        rotary, x_S = robot.limb_geometry[i].drive == "rotary", limb.strut.rotation.R[:, 0]
+        q = mechanism.joints[f"drive{i + 1}"]
+        swing = ca.atan2(-x_S[2], x_S[0]) - (q if rotary else 0)
+        found |= {
+            f"drive{i + 1}": q,
+            f"limb{i + 1}_swing": swing,
+            f"limb{i + 1}_tilt": ca.asin(x_S[1]),
+        }
+    if robot.telescope is not None:
+        found |= _of_telescope(robot.telescope, mechanism.z)
+    return found
+
+
+Platform = RigidPlatform | H4Platform | Par4Platform | I4Platform
+
+
+def _of_platform(platform: Platform, z: ca.SX) -> dict[str, ca.SX]:
+    """Where the platform's parts are, and the joints between them."""
+    if isinstance(platform, RigidPlatform):
+        return _positions("platform", z[:3])
+    joint = z[3] / platform.ratio
+    if isinstance(platform, I4Platform):
+        first = z[:3] + 0.5 * joint * ca.DM(i4_direction(platform))
+        rack = {} if platform.tool_on != "middle" else {"tool_rack": 0.5 * joint}
+        return _positions("part1", first) | {"platform": joint, "tool": z[3]} | rack
+    turns = {"platform": joint, "part1_turn": -joint, "part2_turn": -joint}
+    beside = _positions("tool", z[:3]) if platform.tool_on == "middle" else {}
+    return _positions("middle", z[:3]) | turns | beside | {"tool": z[3]}
+
+
+def i4_direction(platform: I4Platform) -> Float[np.ndarray, " 3"]:
+    """Unit vector along which the half platforms of an I4 slide."""
+    angle = np.deg2rad(platform.direction_deg)
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def _of_telescope(bar: Telescope, z: ca.SX) -> dict[str, ca.SX]:
+    """R_WT = R_z(ψ) R_x(a) R_y(b) for the bar's halves, its length, and the tool's turn."""
+    r, psi = z[:3], z[3]
+    span = ca.DM(bar.base_joint) - r - ca.DM(bar.platform_joint)
+    c, s = ca.cos(psi), ca.sin(psi)
+    length = ca.sqrt(ca.sumsqr(span))
+    x, y, z_bar = c * span[0] + s * span[1], c * span[1] - s * span[0], span[2]
+    return {
+        "drive4": psi,
+        "bar_x": ca.atan2(-y, z_bar),
+        "bar_y": ca.asin(x / length),
+        "slide": length,
+        "tool": psi,
+    }
+
+
+def _positions(name: str, r: ca.SX) -> dict[str, ca.SX]:
+    """Coordinates of three sliding joints along the world's axes."""
+    return {f"{name}_{k}": r[i] for i, k in enumerate("xyz")}

@@ -1,0 +1,155 @@
+"""C by choice: single precision, further functions; NaN, sanitizers, several compilers."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from c_library import BAD_INPUT, COMPILERS, FURTHER, OK, WARNINGS, Library, assert_same, build
+from c_library import written as written_to
+from deltaid.errors import DeltaidError
+from deltaid.export.c_code import c_code
+from deltaid.export.files import write_export
+from deltaid.export.options import FURTHER as NAMES
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.mechanism.user_code import use_mechanism
+from deltaid.model.model import Model
+from deltaid.robot.load import load_robot
+from exports import disturbed, needs_compiler, states, subject
+from sessions import ROOT
+from support import assert_close
+
+PRECISIONS = pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["double", "single"])
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "par4", "i4-linear"])
+def test_single_precision(name: str, tmp_path: Path) -> None:
+    """Within 1e-5 of the largest entry, where the condition of J is below 10."""
+    library = build(subject(name), tmp_path, "-O1", precision=SINGLE)
+    assert_same(library, subject(name))
+    source = (tmp_path / "delta.c").read_text()
+    assert "double" not in source.replace("double precision", "")
+
+
+def assert_further(library: Library, subject: Model, share: float) -> None:
+    """Functions by choice against the package."""
+    dynamics, kinematics = subject.dynamics, subject.dynamics.kinematics
+    z, _, qd, qdd = (x.astype(library.type).astype(float) for x in states(subject, 10))
+    forces = ConstraintForces(subject.robot)
+    F = library.rows("constraint_forces", z, qd, qdd, size=len(forces.names))
+    assert_close(F, forces.evaluate(z, qd, qdd, subject.p), share)
+    load = dynamics.carried(z, qd, qdd, subject.p)
+    n = len(subject.p)
+    Y = library.rows("regressor", z, qd, qdd, size=library.dof * n)
+    q = kinematics.inverse(z)
+    expected = dynamics.regressor(q, qd, qdd, load)
+    assert_close(Y.reshape(-1, library.dof, n), expected, share)
+    joints = kinematics.passive_joints(z, qd)
+    x, xd = np.zeros(len(joints.names)), np.zeros(len(joints.names))
+    assert joints.velocity is not None
+    for i in range(len(z)):
+        assert library.fill("passive_joints", z[i], qd[i], outs=(x, xd)) == OK
+        assert_close(x, joints.position[i], share)
+        assert_close(xd, joints.velocity[i], share)
+
+
+@needs_compiler
+@PRECISIONS
+def test_further_functions(precision: Precision, tmp_path: Path) -> None:
+    chosen = subject("irb360-6-1600")
+    library = build(chosen, tmp_path, precision=precision, further=FURTHER)
+    assert_further(library, chosen, 1e-12 if precision is DOUBLE else 1e-5)
+    header = (tmp_path / "delta.h").read_text()
+    for name, unit in zip(*named_forces(chosen), strict=True):
+        assert f"] {name}, {unit}\n" in header or f"] {name}, {unit} */" in header
+    assert "] limb1_swing, rad\n" in header
+    assert "] limb1_swing, rad/s\n" in header
+    assert "] slide, m\n" in header
+
+
+def named_forces(subject: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    forces = ConstraintForces(subject.robot)
+    return forces.names, forces.units
+
+
+@needs_compiler
+@PRECISIONS
+@pytest.mark.parametrize("name", ["linear-delta", "h4-linear"])
+def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_path: Path) -> None:
+    library = build(subject(name), tmp_path, precision=precision, further=FURTHER)
+    z, q, qd, qdd = (x[0] for x in states(subject(name), 1))
+    at = {"z": z, "q": q, "qd": qd, "qdd": qdd, "tau": qdd}
+    functions = {
+        "inverse_kinematics": "z",
+        "forward_kinematics": "q",
+        "inverse_dynamics_at": "z qd qdd",
+        "inverse_dynamics": "q qd qdd",
+        "forward_dynamics": "z qd tau",
+        "jacobian": "z",
+        "mass_matrix": "z",
+        "bias": "z qd",
+        "gravity": "z",
+        "constraint_forces": "z qd qdd",
+        "passive_joints": "z qd",
+        "regressor": "z qd qdd",
+    }
+    iterated = library.fill("forward_kinematics", q, outs=(np.full(z.size, np.nan),))
+    assert iterated == (BAD_INPUT if "h4" in name else OK)
+    for function, names in functions.items():
+        good = [at[one] for one in names.split()]
+        for k, value in enumerate(good):
+            for wrong in (np.nan, np.inf, -np.inf):
+                spoilt = value.copy()
+                spoilt[k % value.size] = wrong
+                inputs = [*good[:k], spoilt, *good[k + 1 :]]
+                outs = (np.full(2000, 7.0), np.full(2000, 7.0))
+                outs[0][: z.size] = z  # where forward kinematics starts
+                before = outs[0].copy()
+                assert library.fill(function, *inputs, outs=outs) == BAD_INPUT
+                assert (outs[1] == 7.0).all()
+                assert (outs[0].astype(library.type) == before.astype(library.type)).all()
+
+
+@PRECISIONS
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_compilers_have_nothing_to_say(compiler: str, precision: Precision, tmp_path: Path) -> None:
+    if not COMPILERS[compiler]:
+        pytest.skip(f"there is no {compiler}")
+    source = written_to(subject("h4-linear"), tmp_path, precision, FURTHER)
+    command = [*COMPILERS[compiler], *WARNINGS, "-c", source, "-o", tmp_path / "delta.o"]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_number_literals_of_floats_keep_their_value() -> None:
+    assert SINGLE.c_number(0.1) == "0.1f"
+    assert SINGLE.c_number(-2.0) == "(-2.0f)"
+    assert float(SINGLE.digits(1e-60)) > 0  # a guard against zero stays one
+    assert float(DOUBLE.digits(1e-60)) == 1e-60
+
+
+def test_robots_of_ones_own_have_no_joints_to_tell(tmp_path: Path) -> None:
+    folder = ROOT / "examples" / "heli4"
+    use_mechanism(folder / "mechanism.py")
+    chosen = disturbed(load_robot(folder / "robot.yaml"))
+    c_code(chosen, "heli", SINGLE, ("regressor",))
+    for name in ("constraint-forces", "passive-joints"):
+        with pytest.raises(DeltaidError, match="mechanism of"):
+            c_code(chosen, "heli", DOUBLE, (name,))
+
+
+def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
+    for options in ({"single": True}, {"functions": ["regressor"]}):
+        with pytest.raises(DeltaidError, match="urdf is none"):
+            write_export("linear-delta", "urdf", tmp_path / "r.urdf", **options)
+    with pytest.raises(DeltaidError, match="no further function 'regresor'"):
+        write_export("linear-delta", "c", tmp_path / "r.c", functions=["regresor"])
+    assert not list(tmp_path.iterdir())
+    found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES)
+    assert "single" in (tmp_path / "r.h").read_text()
+    assert "only the sum of the forces" in found.warnings[0]  # of struts, as `deltaid forces` says
