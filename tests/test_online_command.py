@@ -122,6 +122,14 @@ def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
     assert found.cycles == 2900
 
 
+def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked) -> None:
+    late = [pl.col(f"q{i}").shift(5).fill_null(strategy="backward") for i in (1, 2, 3)]
+    found = watch(
+        made.model, open_replay(made.model, made.table.with_columns(late)), OnlineSettings()
+    )
+    assert "torques may lag" in found.doubt
+
+
 def test_what_is_refused(folder: Path, tmp_path: Path) -> None:
     model, log = folder / "model.yaml", folder / "log.csv"
 

@@ -71,6 +71,8 @@ def _verdict(watched: Watched) -> Summary:
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
         f"{watched.cycles / watched.rate:.4g} s."
     )
+    if watched.doubt:
+        return Summary(Grade.FAIR, f"Doubtful: {watched.doubt}.", (text, *told_lines(watched)))
     return Summary(Grade.GOOD, text, told_lines(watched))
 
 
