@@ -1,6 +1,6 @@
 """A short recording of a robot that holds loads and is pushed, and a model of the robot.
 
-Drives follow their motion whatever happens, so what a load or a push takes shows in torques at once.
+Drives follow their motion whatever happens, so torques show at once what a load or a push takes.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.model.model import Model, load
 from deltaid.model.settings import Settings
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot
 
 RATE, NOISE = 1000.0, 0.02
@@ -38,7 +38,9 @@ def picked(name: str = "clavel-delta3", duration: float = 10.0, seed: int = 4) -
     robot, rng = load_robot(name), np.random.default_rng(seed)
     dynamics, p = compiled(robot), surrogate_parameters(robot, rng)
     motions = [random_motion(dynamics.kinematics, rng, period=5.0) for _ in range(2)]
-    known = simulate_recording(dynamics, p, motions[0], rng, duration=12.0, rate=RATE)
+    known = simulate_recording(
+        dynamics, p, motions[0], rng, duration=12.0, rate=RATE, noise=SensorNoise()
+    )
     model = load(identify(robot, known, settings=SETTINGS, force=True))
     time = np.arange(round(duration * RATE)) / RATE
     z, zd, zdd = motions[1].evaluate(time)

@@ -130,3 +130,14 @@ def test_least_force_is_found_in_95_of_100_cases() -> None:
         rho = T.T @ (force * n) + rng.multivariate_normal(np.zeros(4), S, size=20000)
         found = np.einsum("ki,ij,kj->k", rho, np.linalg.inv(S), rho) > u * u
         assert 0.95 <= found.mean() < 0.98  # noise aside of n adds to χ as well
+
+
+@pytest.mark.parametrize("drive", range(3))
+def test_place_does_not_suffer_from_a_load_that_nobody_told(drive: int) -> None:
+    kilogram = T.T @ np.array([0.0, 0.0, -9.81])
+    found = judged(20.0 * np.eye(4)[drive], lifted=kilogram, light=0.0, heavy=3.0)
+    assert found["found"] == 1
+    assert found["limb"] == drive + 1
+    aside = judged(-T.T @ np.array([40.0, 20.0, 0.0]), lifted=kilogram, light=0.0, heavy=3.0)
+    assert aside["limb"] == 0
+    np.testing.assert_allclose(aside["force"][:2], (40.0, 20.0), rtol=0.2)

@@ -84,7 +84,8 @@ def online(
             save(over_time(found), output)
         if report is not None:
             _report(found, known, report)
-    print_warnings([f"{log}: {text}" for text in replay.log.warnings])
+    doubts = [*replay.log.warnings, *([found.doubt] if found.doubt else [])]
+    print_warnings([f"{log}: {text}" for text in doubts])
     if as_json:
         print_json(_as_dictionary(found, replay))
     else:
@@ -137,6 +138,7 @@ def _as_dictionary(found: "Watched", replay: "Replay") -> dict[str, Any]:
         "friction": [asdict(one) for one in found.friction],
         "false_alarms_an_hour": found.false_alarms,
         "smallest_force": {"best": found.best, "worst": found.worst},
+        "doubt": found.doubt or None,
     }
 
 

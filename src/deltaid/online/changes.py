@@ -26,8 +26,9 @@ from deltaid.online.layout import Field
 _ONSETS, _LIFE = 3, 0.15
 # Of the load held, what may be left after a release.
 _LEFT = 0.4
-# The variance of what a change begins with is larger than 1/C by this factor: its onset is a guess.
-_WIDER = 4.0
+# The variance of what a change begins with is larger than 1/C by this factor, and by the square of
+# this share of it: its onset is a guess.
+_WIDER, _ROUGH = 4.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,12 +163,14 @@ class Rules:
     Attributes:
         least: mass that is looked for, in units of the largest mass.
         alarm: score of a change.
+        confirmed: for how long a change must be likely [s]: filters do not show all of it at first.
         grip_time: [s] from the gripper's signal to the change.
         period: of a cycle [s].
     """
 
     least: float
     alarm: float
+    confirmed: float
     grip_time: float
     period: float
 
@@ -187,7 +190,7 @@ def change(
         gripper: 1 holds, 0 empty, -1 not told.
         mass, spread: of the load held, in units of the largest mass.
     """
-    waited = ca.SX.sym("waited")
+    waited, alert = ca.SX.sym("waited"), ca.SX.sym("alert")
     silent, wanted, differs = gripper <= -0.5, gripper > 0.5, waits(held, gripper)
     waiting = ca.if_else(differs, waited + rules.period, 0)
     by_gripper = ca.logic_and(differs, waiting > rules.grip_time)
@@ -195,6 +198,9 @@ def change(
     more = ca.logic_and(silent, ca.logic_and(score > rules.alarm, size > least))
     less = ca.logic_and(silent, ca.logic_and(score < -rules.alarm, size < -least))
     less = ca.logic_and(less, held)
+    alerted = ca.if_else(ca.logic_or(more, less), alert + rules.period, 0)
+    sure = alerted > rules.confirmed
+    more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
     nothing = ca.logic_and(ca.logic_and(held, silent), mass + 2 * spread < least)
     left = ca.logic_and(less, mass + size > ca.fmax(_LEFT * mass, least))
     now = ca.if_else(ca.logic_or(nothing, less), left, ca.logic_or(held, more))
@@ -204,6 +210,11 @@ def change(
     kept = (
         Kept(Field("held", 1, "1 while a load is held"), held, now),
         Kept(since, waited, waiting * (1 - by_gripper)),
+        Kept(
+            Field("alert", 1, "time for which a change was likely", "s"),
+            alert,
+            alerted * (1 - sure),
+        ),
     )
     return Change(changed, now, by_gripper, ca.logic_or(more, less), kept)
 
@@ -220,13 +231,13 @@ def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estima
     mine = ca.vertcat(ca.SX.ones(n_load), ca.SX.zeros(n - n_load))
     by_itself = found.seen
     mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * found.held
-    variance = _WIDER / (seen.information + 1.0)
-    others = (1 - mine) * seen.moved * by_itself
-    first = ca.vertcat(found.held * by_itself, ca.SX.zeros(n - 1))
-    along = first - others
+    variance = _WIDER / (seen.information + 1.0) + (_ROUGH * seen.size) ** 2
+    others = ca.vertcat(ca.SX(n_load, 1), seen.moved[n_load:]) * by_itself
+    first = ca.vertcat(found.held * by_itself, ca.SX(n - 1, 1))
+    along = ca.densify(first - others) * ca.sqrt(variance)
     x = estimate.x * (1 - mine * found.changed) - others * seen.size + first * mass
     kept = 1 - mine * found.changed
     fresh = ca.vertcat(found.told, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
     fresh = fresh * (found.changed * found.held)
-    P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + variance * (along @ along.T)
+    P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

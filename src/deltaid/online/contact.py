@@ -16,9 +16,13 @@ K u f(u) times a second, f the density of χ with as many degrees of freedom as 
 So u follows from how many false alarms an hour are accepted, and neighbouring samples, which say
 the same thing, do not count twice.
 
+Where nobody tells what is held, the likeliest load within the payload is taken out before, and the
+place is looked for with that load as noise.
+
 A contact is at drive i's limb if that drive's torque alone explains ρ, at the platform if not.
 The smallest force on the platform along a unit vector n that is told, in 95 of 100 cases, is
-(u + 1.645) / √(nᵀ A n) with A = T S⁻¹ Tᵀ and T = ∂(platform point)/∂q.
+(u + 1.645) / √(nᵀ A n) with A = T S⁻¹ Tᵀ and T = ∂(platform point)/∂q, where it is told what is
+held.
 """
 
 from dataclasses import dataclass
@@ -129,22 +133,25 @@ class Contact:
     information: ca.SX
 
 
-def contact(residual: Residual, before: ca.SX, u: float | ca.SX) -> Contact:
+def contact(residual: Residual, before: ca.SX, u: float, live: ca.SX | float = 1.0) -> Contact:
     """Judge a residual.
 
     Args:
         before: whether there was a contact a cycle ago.
         u: threshold.
+        live: 0 where the filter has no past, so that nothing can be told.
     """
-    rho, T = _beyond(residual), residual.levers
-    dof = rho.numel()
-    solved = cholesky_solve(residual.covariance, ca.horzcat(rho, T.T, ca.SX.eye(dof)))
+    beyond, T = _beyond(residual), residual.levers
+    dof = beyond.numel()
+    solved = cholesky_solve(residual.covariance, ca.horzcat(beyond, T.T))
+    length, information = ca.dot(beyond, solved[:, 0]), T @ solved[:, 1:]
+    size = ca.if_else(live, ca.sqrt(ca.fmax(length, 0.0)) / u, 0.0)
+    found = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
+    rho, S = _with_load(residual)
+    solved = cholesky_solve(S, ca.horzcat(rho, T.T, ca.SX.eye(dof)))
     weighted, of_levers, inverse = solved[:, 0], solved[:, 1 : 1 + T.shape[0]], solved[:, -dof:]
     squared = ca.dot(rho, weighted)
-    size = ca.sqrt(ca.fmax(squared, 0.0)) / u
-    found = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
-    information = T @ of_levers
-    force = -cholesky_solve(information, T @ weighted)
+    force = -cholesky_solve(T @ of_levers, T @ weighted)
     limb = _limb(weighted, inverse, squared)
     return Contact(
         size=size,
@@ -170,6 +177,16 @@ def _beyond(residual: Residual) -> ca.SX:
         mass = ca.dot(weighted, rho) * share / (share * share + 1e-30)
         rho -= residual.lifted * ca.fmin(ca.fmax(mass, residual.light), residual.heavy)
     return _outside(rho, bound)
+
+
+def _with_load(residual: Residual) -> tuple[ca.SX, ca.SX]:
+    """ρ for finding the place, and its covariance: a load that nobody told counts as noise, since
+    taking out the likeliest one would take out a part of a push as well."""
+    rho, S = _outside(residual.value, _BREAKAWAY * residual.bound), residual.covariance
+    if residual.lifted is not None and residual.light is not None and residual.heavy is not None:
+        whole = residual.lifted * (residual.heavy - residual.light)
+        S += whole @ whole.T
+    return rho, S
 
 
 def _outside(x: ca.SX, bound: ca.SX) -> ca.SX:

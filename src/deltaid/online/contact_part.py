@@ -32,6 +32,8 @@ class Expected:
         mass: of the load held, in units of the largest one.
         lifted: columns of the load, the mass first, one for each entry's largest size.
         told: 1 where the gripper tells what it holds.
+        lacking: size of torques that the model has not.
+        live: 1 where the residual has a past.
         M: mass matrix.
     """
 
@@ -43,6 +45,8 @@ class Expected:
     mass: ca.SX
     lifted: ca.SX
     told: ca.SX
+    lacking: ca.SX
+    live: ca.SX
     M: ca.SX
 
 
@@ -53,7 +57,6 @@ class ContactSettings:
     Attributes:
         false_alarms: accepted in an hour.
         noise: standard deviation of one cycle's torque, drive by drive [N m or N].
-        unmodelled: of torques that the model has not, drive by drive.
         speed_noise: of one cycle's speed, drive by drive [rad/s or m/s].
         corner: K of the filter [1/s].
         period: of a cycle [s].
@@ -61,7 +64,6 @@ class ContactSettings:
 
     false_alarms: float
     noise: Float[np.ndarray, " drives"]
-    unmodelled: Float[np.ndarray, " drives"]
     speed_noise: Float[np.ndarray, " drives"]
     corner: float
     period: float
@@ -77,11 +79,11 @@ def residual_of(
 ) -> Residual:
     """The residual with its covariance: of what is estimated, of torques that the model has not,
     of torque noise behind the filter, and of noise of speeds in the momentum, K M v."""
-    behind = settings.unmodelled**2 + settings.noise**2 * 0.5 * settings.corner * settings.period
+    behind = e.lacking**2 + settings.noise**2 * (0.5 * settings.corner * settings.period)
     untold = 1 - e.told
     speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
     aside = e.lifted[:, 1:] * (_ASIDE * untold)
-    S = e.columns @ e.covariance @ e.columns.T + ca.diag(ca.DM(behind)) + speeds @ speeds.T
+    S = e.columns @ e.covariance @ e.columns.T + ca.diag(behind) + speeds @ speeds.T
     S += aside @ aside.T
     T = mechanism.speeds.inverse_jacobian[robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(e.z)
@@ -102,7 +104,7 @@ def contact_part(
     """Contact of one cycle, and the fields that it keeps and gives."""
     since = ca.SX.sym("contact_time")
     residual = residual_of(robot, mechanism, e, settings)
-    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), settings.threshold)
+    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), settings.threshold, e.live)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     moves, dof = residual.levers.shape
     unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
@@ -149,12 +151,13 @@ def contact_of(cycle: Cycle) -> Part:
         mass=x[0],
         lifted=s.columns[:, s.at_load],
         told=ca.if_else(s.u["gripper"] > -0.5, 1.0, 0.0),
+        lacking=e.lacking,
+        live=s.live,
         M=M(s.z, ca.SX(cycle.model.p)),
     )
     of = ContactSettings(
         settings.false_alarms,
         known.noise,
-        known.unmodelled,
         speed_noise,
         settings.corner,
         settings.period,

@@ -26,7 +26,7 @@ class Cycle:
         model, settings, known: what the cycle is of.
         signals: what is read, filtered.
         estimates: what is known of load, model and friction.
-        anew: 1 where filters begin anew behind this cycle, because the gripper told of another load.
+        anew: 1 where filters begin anew behind this cycle, as the gripper told of another load.
     """
 
     model: Model
@@ -66,7 +66,7 @@ def step_graph(
     parts = [
         first,
         found.part,
-        friction_part(model, known, found.behind.x[read.at_friction]),
+        friction_part(model, known, found.behind.x[read.at_friction], bounds),
         *(one(cycle) for one in more),
     ]
     graph = assembled(read.inputs, read.u, read.good, parts, settings.period)

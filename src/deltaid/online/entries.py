@@ -18,7 +18,6 @@ estimate is.
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
@@ -30,6 +29,8 @@ _BARRIER = 1e-4
 _AXES = ((4, (2, 3)), (5, (1, 3)), (6, (1, 2)))
 # Least moment about the centre: that of a radius of gyration of this share of the extent.
 _LEAST = 1e-3
+# Pivots below this share of it could be lost in rounding.
+_ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class LoadEntries:
     def consistent(self, x: ca.SX, P: ca.SX, scales: tuple[float, ...], extent: float) -> ca.SX:
         """Entries of a load that exists, from an estimate and its covariance.
 
-        A mass that had to be moved takes the others with it as far as they hang together. Centres
-        lie within the extent.
+        A mass that had to be moved takes the others with it as far as they hang together. All of
+        it lies within the extent.
 
         Args:
             x, P: estimate and covariance, in units of the scales.
@@ -78,14 +79,18 @@ class LoadEntries:
         mc = ca.vertcat(*(ten[k] for k in across))
         reach = ca.sqrt(ca.sumsqr(mc) + 1e-30) / (extent * ten[0])
         mc = mc / ca.fmax(1, reach)
-        least = _LEAST * extent**2 * ten[0]
+        most = extent**2 * ten[0]
+        least = _LEAST * most
         for i, k in enumerate(across):
             ten[k] = mc[i]
         if self.axis is not None:
             of_centre = ca.sumsqr(mc) / ten[0]
             turned = self.shown[-1]
-            ten[turned] = of_centre + _positive(ten[turned] - of_centre, least)
+            ten[turned] = of_centre + _positive(ca.fmin(ten[turned], most) - of_centre, least)
         else:
+            second = 0.5 * (ten[4] + ten[5] + ten[6])  # tr Σ
+            shrunk = ca.fmin(1, most / ca.fmax(second, least))
+            ten |= {k: ten[k] * shrunk for k in range(4, 10)}
             ten |= _second_moments(ten, mc, least)
         return ca.vertcat(*(ten[k] for k in self.shown))
 
@@ -98,7 +103,10 @@ def _positive(x: ca.SX, spread: ca.SX) -> ca.SX:
 
 
 def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int, ca.SX]:
-    """The six moments with Σ − mc mcᵀ/m positive definite, by its factorisation L D Lᵀ."""
+    """The six moments with Σ − mc mcᵀ/m positive definite, by its factorisation L D Lᵀ.
+
+    Slopes L are kept within what a product of inertia can be, or tiny pivots would make them large.
+    """
     half = 0.5 * (ten[4] + ten[5] + ten[6])
     place = {(0, 0): 4, (1, 1): 5, (2, 2): 6, (1, 0): 7, (2, 1): 8, (2, 0): 9}
     S = ca.SX.zeros(3, 3)
@@ -106,9 +114,12 @@ def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int,
         S[i, j] = (half if i == j else 0) - ten[k] - mc[i] * mc[j] / ten[0]
     L, D = ca.SX.eye(3), ca.SX.zeros(3)
     for j in range(3):
-        D[j] = _positive(S[j, j] - ca.dot(L[j, :j].T ** 2, D[:j]), least)
+        pivot = S[j, j] - ca.dot(L[j, :j].T ** 2, D[:j])
+        D[j] = ca.fmax(_positive(pivot, least), _ROUNDING * least)
         for i in range(j + 1, 3):
-            L[i, j] = (S[i, j] - ca.dot(L[i, :j].T * L[j, :j].T, D[:j])) / D[j]
+            most = ca.sqrt(_positive(S[i, i], least) / D[j])
+            slope = (S[i, j] - ca.dot(L[i, :j].T * L[j, :j].T, D[:j])) / D[j]
+            L[i, j] = ca.fmin(ca.fmax(slope, -most), most)
     Sigma = L @ ca.diag(D) @ L.T + mc @ mc.T / ten[0]
     trace = ca.trace(Sigma)
     return {k: (trace if i == j else 0) - Sigma[i, j] for (i, j), k in place.items()}

@@ -16,6 +16,8 @@ SOON = 0.2
 _HALF = 1.959964
 # An entry is shown if half of its interval is below this share of what such a load may have.
 _SHOWN = 0.25
+# What is held for less is a step on the way to another load [s].
+_STEP = 0.06
 # Contacts that are no farther apart are one [s].
 _APART = 0.02
 
@@ -31,9 +33,14 @@ class _Held:
 
 
 class Loads:
-    """Loads that were held, one after the other."""
+    """Loads that were held, one after the other.
 
-    def __init__(self, online: Online) -> None:
+    Args:
+        told: whether a gripper told when; else what is hardly a load, or a moment long, is none.
+    """
+
+    def __init__(self, online: Online, told: bool) -> None:
+        self._told, self._least = told, online.known.least_mass
         self._scales = np.array(online.known.load_scales)
         names = online.entries.names
         self._names = [(one, INERTIA_UNITS[INERTIA_NAMES.index(one)]) for one in names]
@@ -49,9 +56,13 @@ class Loads:
         begin = 0
         for k in np.flatnonzero(found.changed):
             self._hold(time[begin:k], found, slice(begin, int(k)))
+            start = float(time[k])
+            if self._held is not None and found.held[k] and start - self._held.start < _STEP:
+                start = self._held.start  # the same load, better seen
+                self._held = None
             self._close(float(time[k]))
             if found.held[k]:
-                self._held = _Held(float(time[k]))
+                self._held = _Held(start)
             begin = int(k)
         self._hold(time[begin:], found, slice(begin, len(time)))
 
@@ -69,6 +80,10 @@ class Loads:
     def _close(self, end: float | None) -> None:
         one, self._held = self._held, None
         if one is None or one.load is None or one.std is None:
+            return
+        if end is not None and end - one.start < _STEP and not self._told:
+            return
+        if one.load[0] < self._least and not self._told:
             return
         largest = self._scales * one.load[0] / self._scales[0]
         entries = []

@@ -9,7 +9,6 @@ from jaxtyping import Float
 from deltaid.kernel.batch import BatchKernel
 from deltaid.model.model import Model
 from deltaid.online.knowledge import Knowledge
-from deltaid.online.settings import OnlineSettings
 
 
 class FeedForward:
@@ -21,7 +20,7 @@ class FeedForward:
             where a noisy measurement does.
     """
 
-    def __init__(self, model: Model, known: Knowledge, settings: OnlineSettings) -> None:
+    def __init__(self, model: Model, known: Knowledge) -> None:
         e, layout = model.dynamics.equations, model.layout
         self.z, self.qd, self.qdd = e.z, e.qd, e.qdd
         self.load = ca.SX.sym("load", len(known.entries.shown))

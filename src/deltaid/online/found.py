@@ -122,6 +122,10 @@ class Series:
     worst: Float[np.ndarray, " rows"]
 
 
+# Contacts below this many thresholds are slight, and so many of them, and half of all, are strange.
+_SLIGHT, _STRANGE = 2.0, 5
+
+
 @dataclass(frozen=True, eq=False)
 class Watched:
     """A recording that was run through, cycle by cycle.
@@ -155,3 +159,15 @@ class Watched:
     worst: float
     seconds: float
     series: Series
+
+    @property
+    def doubt(self) -> str:
+        """Why contacts may be none, in words; empty where nothing speaks for it."""
+        slight = sum(one.size < _SLIGHT for one in self.touches)
+        if slight < max(_STRANGE, 0.5 * len(self.touches)):
+            return ""
+        return (
+            f"{slight} of {len(self.touches)} contacts are hardly beyond the threshold, which "
+            "pushes are not as a rule: torques may lag, or the model be of another robot or state; "
+            "see what `deltaid validate` and `deltaid check` say of this recording"
+        )

@@ -34,12 +34,13 @@ def friction_bounds(model: Model, known: Knowledge, share: float) -> Bounds:
     return tuple(low), tuple(high)
 
 
-def friction_part(model: Model, known: Knowledge, x: ca.SX) -> Part:
+def friction_part(model: Model, known: Knowledge, x: ca.SX, bounds: Bounds) -> Part:
     """The followed coefficients as an output.
 
     Args:
         x: their deviations behind a cycle.
     """
+    x = ca.fmin(ca.fmax(x, ca.SX(bounds[0])), ca.SX(bounds[1]))
     names = ", ".join(model.layout.names[k] for k in known.followed)
     value = ca.SX(model.p[list(known.followed)]) + ca.SX(np.array(known.friction_std)) * x
     field = Field("friction", len(known.followed), f"coefficients: {names}")

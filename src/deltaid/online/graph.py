@@ -1,8 +1,8 @@
 """One cycle as a graph: state and inputs to the next state and outputs, all with named fields.
 
 Parts, such as the estimate of a load, say which fields they keep and give; here they become one
-function. A cycle whose inputs or results are not finite, or whose loops do not close, leaves the
-state as it was, but for the filters, which begin anew after it.
+function. Of a cycle whose inputs are not finite, or whose loops do not close, nothing is used:
+signals are zero there (`signals`), so estimates stay, and filters begin anew behind it.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ _LARGEST = 1e15
 
 @dataclass(frozen=True)
 class Kept:
-    """A field of the state: its symbol, what it becomes, and what it becomes in a bad cycle, which
-    is what it was if that is None."""
+    """A field of the state: its symbol, what it becomes, and what it becomes in a bad cycle if that
+    is something else."""
 
     field: Field
     symbol: ca.SX
@@ -91,10 +91,15 @@ def assembled(
     kept = [one for part in parts for one in part.kept if one.field.size]
     given = [one for part in parts for one in part.given if one.field.size]
     state, outputs = Layout.of(*(one.field for one in kept)), Layout.of(*(g.field for g in given))
-    following = state.vector({one.field.name: one.following for one in kept})
+    following = state.vector(
+        {
+            one.field.name: one.following
+            if one.spoilt is None
+            else chosen(good, one.following, one.spoilt)
+            for one in kept
+        }
+    )
     y = outputs.vector({one.field.name: one.value for one in given})
-    good = ca.logic_and(good, all_finite(ca.vertcat(following, y)))
-    spoilt = {k.field.name: k.symbol if k.spoilt is None else k.spoilt for k in kept}
     status = Field("status", 1, "0 for a good cycle, 1 for one that could not be used")
     return StepGraph(
         state,
@@ -102,8 +107,8 @@ def assembled(
         outputs + Layout.of(status),
         ca.vertcat(ca.SX(0, 1), *(one.symbol for one in kept)),
         inputs.vector(u),
-        chosen(good, following, state.vector(spoilt)),
-        ca.vertcat(chosen(good, y, ca.SX.zeros(y.numel())), 1 - good),
+        following,
+        ca.vertcat(y, 1 - good),
         period,
     )
 
@@ -111,6 +116,11 @@ def assembled(
 def all_finite(x: ca.SX) -> ca.SX:
     """1 where no number is NaN, infinite or beyond all bounds."""
     return ca.sum1(ca.fabs(ca.densify(x))) < _LARGEST
+
+
+def only_if(condition: ca.SX, x: ca.SX) -> ca.SX:
+    """x, its pattern kept, or zero."""
+    return ca.SX(x.sparsity(), ca.if_else(condition, x.nz[:], 0))
 
 
 def chosen(condition: ca.SX, yes: ca.SX, no: ca.SX) -> ca.SX:

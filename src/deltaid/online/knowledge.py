@@ -20,8 +20,8 @@ from deltaid.online.entries import LoadEntries, load_entries
 from deltaid.online.settings import OnlineSettings
 from deltaid.posterior.density import density
 
-# Directions beside friction, at most.
-_DIRECTIONS = 4
+# Directions beside friction, at most, and how large their torque must be, as a share of the noise.
+_DIRECTIONS, _SMALLEST = 3, 0.1
 # Torque noise and unmodelled torque where nothing is known of them, as shares of a drive's largest.
 _NOISE, _UNMODELLED = 0.02, 0.01
 # Torques that a model has not: as shares of what the fit left, and of friction near rest.
@@ -103,17 +103,19 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
     rest = root.copy()
     rest[list(followed)] = 0.0
     seen = (Y @ rest) / noise[:, None] / np.sqrt(_SAMPLES)
-    _, size, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
+    _, sizes, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
+    count = min(_DIRECTIONS, int(np.sum(sizes > _SMALLEST)))
+    left_out = np.sqrt(np.mean(np.sum((Y @ (rest @ V[count:].T)) ** 2, axis=2), axis=0))
     mass = settings.largest_mass or _LOAD_SHARE * float(model.body(entries.body)[0])
     return Knowledge(
         entries=entries,
         load_scales=entries.scales(mass, settings.extent),
         least_mass=settings.least_mass or 0.01 * mass,
-        directions=rest @ V[:_DIRECTIONS].T,
+        directions=rest @ V[:count].T,
         followed=followed,
         friction_std=tuple(std.tolist()),
         noise=noise,
-        unmodelled=unmodelled,
+        unmodelled=unmodelled if settings.unmodelled else np.hypot(unmodelled, left_out),
         largest=largest,
     )
 

@@ -4,10 +4,10 @@
 
 Ψ and Φ are filtered columns (`signals`). c are errors of the model: constants with the covariance
 that the identification left, and the drives' friction, which may change slowly. d is torque that
-the model has not and that stays for some hundredths of a second, one number a drive; how large it is on this robot is
-learnt from how large it is found to be, E(d² + P_dd) = 1 in units of its size. Because they
-are estimated together, what the robot showed of c while it was empty, or carried a load before,
-stays, and what it did not show remains in the load's interval however long it is held.
+the model has not and that stays for some hundredths of a second, one number a drive; how large it
+is on this robot is learnt from how large it is found to be, E(d² + P_dd) = 1 in units of its size.
+Because all are estimated together, what the robot showed of c while it was empty, or carried a load
+before, stays, and what it did not show remains in the load's interval however long it is held.
 
 Only the load begins anew when it is taken.
 """
@@ -52,6 +52,7 @@ class Estimates:
         changed: 1 where that is another one from now on.
         told: 1 where the gripper told that.
         load: entries of the load, consistent; zero while none is held.
+        lacking: size of torques that the model has not, δ.
         part: of the graph.
     """
 
@@ -64,6 +65,7 @@ class Estimates:
     changed: ca.SX
     told: ca.SX
     load: ca.SX
+    lacking: ca.SX
     part: Part
 
 
@@ -91,7 +93,7 @@ def estimates(
     prior = ca.vertcat(*(held if kind == 0 else ca.SX(1) for kind in kinds))
     before = Estimate(x, P).forgotten(ca.SX(stays), prior, ca.SX((kinds == 3).astype(float)))
     innovations = s.smooth_residual - rows @ before.x
-    variances = known.noise**2 + (_AT_REST / period) * s.dry**2
+    variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
     gripper = s.u["gripper"]
     weight = s.live * (1 - touched) * (1 - waits(held, gripper))
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
@@ -104,7 +106,11 @@ def estimates(
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
     rules = Rules(
-        known.least_mass / known.load_scales[0], settings.alarm, settings.grip_time, period
+        known.least_mass / known.load_scales[0],
+        settings.alarm,
+        2 / settings.corner,
+        settings.grip_time,
+        period,
     )
     found = change(seen, held, gripper, behind.x[0], spread, rules)
     of_drives = slice(n - s.qd.numel(), n)
@@ -148,6 +154,7 @@ def estimates(
     )
     return Estimates(
         rows, innovations, variances, before, behind, found.held, found.changed, found.told, load,
+        ca.SX(known.unmodelled) * level,
         Part(kept, given),
     )  # fmt: skip
 
@@ -172,7 +179,14 @@ def _memory(settings: OnlineSettings) -> tuple[float, ...]:
 
 
 def _bounded(estimate: Estimate, at: slice, bounds: Bounds) -> Estimate:
-    """With friction within its bounds."""
-    x = ca.SX(estimate.x)
-    x[at] = ca.fmin(ca.fmax(x[at], ca.SX(bounds[0])), ca.SX(bounds[1]))
-    return Estimate(x, estimate.P)
+    """With friction within its bounds.
+
+    What hangs together with a coefficient moves with it, x + P_k (bound − x_k) / P_kk: that is the
+    likeliest estimate at the bound. If the coefficient moved alone, the others would no longer fit
+    what was measured, and the next cycle would throw them about.
+    """
+    x, P = ca.SX(estimate.x), estimate.P
+    for k, low, high in zip(range(at.start, at.stop), *bounds, strict=True):
+        beyond = ca.fmin(ca.fmax(x[k], low), high) - x[k]
+        x = x + P[:, k] * (beyond / ca.fmax(P[k, k], 1e-12))
+    return Estimate(x, P)

@@ -1,4 +1,4 @@
-"""The pose z of measured drive coordinates: in closed form, or by Newton's steps from cycle to cycle."""
+"""The pose z of measured drive coordinates: in closed form, or by Newton steps cycle by cycle."""
 
 from dataclasses import dataclass
 

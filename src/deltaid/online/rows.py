@@ -1,8 +1,7 @@
 """The rows of a recording as a controller would have had them, cycle by cycle.
 
-Where velocities are recorded they are taken. Where not, that of row k is (q_{k+1} − q_{k−1})/2h and
-is known a row later: so a controller runs a row late, and what it finds is told at the time of the
-row after. Torques are as recorded but for lags that the model's drives are known to have.
+Where velocities are recorded they are taken; where not, the cycle differences positions itself.
+Torques are as recorded but for lags that the model's drives are known to have.
 """
 
 from collections.abc import Iterator
@@ -25,6 +24,8 @@ from deltaid.recording.repairs import Repairs
 NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 # Cycles a second that an observer can be run at.
 _LEAST_RATE = 100.0
+# Rows of a block, so that all that cycles give of it has room.
+_BLOCK = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,8 @@ class Rows:
     Attributes:
         begins: whether the first one follows a hole, or nothing.
         time: when each is known [s].
-        q, qd: of the joints.
+        q: of the joints.
+        qd: the same; None where it is not recorded.
         tau: as the drives report it.
         gripper: what it says: −1 nothing, 0 empty, 1 holds.
     """
@@ -42,7 +44,7 @@ class Rows:
     begins: bool
     time: Float[np.ndarray, " samples"]
     q: Samples
-    qd: Samples
+    qd: Samples | None
     tau: Samples
     gripper: Float[np.ndarray, " samples"]
 
@@ -74,7 +76,7 @@ class Replay:
         """Standard deviation of each drive's speed, where it is made of positions; else None."""
         if self.has_velocity:
             return None
-        return tuple((self.log.position_noise * self.rate * np.sqrt(0.5)).tolist())
+        return tuple((self.log.position_noise * self.rate * np.sqrt(2.0)).tolist())
 
     @property
     def is_told(self) -> bool:
@@ -83,33 +85,27 @@ class Replay:
 
     def rows(self) -> Iterator[Rows]:
         """All cycles, in blocks; after a hole the first block begins anew."""
-        width = len(self.log.columns.all) + len(self.log.columns.torque)
         for segment in self.log.segments(None):
-            lead, begins = np.empty((0, width)), True
+            begins = True
             for block in self.repairs.of(segment, self.log.columns, self.rate):
-                values = np.vstack([lead, block])
-                rows = self._of(values, len(lead), begins)
-                lead = values[-2:]
-                if len(rows.time):
-                    yield rows
+                for start in range(0, len(block), _BLOCK):
+                    yield self._of(block[start : start + _BLOCK], begins)
                     begins = False
 
-    def _of(self, values: Float[np.ndarray, "_ _"], lead: int, begins: bool) -> Rows:
-        """Cycles of some rows; the first of them, `lead`, were there before."""
+    def _of(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Rows:
         c, dof = self.log.columns, len(self.log.columns.torque)
-        q, tau = values[:, 1 : 1 + dof], values[:, c.torque_places]
-        if self.has_velocity:
-            part = slice(lead, None)
-            qd, at = values[part, 1 + dof : 1 + 2 * dof], values[part, 0]
-        else:
-            part = slice(1, -1)
-            qd = 0.5 * self.rate * (q[2:] - q[:-2])
-            at = values[2:, 0]
         told = values[:, c.extra_places]
         gripper = np.full(len(values), NOT_TOLD)
         if c.loads:
             gripper = np.where(c.held(values[:, 0], told).any(axis=0), HOLDS, EMPTY)
-        return Rows(begins, at, q[part], qd, tau[part], gripper[part])
+        return Rows(
+            begins,
+            values[:, 0],
+            values[:, 1 : 1 + dof],
+            values[:, 1 + dof : 1 + 2 * dof] if self.has_velocity else None,
+            values[:, c.torque_places],
+            gripper,
+        )
 
 
 def open_replay(

@@ -32,8 +32,8 @@ class OnlineSettings:
         friction_range: share by which friction may be off or may change.
         friction_time: over which friction may change by that much [s].
         false_alarms: of contact that are accepted in an hour.
-        speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None for
-            none.
+        speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None
+            for none.
         alarm: how many standard deviations make a change of load.
     """
 

@@ -8,7 +8,7 @@ import numpy as np
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
 from deltaid.online.filtered import Lowpass
-from deltaid.online.graph import Kept, Part, all_finite, chosen
+from deltaid.online.graph import Kept, Part, all_finite, chosen, only_if
 from deltaid.online.knowledge import Knowledge
 from deltaid.online.layout import Field, Layout
 from deltaid.online.momentum import Momentum, build_momentum, filtered_torque
@@ -23,7 +23,7 @@ class Signals:
     Attributes:
         inputs, u: what is read, and its symbols.
         good: 1 where it can be used and the loops close.
-        live: 1 where the cycles before were good, so that filters have a past.
+        live: 1 where this cycle is good and those before were, so that filters have a past.
         z, qd, tau: pose, speeds, and torques on the joints' side.
         residual: ρ, filtered torque that the model without any load does not explain.
         columns: filtered torques of a load's entries, of the model's own directions and of the
@@ -79,10 +79,10 @@ def signals(
     inputs = inputs_of(model, settings)
     u = inputs.symbols("in")
     now = _instant(u, ca.SX(model.gains), settings)
-    q, qd, tau, live = now.q, now.qd, now.tau, now.live
+    q, qd, tau = now.q, now.qd, now.tau
     near = ca.SX.sym("z", dof)
     found = pose(mechanism, near, q)
-    momentum, D, columns = _columns(model, known, settings)
+    momentum, D = _columns(model, known, settings)
     load = _carried(model, qd, tau)
     period, K = settings.period, settings.corner
     lines = Lowpass.lines(K, period)
@@ -91,7 +91,12 @@ def signals(
         [momentum.z, momentum.qd, momentum.load],
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
-    of_momentum, rest, dry = along(found.z, qd, load)
+    parts = along(found.z, qd, load)
+    finite = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
+    good = ca.logic_and(all_finite(inputs.vector(u)), ca.logic_and(found.closed, finite))
+    of_momentum, rest, dry = (only_if(good, part) for part in parts)
+    qd, tau, z = only_if(good, qd), only_if(good, tau), chosen(good, found.z, ca.SX(model.home))
+    live = ca.logic_and(now.live, good)
     shape = (ca.DM(of_momentum.sparsity(), 1) + ca.DM(rest.sparsity(), 1)).sparsity()
     before = ca.SX.sym("columns", shape.nnz())
     f = filtered_torque(of_momentum, rest, ca.SX(shape, before), lines, K)
@@ -100,11 +105,10 @@ def signals(
     torque = of_torque.output(torque_before, tau)
     dry = dry + _beyond(model, tau)
     dry_now = lines.output(dry_before, dry)
-    both = ca.horzcat(torque - f.output[:, 0], f.output[:, 1:])
+    both = only_if(live, ca.horzcat(torque - f.output[:, 0], f.output[:, 1:]))
     smooth_shape = both.sparsity()
     smooth_before = ca.SX.sym("smooth", smooth_shape.nnz())
     smooth = lines.output(ca.SX(smooth_shape, smooth_before), both)
-    good = ca.logic_and(all_finite(inputs.vector(u)), found.closed)
     begins = ca.logic_or(anew, ca.logic_not(live))
     at = np.cumsum([1, len(known.entries.shown), known.directions.shape[1], len(known.followed)])
     kept = [
@@ -124,7 +128,7 @@ def signals(
         _filter("dry", dry_before, lines.keep(dry_now, dry), lines.keep(dry, dry), begins),
     ]
     return Signals(
-        inputs, u, good, live, found.z, qd, tau,
+        inputs, u, good, live, z, qd, tau,
         residual=both[:, 0],
         columns=both[:, 1:],
         smooth_residual=smooth[:, 0],
@@ -169,8 +173,10 @@ def _instant(u: dict[str, ca.SX], gains: ca.SX, settings: OnlineSettings) -> _In
     dof = q.numel()
     q_before, tau_before = ca.SX.sym("q_before", dof), ca.SX.sym("tau_before", dof)
     kept += [
-        Kept(Field("q_before", dof, "drive coordinates of the cycle before"), q_before, q),
-        Kept(Field("tau_before", dof, "torques of the cycle before"), tau_before, tau),
+        Kept(
+            Field("q_before", dof, "drive coordinates of the cycle before"), q_before, q, q_before
+        ),
+        Kept(Field("tau_before", dof, "torques of the cycle before"), tau_before, tau, tau_before),
     ]
     last = chosen(count > 0, q_before, q)
     middle = tau_before if held else 0.5 * (tau + tau_before)
@@ -178,9 +184,7 @@ def _instant(u: dict[str, ca.SX], gains: ca.SX, settings: OnlineSettings) -> _In
     return _Instant(0.5 * (q + last), speed, middle, live, False, tuple(kept))
 
 
-def _columns(
-    model: Model, known: Knowledge, settings: OnlineSettings
-) -> tuple[Momentum, ca.DM, int]:
+def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[Momentum, ca.DM]:
     """The equations, and directions of p: the model's own, a load, its errors, friction."""
     rest = dict.fromkeys(model.robot.friction_joints, settings.rest_speed)
     momentum = build_momentum(model.robot, model.dynamics.kinematics.mechanism, rest)
@@ -188,7 +192,7 @@ def _columns(
     load = unit[:, [first + k for k in known.entries.shown]] * known.load_scales
     friction = unit[:, list(known.followed)] * known.friction_std
     D = np.column_stack([model.p, load, known.directions, friction])
-    return momentum, ca.DM(ca.sparsify(ca.DM(D))), D.shape[1]
+    return momentum, ca.sparsify(ca.DM(D))
 
 
 def _entries(matrix: ca.SX, shape: ca.Sparsity) -> ca.SX:

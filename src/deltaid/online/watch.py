@@ -1,7 +1,7 @@
 """A recording run through cycle by cycle, and what came of it."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,8 +17,10 @@ from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.rows import Replay, Rows
 from deltaid.online.settings import OnlineSettings
 
-# Rows of a series at most, and of a block of cycles.
-_SERIES, _BLOCK = 200_000, 20_000
+# [m/s²].
+_GRAVITY = 9.81
+# Rows of a series at most.
+_SERIES = 200_000
 
 
 def watch(
@@ -43,28 +45,14 @@ def watch(
             where=model.source,
             cure="identify a model from a recording first, `deltaid identify`",
         )
-    settings = replace(settings, rate=replay.rate, speed_noise=replay.speed_noise)
+    speed = "measured" if replay.has_velocity else "differenced"
+    settings = replace(settings, rate=replay.rate, speed=speed, speed_noise=replay.speed_noise)
     online = Online(model, settings, more=(contact_of,))
-    run = _Run(online, max(1, -(-replay.log.samples // _SERIES)))
-    for rows in blocks(replay.rows()):
+    run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
+    for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
         run.add(rows)
     return run.watched(replay)
-
-
-def blocks(rows: Iterator[Rows]) -> Iterator[Rows]:
-    """The same in blocks that are short enough for all that a cycle gives."""
-    for one in rows:
-        for start in range(0, len(one.time), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            yield Rows(
-                one.begins and start == 0,
-                one.time[part],
-                one.q[part],
-                one.qd[part],
-                one.tau[part],
-                one.gripper[part],
-            )
 
 
 @dataclass
@@ -72,6 +60,7 @@ class _Run:
     """A recording on its way through."""
 
     online: Online
+    told: bool
     every: int
     series: list[Series] = field(default_factory=list[Series])
     cycles: int = 0
@@ -79,10 +68,11 @@ class _Run:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        self.loads = Loads(self.online)
+        self.loads = Loads(self.online, self.told)
         self.touches = Touches(self.online.model.robot)
         dof = self.online.model.dynamics.dof
-        self.online.run(*np.zeros((3, 1, dof)))  # compiles
+        q = np.zeros((1, dof))  # compiles
+        self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
         self.online.reset()
 
     def add(self, rows: Rows) -> None:
@@ -113,6 +103,8 @@ class _Run:
         u = self.online.settings.contact_threshold(found.residual.shape[1])
         A = out["contact_information"][ends].reshape(-1, moves, moves)
         best, worst = least_force(A, u)
+        if not self.told:  # straight up or down, a load may hide its weight of a push
+            worst = worst + _GRAVITY * self.online.known.load_scales[0]
         interval = found.mass_interval[ends]
         return Series(
             time=at[ends],

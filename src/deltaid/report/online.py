@@ -1,9 +1,11 @@
 """The page of `deltaid online`: what a recording showed, cycle by cycle."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.online.found import Watched
+from deltaid.online.found import Series, Watched
 from deltaid.report import style
 from deltaid.report.numbers import number
 from deltaid.report.online_tables import (
@@ -15,9 +17,16 @@ from deltaid.report.online_tables import (
 from deltaid.report.page import Block, Fact, Figure, Page, Section, Text
 from deltaid.report.summary import Grade, Summary
 
+# Points that a line is drawn with, at most.
+_POINTS = 8000
+
 
 def online_page(watched: Watched, title: str) -> Page:
-    """Everything that was found in a recording."""
+    """Everything that was found in a recording.
+
+    Of a long one lines have of each stretch the cycle in which the residual is largest.
+    """
+    watched = replace(watched, series=_thinned(watched.series))
     loads = (loads_table(watched),) if watched.loads else (Text("No load was found."),)
     touches = (touches_table(watched),) if watched.touches else (Text("No contact was found."),)
     front: tuple[Block, ...] = (_mass(watched), _size(watched))
@@ -62,6 +71,8 @@ def _verdict(watched: Watched) -> Summary:
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
         f"{watched.cycles / watched.rate:.4g} s."
     )
+    if watched.doubt:
+        return Summary(Grade.FAIR, f"Doubtful: {watched.doubt}.", (text, *told_lines(watched)))
     return Summary(Grade.GOOD, text, told_lines(watched))
 
 
@@ -160,6 +171,16 @@ def _least(watched: Watched) -> Figure:
         "Smallest force on the platform that is found in 95 % of cases: it grows with what is not "
         "known yet of a load that was just taken.",
     )
+
+
+def _thinned(series: Series) -> Series:
+    step = -(-len(series.time) // _POINTS)
+    if step == 1:
+        return series
+    whole = len(series.time) // step
+    at = np.arange(whole) * step + series.size[: whole * step].reshape(whole, step).argmax(axis=1)
+    names = [one.name for one in fields(series)]
+    return Series(**{name: getattr(series, name)[at] for name in names})
 
 
 def _few(values: np.ndarray) -> np.ndarray:
