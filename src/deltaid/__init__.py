@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
     from deltaid.export.files import write_export
+    from deltaid.export.jax_functions import JaxFunctions, jax_functions
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
     from deltaid.model.samples import Samples
+    from deltaid.online.online import Online, OnlineEstimate
+    from deltaid.online.settings import OnlineSettings
     from deltaid.planning.bench import PlanSettings
     from deltaid.planning.offers import Offers, load_offers
     from deltaid.planning.plan import SensorPlan, sensor_plan
@@ -62,6 +65,7 @@ _HOME = {
     "IdentifiedModel": "deltaid.model.record",
     "Load": "deltaid.recording.carried",
     "Model": "deltaid.model.model",
+    "JaxFunctions": "deltaid.export.jax_functions",
     "Kinematics": "deltaid.mechanism.kinematics",
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
@@ -69,6 +73,9 @@ _HOME = {
     "Proposal": "deltaid.check.verdict",
     "Recording": "deltaid.recording.memory",
     "Offers": "deltaid.planning.offers",
+    "Online": "deltaid.online.online",
+    "OnlineEstimate": "deltaid.online.online",
+    "OnlineSettings": "deltaid.online.settings",
     "PlanSettings": "deltaid.planning.bench",
     "SensorPlan": "deltaid.planning.plan",
     "RobotDescription": "deltaid.robot.description",
@@ -81,6 +88,7 @@ _HOME = {
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.check.identified",
     "integrate": "deltaid.control.simulation",
+    "jax_functions": "deltaid.export.jax_functions",
     "load": "deltaid.model.model",
     "load_offers": "deltaid.planning.offers",
     "load_mapping": "deltaid.recording.mapping",
@@ -107,6 +115,7 @@ __all__ = [
     "Grade",
     "Identification",
     "IdentifiedModel",
+    "JaxFunctions",
     "Kinematics",
     "LimbGeometry",
     "Limbs",
@@ -114,6 +123,9 @@ __all__ = [
     "MechanismParts",
     "Model",
     "Offers",
+    "Online",
+    "OnlineEstimate",
+    "OnlineSettings",
     "PlanSettings",
     "Proposal",
     "Recording",
@@ -128,6 +140,7 @@ __all__ = [
     "catalogue",
     "identify",
     "integrate",
+    "jax_functions",
     "load",
     "load_mapping",
     "load_offers",

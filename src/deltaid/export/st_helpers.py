@@ -27,8 +27,8 @@ def helpers(prefix: str, precision: Precision) -> list[Unit]:
             real,
             (
                 f"{sane} := FALSE;",
-                "IF ABS(x) <= most THEN",
-                f"    IF x - x = 0.0 THEN {sane} := TRUE; END_IF;",
+                "IF x = x THEN",  # the one comparison that NaN stops no controller by
+                f"    IF ABS(x) <= most THEN {sane} := TRUE; END_IF;",
                 "END_IF;",
             ),
         ),

@@ -1,6 +1,6 @@
 """IEC 61131-3 structured text of a model: the functions that C has, as one file of units.
 
-Functions return a status and have their results as outputs, which are zero unless it is OK. What
+Functions return a status and have their results as outputs, which count only where it is OK. What
 keeps something from one cycle to the next, the pose z, is a function block. A controller that
 stops on floating-point exceptions meets none here (`st_statements`): numbers too large for any
 robot are refused at the door, and nothing is divided or rooted unseen.
@@ -81,7 +81,7 @@ def _conventions(subject: Model, precision: Precision) -> list[str]:
     turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
     return [
         f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status of the list "
-        "below; outputs of a function are zero unless it is OK.",
+        "below; its outputs mean something only where that is OK.",
         "Drive coordinates q, rates qd, qdd, torques tau, in the order of the drives:",
         *drives,
         "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",

@@ -57,7 +57,7 @@ class OnlineEstimate(Named):
     @property
     def mass(self) -> Float[np.ndarray, "*samples"]:
         """Of the load [kg]."""
-        return self.load[..., 0]
+        return np.asarray(self.load[..., 0])
 
     @property
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
@@ -177,7 +177,7 @@ class Online(Named):
 
     def _estimate(self, y: Float[np.ndarray, "*samples outputs"]) -> OnlineEstimate:
         fields = self.graph.outputs.split(y)
-        one = {name: fields[name][..., 0] > 0.5 for name in ("held", "changed")}
+        one = {name: np.asarray(fields[name][..., 0] > 0.5) for name in ("held", "changed")}
         empty = np.zeros((*y.shape[:-1], 0))
         return OnlineEstimate(
             names=self.entries.names,
@@ -186,9 +186,9 @@ class Online(Named):
             load=fields["load"],
             load_std=fields["load_std"],
             friction=fields.get("friction", empty),
-            unnoticed=fields["unnoticed"][..., 0],
+            unnoticed=np.asarray(fields["unnoticed"][..., 0]),
             residual=fields["residual"],
             unexplained=fields["unexplained"],
-            good=fields["status"][..., 0] < 0.5,
+            good=np.asarray(fields["status"][..., 0] < 0.5),
             outputs=fields,
         )
