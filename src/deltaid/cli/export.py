@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from deltaid.export.options import FURTHER, TargetName
+from deltaid.export.options import FURTHER, FmiVersion, TargetName
 
 
 def register(app: typer.Typer) -> None:
@@ -40,6 +40,7 @@ def export(
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
+    fmi: Annotated[FmiVersion, typer.Option("--fmi", help="Version of FMI, of a unit.")] = "2",
 ) -> None:
     """Write a model as code or as a model of another program.
 
@@ -64,7 +65,14 @@ def export(
         )
     online = OnlineSettings(rate=rate, corner=min(100.0, rate / 5)) if rate else None
     written = write_export(
-        found, to, output, (Path(model),), single=single, functions=functions, online=online
+        found,
+        to,
+        output,
+        (Path(model),),
+        single=single,
+        functions=functions,
+        online=online,
+        fmi=fmi,
     )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")

@@ -14,7 +14,7 @@ from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
 from deltaid.export.online_cycle import NO_CONTACT
-from deltaid.export.options import TargetName
+from deltaid.export.options import FmiVersion, TargetName
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.structured_text import structured_text
 from deltaid.export.urdf import urdf
@@ -118,8 +118,8 @@ def _urdf(subject: Model, stem: str) -> Export:
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
-def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
-    unit = fmu(subject, stem, forward=forward)
+def _fmu(subject: Model, stem: str, *, forward: bool, version: FmiVersion = "2") -> Export:
+    unit = fmu(subject, stem, forward=forward, version=version)
     return Export({".fmu": unit.content}, unit.warnings)
 
 
@@ -166,6 +166,7 @@ def write_export(
     single: bool = False,
     functions: Sequence[str] = (),
     online: OnlineSettings | None = None,
+    fmi: FmiVersion = "2",
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -178,6 +179,7 @@ def write_export(
         functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
             `online`.
         online: what the function of that name is made for; 1000 cycles a second if None.
+        fmi: version of the standard, of a unit.
 
     Raises:
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
@@ -191,6 +193,12 @@ def write_export(
             where="--single" if single else "--with",
             cure=f"leave it out, or choose {' or '.join(t for t in TARGETS if TARGETS[t].code)}",
         )
+    if fmi != "2" and TARGETS[target].suffixes != (".fmu",):
+        raise DeltaidError(
+            f"FMI is of units, and {target} is none",
+            where="--fmi",
+            cure="leave it out, or choose fmu or fmu-inverse",
+        )
     subject = load(model)
     require_physical(subject)
     path = output_path(target, subject.robot.name, output)
@@ -198,7 +206,10 @@ def write_export(
     for part in paths:
         require_writable(part, inputs)
     code = Code(SINGLE if single else DOUBLE, tuple(functions), online or OnlineSettings())
-    export = TARGETS[target].export(subject, path.stem, code)
+    if TARGETS[target].suffixes == (".fmu",):
+        export = _fmu(subject, path.stem, forward=target == "fmu", version=fmi)
+    else:
+        export = TARGETS[target].export(subject, path.stem, code)
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
