@@ -234,9 +234,10 @@ def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float |
     if any(pair["joint"] != "tool" for pair in loops["following_joints"]):
         return None
     model = pin.buildModelFromXML(export.urdf)
-    if loops["following_joints"]:  # a tool that turns with a drive: its joint is kept at rest
-        tool = model.getJointId("tool")
-        model = pin.buildReducedModel(model, [tool], pin.neutral(model))
+    kept = loops["drawn_joints"]  # and a tool that turns with a drive, at rest
+    kept = [*kept, *(pair["joint"] for pair in loops["following_joints"])]
+    locked = [model.getJointId(name) for name in kept]
+    model = pin.buildReducedModel(model, locked, pin.neutral(model))
     for name, inertia in loops["armature"].items():
         model.armature[model.joints[model.getJointId(name)].idx_v] = inertia
     data = model.createData()

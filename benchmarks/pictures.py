@@ -1,4 +1,4 @@
-"""The pictures of README and of docs/gallery.md, made by the program itself.
+"""The pictures of README, docs/gallery.md and docs/export.md, made by the program itself.
 
     pip install -e '.[test]'
     python benchmarks/pictures.py
@@ -14,11 +14,15 @@ import sys
 import tempfile
 from pathlib import Path
 
+import mujoco
 from PIL import Image
 from playwright import sync_api
 
 sys.path.insert(0, str(Path(__file__).parent))
 from terminal_svg import Shown, recorded_terminal
+
+from deltaid.export.mjcf import mjcf
+from deltaid.model.model import load
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -66,7 +70,24 @@ def photograph(browser: sync_api.Browser, page: Path, name: str, *, part: str | 
         picture.save(IMAGES / f"{name}{ending}.png", optimize=True)
 
 
+def simulator(names: tuple[str, ...], file: str) -> None:
+    """Robots as MuJoCo draws their MJCF, beside one another."""
+    pictures = []
+    for name in names:
+        model = mujoco.MjModel.from_xml_string(mjcf(load(name)))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        with mujoco.Renderer(model, 1200, 1200) as renderer:
+            renderer.update_scene(data, camera="overview")
+            pictures.append(Image.fromarray(renderer.render()).resize((400, 400)))
+    sheet = Image.new("RGB", (400 * len(pictures), 400))
+    for k, picture in enumerate(pictures):
+        sheet.paste(picture, (400 * k, 0))
+    sheet.quantize(128).save(IMAGES / file, optimize=True)
+
+
 def main() -> None:
+    simulator(("irb360-6-1600", "h4", "linear-delta"), "mjcf.png")
     """Make all of them."""
     with tempfile.TemporaryDirectory() as temporary, sync_api.sync_playwright() as playwright:
         folder = Path(temporary)

@@ -14,7 +14,8 @@ from command import refused, run
 from composed import Make
 from deltaid.errors import DeltaidError
 from deltaid.export.files import write_export
-from deltaid.export.urdf import _rpy, urdf
+from deltaid.export.urdf import urdf
+from deltaid.export.urdf_shapes import roll_pitch_yaw
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import (
@@ -36,12 +37,19 @@ CASES = [*KINDS, *TOOLS, *COMPOSED]
 
 
 class Tree:
-    """Pinocchio on an exported model, with what the file of the loops adds."""
+    """Pinocchio on an exported model, with what the file of the loops adds.
 
-    def __init__(self, chosen: Model) -> None:
+    Without the joints of what is only drawn and, unless they are to stay, without placeholders.
+    """
+
+    def __init__(self, chosen: Model, *, placeholders: bool = False) -> None:
         export = urdf(chosen)
-        self.model = pin.buildModelFromXML(export.urdf)
-        self.loops = json.loads(export.loops)
+        whole, self.loops = pin.buildModelFromXML(export.urdf), json.loads(export.loops)
+        drawn = [whole.getJointId(name) for name in self.loops["drawn_joints"]]
+        self.model = pin.buildReducedModel(whole, drawn, pin.neutral(whole))
+        for link in () if placeholders else self.loops["placeholder_links"]:
+            joint = self.model.frames[self.model.getFrameId(link)].parentJoint
+            self.model.inertias[joint] = pin.Inertia.Zero()
         self.model.gravity.linear = np.array(self.loops["gravity"])
         self.data = self.model.createData()
         self.joints = list(self.model.names)[1:]
@@ -150,11 +158,13 @@ def test_what_is_drawn_ends_at_joints(name: str) -> None:
     """Cylinders of URDF stand along z about their middle: ends of arms, struts and spokes."""
     chosen, root = subject(name), ElementTree.fromstring(urdf(subject(name)).urdf)
     limbs = chosen.robot.limb_geometry
-    ends = {"U1": [limbs[0].upper_arm * np.eye(3)[0]], "S2": [limbs[1].strut * np.eye(3)[0]]}
+    ends = {"U1": [limbs[0].upper_arm * np.eye(3)[0]], "strut2a": [limbs[1].strut * np.eye(3)[0]]}
     ends |= {"P": [limb.attachment for limb in limbs]} if name == "clavel-delta3" else {}
     for link, tips in ends.items():
         drawn = []
         for visual in root.findall(f"link[@name='{link}']/visual"):
+            if not visual.get("name", "").startswith(("arm", "limb", link)):
+                continue
             origin, cylinder = visual.find("origin"), visual.find("geometry/cylinder")
             assert origin is not None
             assert cylinder is not None
@@ -170,7 +180,7 @@ def test_roll_pitch_yaw() -> None:
     rng = np.random.default_rng(0)
     for rpy in [*rng.uniform(-1.5, 1.5, (20, 3)), (0.3, np.pi / 2, 0.4), (0.3, -np.pi / 2, -2.0)]:
         R = pin.rpy.rpyToMatrix(*map(float, rpy))
-        np.testing.assert_allclose(pin.rpy.rpyToMatrix(*_rpy(R)), R, atol=1e-15)
+        np.testing.assert_allclose(pin.rpy.rpyToMatrix(*roll_pitch_yaw(R)), R, atol=1e-15)
 
 
 def test_what_urdf_has_no_words_for_is_told() -> None:

@@ -80,7 +80,8 @@ def test_no_other_file_names_an_address() -> None:
 # A line that installs names what is in the folder ('.'), or a package that an index has.
 ELSEWHERE = {
     "build", "twine",
-    "h5py", "matplotlib", "nicegui", "pandas", "rosbags", "viser", "viser==1.1.1", "zstandard",
+    "drake", "h5py", "jax", "matplotlib", "nicegui", "pandas", "rosbags", "viser", "viser==1.1.1",
+    "zstandard",
 }  # fmt: skip
 
 

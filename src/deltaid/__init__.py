@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
     from deltaid.export.files import write_export
+    from deltaid.export.jax_functions import JaxFunctions, jax_functions
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
@@ -62,6 +63,7 @@ _HOME = {
     "IdentifiedModel": "deltaid.model.record",
     "Load": "deltaid.recording.carried",
     "Model": "deltaid.model.model",
+    "JaxFunctions": "deltaid.export.jax_functions",
     "Kinematics": "deltaid.mechanism.kinematics",
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
@@ -81,6 +83,7 @@ _HOME = {
     "catalogue": "deltaid.robot.load",
     "identify": "deltaid.check.identified",
     "integrate": "deltaid.control.simulation",
+    "jax_functions": "deltaid.export.jax_functions",
     "load": "deltaid.model.model",
     "load_offers": "deltaid.planning.offers",
     "load_mapping": "deltaid.recording.mapping",
@@ -107,6 +110,7 @@ __all__ = [
     "Grade",
     "Identification",
     "IdentifiedModel",
+    "JaxFunctions",
     "Kinematics",
     "LimbGeometry",
     "Limbs",
@@ -128,6 +132,7 @@ __all__ = [
     "catalogue",
     "identify",
     "integrate",
+    "jax_functions",
     "load",
     "load_mapping",
     "load_offers",

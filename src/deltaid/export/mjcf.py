@@ -4,6 +4,7 @@ The model's own pose (qpos0) is the home pose with closed loops, and joint coord
 deltaid by `ref`, so an arm is level at zero.
 """
 
+from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -11,9 +12,11 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from deltaid.export.joint_forces import JointForces, joint_forces
+from deltaid.export.looks import Shape, shapes, tool_body
+from deltaid.export.mjcf_scene import assets, draw, draw_middle, extent, scene, struts
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.text import numbers, xml_comment
-from deltaid.export.tree import Tree, TreeBody, TreeJoint
+from deltaid.export.tree import Point, Tree, TreeBody, TreeJoint
 from deltaid.model.model import Model
 from deltaid.robot.body_inertia import body_inertia
 
@@ -38,8 +41,7 @@ def mjcf(subject: Model) -> str:
         "compiler",
         angle="radian",
         autolimits="true",
-        balanceinertia="false",
-        inertiafromgeom="false",
+        inertiafromgeom="auto",  # bodies without `inertial` are frames without shapes
     )
     ET.SubElement(
         root,
@@ -49,13 +51,22 @@ def mjcf(subject: Model) -> str:
         integrator="implicitfast",
     )
     _defaults(root)
+    drawn = shapes(subject, tree)
+    seen = extent(subject, drawn)
+    assets(root, seen)
     world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "light", pos="0 0 2", dir="0 0 -1", directional="true")
+    scene(world, seen)
+    base = ET.SubElement(world, "body", name="base")
+    for shape in drawn:
+        if not shape.body:
+            draw(base, shape)
     order: list[str] = []
     for body in tree.children(""):
-        _body(world, subject, tree, body, forces, home, order)
+        _body(base, subject, tree, body, drawn, forces, home, order)
+    struts(root, subject, tree)
     _equality(root, tree)
     _actuators(root, subject)
+    _sensors(root, subject, tree)
     keyframe = ET.SubElement(root, "keyframe")
     ET.SubElement(keyframe, "key", name="home", qpos=numbers(home[name] for name in order))
     ET.indent(root)
@@ -68,8 +79,8 @@ def _defaults(root: ET.Element) -> None:
     ET.SubElement(
         default, "joint", solreffriction=numbers(_SOLREF), solimpfriction=numbers(_SOLIMP)
     )
-    ET.SubElement(default, "geom", contype="0", conaffinity="0", size="0.01")
-    ET.SubElement(default, "site", size="0.012")
+    ET.SubElement(default, "geom", contype="0", conaffinity="0", mass="0", group="1")
+    ET.SubElement(default, "site", size="0.004", group="4")
 
 
 def _body(
@@ -77,6 +88,7 @@ def _body(
     subject: Model,
     tree: Tree,
     body: TreeBody,
+    drawn: tuple[Shape, ...],
     forces: dict[str, JointForces],
     home: dict[str, float],
     order: list[str],
@@ -90,7 +102,11 @@ def _body(
     T = inertia.about_com
     entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
     quat = np.roll(Rotation.from_matrix(R).as_quat(), 1)  # MuJoCo has the scalar first
-    element = ET.SubElement(parent, "body", name=body.name, pos=numbers(r), quat=numbers(quat))
+    place = {"pos": numbers(r), "quat": numbers(quat)}
+    if _needs_mount(body, R):
+        parent = ET.SubElement(parent, "body", {"name": f"{body.name}_mount"} | place)
+        place = {}
+    element = ET.SubElement(parent, "body", {"name": body.name} | place)
     ET.SubElement(
         element,
         "inertial",
@@ -101,17 +117,38 @@ def _body(
     for joint, axis in zip(body.joints, axes, strict=True):
         order.append(joint.name)
         _joint(element, subject, joint, axis, forces, home)
-    for start, end in body.lines:
-        if np.linalg.norm(end - start) > 1e-6:
-            fromto = numbers([*start, *end])
-            ET.SubElement(element, "geom", type="capsule", fromto=fromto)
-    if not body.lines:
-        ET.SubElement(element, "geom", type="sphere", size="0.025")
-    for point in (point for cut in tree.cuts for point in (cut.first, cut.second)):
+    for shape in drawn:
+        if shape.body == body.name:
+            draw(element, shape)
+    for cut in tree.cuts:
+        if cut.first.body == body.name and cut.first.name.endswith("_strut"):
+            draw_middle(element, subject, body.name, float(cut.first.position[0]))
+    for point in _points(tree):
         if point.body == body.name:
             ET.SubElement(element, "site", name=point.name, pos=numbers(point.position))
+    if any(strut.body == body.name for strut in tree.struts):  # turned by 180° about z
+        ET.SubElement(element, "site", name=f"{body.name}_pull", quat="0 0 0 1")
     for child in tree.children(body.name):
-        _body(element, subject, tree, child, forces, home, order)
+        _body(element, subject, tree, child, drawn, forces, home, order)
+
+
+def _points(tree: Tree) -> Iterator[Point]:
+    """Sites: where loops are cut, ends of struts, the tool."""
+    for cut in tree.cuts:
+        yield from (cut.first, cut.second)
+    for strut in tree.struts:
+        yield from (strut.first, strut.second)
+    yield Point("tool", tool_body(tree), np.zeros(3))
+
+
+def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether a frame that is fixed in the parent has to carry the body's pose.
+
+    MuJoCo counts all joints of a body in the body's frame. Drake makes a body of each joint and has
+    all of them but the last in the parent's frame, so these two frames must be one.
+    """
+    turned = not np.array_equal(R, np.eye(3))
+    return len(body.joints) > 1 and (turned or not all(j.slides for j in body.joints[:-1]))
 
 
 def _at_home(
@@ -165,7 +202,12 @@ def _equality(root: ET.Element, tree: Tree) -> None:
     equality = ET.SubElement(root, "equality")
     for cut in tree.cuts:
         ET.SubElement(
-            equality, "connect", name=cut.name, site1=cut.first.name, site2=cut.second.name
+            equality,
+            "connect",
+            name=cut.name,
+            body1=cut.first.body,
+            body2=cut.second.body,
+            anchor=numbers(cut.first.position),
         )
     for coupling in tree.couplings:
         ET.SubElement(
@@ -187,3 +229,22 @@ def _actuators(root: ET.Element, subject: Model) -> None:
         if limits and limits.effort:
             for key in ("ctrlrange", "forcerange"):
                 motor.set(key, numbers([-limits.effort, limits.effort]))
+
+
+def _sensors(root: ET.Element, subject: Model, tree: Tree) -> None:
+    """Drives, what the struts of each limb carry together, and where the tool is.
+
+    A force sensor has the force of the driven body on the struts in the axes of the site, whose x
+    points up the struts: pull is positive. Joints keep the platform upright here, not pairs of
+    struts, so how a pair shares its force is not known.
+    """
+    sensors = ET.SubElement(root, "sensor")
+    for drive in subject.robot.drives:
+        ET.SubElement(sensors, "jointpos", name=f"{drive}_position", joint=drive)
+        ET.SubElement(sensors, "jointvel", name=f"{drive}_velocity", joint=drive)
+        ET.SubElement(sensors, "actuatorfrc", name=f"{drive}_effort", actuator=drive)
+    for body in dict.fromkeys(strut.body for strut in tree.struts):
+        ET.SubElement(sensors, "force", name=f"strut{body[1:]}_force", site=f"{body}_pull")
+    ET.SubElement(sensors, "framepos", name="tool_position", objtype="site", objname="tool")
+    ET.SubElement(sensors, "framequat", name="tool_orientation", objtype="site", objname="tool")
+    ET.SubElement(sensors, "framelinvel", name="tool_velocity", objtype="site", objname="tool")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.export.tree import Coupling, Cut, Line, Point, Tree, TreeBody, TreeJoint
+from deltaid.export.tree import Coupling, Cut, Point, Strut, Tree, TreeBody, TreeJoint
 from deltaid.mechanism.mechanism import LimbBodies
 from deltaid.mechanism.tree_joints import i4_direction, tree_coordinates
 from deltaid.model.model import Model
@@ -13,6 +13,8 @@ from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPl
 from deltaid.robot.telescope import Telescope
 
 _X, _Y, _Z = np.eye(3)
+# What two struts are drawn apart whose distance is not described, as a share of their length.
+_DRAWN_SPACING = 0.08
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,7 @@ class _Part:
     bodies: tuple[TreeBody, ...]
     cuts: tuple[Cut, ...] = ()
     couplings: tuple[Coupling, ...] = ()
+    struts: tuple[Strut, ...] = ()
 
 
 def spanning_tree(subject: Model) -> Tree:
@@ -41,6 +44,7 @@ def spanning_tree(subject: Model) -> Tree:
         bodies=tuple(body for part in parts for body in part.bodies),
         cuts=tuple(cut for part in parts for cut in part.cuts),
         couplings=tuple(coupling for part in parts for coupling in part.couplings),
+        struts=tuple(strut for part in parts for strut in part.struts),
         coordinates=coordinates,
         z=mechanism.z,
     )
@@ -61,7 +65,6 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> _
             geometry.base,
             (TreeJoint(f"drive{n}", not rotary, axis),),
             subject.body(limb.driven.name),
-            ((np.zeros(3), elbow),) if rotary else (),
         ),
         TreeBody(
             rod,
@@ -70,7 +73,6 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> _
             elbow,
             (TreeJoint(f"limb{n}_swing", False, _Y), TreeJoint(f"limb{n}_tilt", False, _Z)),
             limb.strut.count * subject.body(limb.strut.name),
-            ((np.zeros(3), strut * _X),),
         ),
     )
     held = _held_part(platform, i)
@@ -79,7 +81,24 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> _
         Point(f"limb{n}_strut", rod, strut * _X),
         Point(f"limb{n}_seat", held, geometry.attachment),
     )
-    return _Part(bodies, (cut,))
+    struts = tuple(
+        Strut(
+            f"strut{n}{letter}",
+            rod,
+            Point(f"strut{n}{letter}_elbow", driven, elbow + side * _Y),
+            Point(f"strut{n}{letter}_seat", held, geometry.attachment + side * geometry.R_WL[:, 1]),
+        )
+        for letter, side in _sides(geometry)
+    )
+    return _Part(bodies, (cut,), struts=struts)
+
+
+def _sides(geometry: LimbGeometry) -> tuple[tuple[str, float], ...]:
+    """Letters of a limb's struts, and how far along y they stand from the middle [m]."""
+    if geometry.struts == 1:
+        return (("", 0.0),)
+    spacing = _DRAWN_SPACING * geometry.strut if geometry.spacing is None else geometry.spacing
+    return (("a", 0.5 * spacing), ("b", -0.5 * spacing))
 
 
 def _held_part(platform: RigidPlatform | H4Platform | Par4Platform | I4Platform, limb: int) -> str:
@@ -92,10 +111,7 @@ def _held_part(platform: RigidPlatform | H4Platform | Par4Platform | I4Platform,
 def _platform(subject: Model) -> _Part:
     platform = subject.robot.platform
     if isinstance(platform, RigidPlatform):
-        lines = _spokes(subject, "P")
-        body = TreeBody(
-            "P", "", np.eye(3), np.zeros(3), _slides("platform"), subject.body("P"), lines
-        )
+        body = TreeBody("P", "", np.eye(3), np.zeros(3), _slides("platform"), subject.body("P"))
         return _Part((body,))
     if isinstance(platform, I4Platform):
         return _i4(subject, platform)
@@ -109,16 +125,12 @@ def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> _Part:
     part, middle = platform.bodies[:2]
     turn = TreeJoint("platform", False, _Z)
     inertia = (2 if par4 else 1) * subject.body(middle)
-    lines = ((-half * _X, half * _X),)
     slides = (*_slides("middle"), turn)
-    bodies = [TreeBody(middle, "", np.eye(3), np.zeros(3), slides, inertia, lines)]
+    bodies = [TreeBody(middle, "", np.eye(3), np.zeros(3), slides, inertia)]
     couplings = []
     for k, side in ((1, half), (2, -half)):
         name, back = f"{part}{k}", TreeJoint(f"part{k}_turn", False, _Z)
-        spokes = _spokes(subject, name)
-        bodies.append(
-            TreeBody(name, middle, np.eye(3), side * _X, (back,), subject.body(part), spokes)
-        )
+        bodies.append(TreeBody(name, middle, np.eye(3), side * _X, (back,), subject.body(part)))
         couplings.append(Coupling(back.name, "platform", -1.0))
     carrier, slides = _tool_carrier(platform), ()
     if not carrier:  # follows the middle without turning with it
@@ -139,8 +151,8 @@ def _i4(subject: Model, platform: I4Platform) -> _Part:
     turn = TreeJoint("tool", False, _Z)
     joints = (turn,) if carrier else (rack, turn)
     bodies = (
-        TreeBody("HP1", "", I, zero, _slides("part1"), half, _spokes(subject, "HP1")),
-        TreeBody("HP2", "HP1", I, zero, (along,), half, _spokes(subject, "HP2")),
+        TreeBody("HP1", "", I, zero, _slides("part1"), half),
+        TreeBody("HP2", "HP1", I, zero, (along,), half),
         TreeBody("EE", carrier or "HP1", I, place, joints, subject.body("EE")),
     )
     couplings = [Coupling("tool", "platform", platform.ratio)]
@@ -162,14 +174,12 @@ def _telescope(subject: Model, bar: Telescope) -> _Part:
         TreeJoint(name, False, axis)
         for name, axis in (("drive4", _Z), ("bar_x", _X), ("bar_y", _Y))
     )
-    half = 0.5 * abs(subject.home[2]) * _Z
     I, top, zero = np.eye(3), np.array(bar.base_joint), np.zeros(3)
     bodies = (
-        TreeBody("TU", "", I, top, upper, subject.body("TU"), ((zero, -half),)),
-        TreeBody("TL", "TU", I, zero, (TreeJoint("slide", True, -_Z),), subject.body("TL"),
-                 ((zero, half),)),
+        TreeBody("TU", "", I, top, upper, subject.body("TU")),
+        TreeBody("TL", "TU", I, zero, (TreeJoint("slide", True, -_Z),), subject.body("TL")),
         TreeBody("EE", "P", I, zero, (TreeJoint("tool", False, _Z),), subject.body("EE")),
-    )  # fmt: skip
+    )
     seat = Point("bar_seat", "P", np.array(bar.platform_joint))
     cut = Cut("bar", Point("bar_end", "TL", zero), seat)
     return _Part(bodies, (cut,), (Coupling("tool", "drive4", 1.0),))
@@ -179,14 +189,4 @@ def _slides(name: str) -> tuple[TreeJoint, ...]:
     """Three sliding joints along the world's axes."""
     return tuple(
         TreeJoint(f"{name}_{k}", True, axis) for k, axis in zip("xyz", np.eye(3), strict=True)
-    )
-
-
-def _spokes(subject: Model, part: str) -> tuple[Line, ...]:
-    """From a part's point to the strut joints that it has."""
-    robot = subject.robot
-    return tuple(
-        (np.zeros(3), limb.attachment)
-        for i, limb in enumerate(robot.limb_geometry)
-        if _held_part(robot.platform, i) == part
     )

@@ -20,7 +20,6 @@ import numpy as np
 from jaxtyping import Float
 
 Vector = Float[np.ndarray, " 3"]
-Line = tuple[Vector, Vector]
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,6 @@ class TreeBody:
         R, r: pose of the link frame in the parent's, with all joints at zero [m].
         joints: one after the other.
         p: the ten inertia parameters of all bodies that move as this one.
-        lines: to draw, in the link frame [m].
     """
 
     name: str
@@ -57,7 +55,6 @@ class TreeBody:
     r: Vector
     joints: tuple[TreeJoint, ...]
     p: Float[np.ndarray, " 10"]
-    lines: tuple[Line, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,6 +76,25 @@ class Cut:
 
 
 @dataclass(frozen=True)
+class Strut:
+    """One strut as it is drawn, between two points of other bodies.
+
+    The struts of a limb are one body of the tree, in their middle. They keep their distance along
+    the driven body's y, about which they do not tilt, so no body of the tree carries both as lines.
+
+    Attributes:
+        name: 'strut1a', 'strut1b', …; 'strut1' where a limb has one.
+        body: of the tree whose part it is.
+        first, second: at the driven body and at the platform.
+    """
+
+    name: str
+    body: str
+    first: Point
+    second: Point
+
+
+@dataclass(frozen=True)
 class Coupling:
     """A joint whose coordinate is `ratio` times that of the joint `follows`."""
 
@@ -94,6 +110,7 @@ class Tree:
     Attributes:
         bodies: parents before children.
         cuts, couplings: what closes the loops.
+        struts: to draw.
         coordinates: of every joint, by name, as functions of z in the closed robot.
         z: their symbols.
     """
@@ -101,6 +118,7 @@ class Tree:
     bodies: tuple[TreeBody, ...]
     cuts: tuple[Cut, ...]
     couplings: tuple[Coupling, ...]
+    struts: tuple[Strut, ...]
     coordinates: Mapping[str, ca.SX]
     z: ca.SX
 
