@@ -8,7 +8,7 @@ workspace, 1 ms apart. The first figure is the mean over all states in the best 
 one in brackets the slowest state, each at the best of many calls, so neither counts what the
 operating system does in between.
 Forward kinematics starts from the pose of the call before. `--native` compiles for this machine's
-own instructions.
+own instructions, `--single` takes the export in single precision.
 
 Beside it, forward dynamics of the MJCF and URDF exports of the same robot with its loops closed:
 MuJoCo's mj_forward (soft constraints, no contacts, friction left out), and Pinocchio's
@@ -40,6 +40,7 @@ from _timing import machine
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.export.c_code import c_code
 from deltaid.export.mjcf import mjcf
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.urdf import urdf
 from deltaid.model.model import Model
@@ -70,8 +71,9 @@ static double now(void)
 }}
 int main(void)
 {{
-    static double x[5][{states} * D], out[D * D], z[D];
-    double *zs = x[0], *q = x[1], *qd = x[2], *qdd = x[3], *tau = x[4], clock = 1e9;
+    static {real} x[5][{states} * D], out[D * D], z[D];
+    {real} *zs = x[0], *q = x[1], *qd = x[2], *qdd = x[3], *tau = x[4];
+    double clock = 1e9;
     volatile double sum = 0;
     int i, k, status = 0;
     FILE *file = fopen("states", "rb");
@@ -106,7 +108,8 @@ PART = """
         for (i = 0; i < D; ++i)
             z[i] = zs[i];
         for (i = 0; i < {states}; ++i) {{
-            double least = 1e9, kept[D], t;
+            {real} kept[D];
+            double least = 1e9, t;
             for (k = 0; k < D; ++k)
                 kept[k] = z[k];
             for (k = 0; k < {rounds} / 10; ++k) {{
@@ -134,9 +137,11 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("robots", nargs="*", default=catalogue())
+    parser.add_argument("--single", action="store_true", help="the export in single precision")
     parser.add_argument("--native", action="store_true", help="compile with -march=native")
     arguments = parser.parse_args()
     options = ["-O2", *(["-march=native"] if arguments.native else [])]
+    precision = SINGLE if arguments.single else DOUBLE
     print(machine(), "\n")
     head = [f"{name:>15}" for name, _ in FUNCTIONS]
     print(f"{'mean (slowest), us':<18}{''.join(head)}{'mj_forward':>12}{'Pinocchio':>11}")
@@ -144,7 +149,9 @@ def main() -> None:
         robot = load_robot(name)
         subject = Model(robot, prior_parameters(robot), name)
         states = along_a_motion(subject)
-        times = [f"{mean:.2f} ({worst:.2f})" for mean, worst in in_c(subject, states, options)]
+        times = [
+            f"{mean:.2f} ({worst:.2f})" for mean, worst in in_c(subject, states, options, precision)
+        ]
         cells = "".join(f"{cell:>15}" for cell in times)
         pinocchio = pinocchio_forward(subject, states)
         shown = f"{pinocchio:.1f}" if pinocchio else "–"
@@ -161,18 +168,23 @@ def along_a_motion(subject: Model) -> tuple[np.ndarray, ...]:
 
 
 def in_c(
-    subject: Model, states: tuple[np.ndarray, ...], options: list[str]
+    subject: Model,
+    states: tuple[np.ndarray, ...],
+    options: list[str],
+    precision: Precision,
 ) -> list[tuple[float, float]]:
     """Best mean and slowest state's time [µs] of every function."""
-    code = c_code(subject, "r")
-    parts = [PART.format(call=call, rounds=ROUNDS, states=STATES) for _, call in FUNCTIONS]
+    code, real = c_code(subject, "r", precision), precision.c_type
+    numbers = {"states": STATES, "real": real}
+    parts = [PART.format(call=call, rounds=ROUNDS, **numbers) for _, call in FUNCTIONS]
     compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         (work / "r.h").write_text(code.header)
         (work / "r.c").write_text(code.source)
-        (work / "main.c").write_text(MAIN.format(parts="".join(parts), states=STATES))
-        np.concatenate([part.ravel() for part in states]).tofile(work / "states")
+        (work / "main.c").write_text(MAIN.format(parts="".join(parts), **numbers))
+        flat = np.concatenate([part.ravel() for part in states])
+        flat.astype(np.float64 if precision is DOUBLE else np.float32).tofile(work / "states")
         command = [compiler, "-std=c99", *options, "r.c", "main.c", "-o", "run", "-lm"]
         subprocess.run(command, cwd=work, check=True)
         done = subprocess.run([work / "run"], cwd=work, capture_output=True, check=True)

@@ -12,12 +12,11 @@ stretches, places and their sums are those of a true recording, and so is the no
 `p` is over `kind.dynamics.layout`. Friction of that day and temperature is the caller's:
 `at_temperature` and `made_alike` below help. A robot's files go to `identify_gathered` as
 those of `gathered` do. Columns of lags and of what gears carry are those of the described robot.
-`python benchmarks/drawn_fleet.py` compares drawn recordings with truly simulated ones.
+`python benchmarks/drawn_against_simulated.py` compares drawn recordings with truly simulated ones.
 """
 
 import hashlib
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,65 +24,33 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import polars as pl
-from _table import leave
 from scipy.signal import lfilter
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from courses import Courses
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.factors.condensed import Condensed, Group, Groups
 from deltaid.factors.file import FactorFile
-from deltaid.factors.gather import condensed, gathered, gathered_columns, with_geometry
-from deltaid.factors.identify import identify_gathered
+from deltaid.factors.gather import condensed, gathered_columns, with_geometry
 from deltaid.factors.problem import merging_of
 from deltaid.factors.record import FactorRecord, Temperature
 from deltaid.factors.record_of import record_of
 from deltaid.factors.target import map_to
-from deltaid.identification.additions import Addition, Own, Values
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
-from deltaid.robot.load import load_robot
-from deltaid.robot.parameter import Parameter
 
 RATE = 500.0
 # Courses of white noise, and of friction that wanders, and how long the latter remembers [s].
 WHITE, WANDERING, MEMORY = 72, 16, 0.15
 SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
-
-
-@dataclass(frozen=True, eq=False)
-class Courses(Addition):
-    """Courses of torques over a recording, each in a column of its own for every drive.
-
-    Attributes:
-        torques: at every row (courses, drives, rows) [N m or N].
-    """
-
-    torques: np.ndarray
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter("constant", f"course{k}", "torque", "", -np.inf, np.inf, 0.0, 1.0)
-            for k in range(len(self.torques))
-        )
-
-    @property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        courses, dof, _ = self.torques.shape
-        return np.tile(np.arange(dof), courses), np.repeat(np.arange(courses), dof)
-
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        rows = np.rint(w.time * RATE).astype(int)
-        return self.torques[:, :, rows].reshape(-1, len(rows))
 
 
 @dataclass(frozen=True)
@@ -312,7 +279,7 @@ def _template(
         result = identify(robot, [path], columns=mapping, settings=settings)
         problem, recording = result.problem, result.recordings[0]
         columns = gathered_columns(problem, recording)
-        courses = Courses(_courses(table, dynamics, np.random.default_rng([seed, 8])))
+        courses = Courses(_courses(table, dynamics, np.random.default_rng([seed, 8])), RATE)
         wide = replace(columns, additions=(*columns.additions, courses))
         found, quantities = with_geometry(condensed(wide, recording), wide, problem, recording)
     names = tuple(columns.names[k] for k in columns.kept)
@@ -397,52 +364,3 @@ def _record(one: Template, key: str, log: str, temperature: float | None, day: i
     if temperature is not None:
         own["temperature"] = Temperature(mean=temperature, low=temperature, high=temperature)
     return FactorRecord.model_construct(**own)
-
-
-def _compared(name: str, count: int) -> tuple[object, ...]:
-    """Recordings of one robot, simulated and drawn on the same motions: what fits to each say."""
-    robot = load_robot(name)
-    kind = drawn_type(robot, motions=2)
-    truth = made_alike(robot, prior_parameters(robot), np.random.default_rng(5))
-    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"simulated": [], "drawn": []}
-    for k in range(count):
-        drawn = [kind.drawn("a", k, truth, sensing=Sensing(wander=0.0))]
-        found["drawn"].append(_estimate(robot, drawn, truth))
-        table, _ = simulated(kind.dynamics, truth, k % 2, 12.0, None, 0.02, noise_seed=1000 + k)
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "log.parquet"
-            table.write_parquet(path)
-            one = gathered(robot, path, settings=SETTINGS)
-        found["simulated"].append(_estimate(robot, [one], truth))
-    row: list[object] = [name, count]
-    for own in found.values():
-        errors, stds = (np.array(x) for x in zip(*own, strict=True))
-        row += [f"{np.sqrt(np.mean((errors / stds) ** 2)):.2f}"]
-        row += [f"{np.mean(np.abs(errors) <= 1.96 * stds):.1%}"]
-    stds = {kind: np.array([s for _, s in own]) for kind, own in found.items()}
-    ratio = np.exp(np.mean(np.log(stds["drawn"])) - np.mean(np.log(stds["simulated"])))
-    return (*row, f"{ratio:.2f}")
-
-
-def _estimate(
-    robot: RobotDescription, files: Sequence[FactorFile], truth: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of base parameters and their standard deviations by noise."""
-    problem = identify_gathered(robot, files, SETTINGS).problem
-    by_noise, _ = problem.estimate.by_noise
-    return problem.estimate.values - problem.base.combination() @ truth, by_noise
-
-
-def main() -> int:
-    """Compare, print, and write a table."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 40
-    rows = [_compared(name, count) for name in ("clavel-delta3", "irb360-6-1600")]
-    head = ("robot", "recordings", "simulated: error / std", "within 1.96", "drawn: error / std",
-            "within 1.96", "std drawn / simulated")  # fmt: skip
-    note = "Base parameters from recordings that were simulated, and from drawn ones."
-    leave(head, rows, note)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

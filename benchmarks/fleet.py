@@ -169,6 +169,7 @@ def main() -> None:
         one = gather(few, folder / "one", 1)
         two = gather(long, folder / "two", 2)
         brief = gather(short, folder / "brief", 1)
+        print(f"memory of workers: {one['peak']:.0f} and {two['peak']:.0f} MB", file=sys.stderr)
         single = identify(long[0])
         task, week, year = dispatch(), fits(folder / "brief", 7), fits(folder / "brief", DAYS)
     rate = len(long) * length / two["cpu"]

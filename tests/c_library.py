@@ -38,7 +38,7 @@ class Library:
     """The functions of a compiled export, on arrays of its precision."""
 
     def __init__(self, path: Path, dof: int, precision: Precision = DOUBLE) -> None:
-        self._library, self.dof = ctypes.CDLL(str(path)), dof
+        self.library, self.dof = ctypes.CDLL(str(path)), dof
         self.type = np.float64 if precision is DOUBLE else np.float32
 
     def call(self, name: str, *inputs: np.ndarray, out: np.ndarray) -> int:
@@ -47,7 +47,7 @@ class Library:
 
     def fill(self, name: str, *inputs: np.ndarray, outs: tuple[np.ndarray, ...]) -> int:
         """Call delta_NAME; the last arguments are filled."""
-        function = getattr(self._library, f"delta_{name}")
+        function = getattr(self.library, f"delta_{name}")
         function.restype = ctypes.c_int
         arrays = [np.ascontiguousarray(x, dtype=self.type) for x in inputs]
         results = [np.ascontiguousarray(x, dtype=self.type) for x in outs]
@@ -67,7 +67,7 @@ class Library:
     def home(self) -> np.ndarray:
         """The constant delta_home."""
         number = ctypes.c_double if self.type == np.float64 else ctypes.c_float
-        return np.array((number * self.dof).in_dll(self._library, "delta_home"))
+        return np.array((number * self.dof).in_dll(self.library, "delta_home"))
 
 
 def written(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -55,6 +56,15 @@ def disturbed(robot: RobotDescription) -> Model:
     offsets = p == 0
     p[offsets] = rng.uniform(-1, 1, offsets.sum())  # of friction
     return Model(robot, p, robot.name)
+
+
+def every_friction_term() -> Model:
+    """A linear Delta with all laws of friction, those that depend on load included."""
+    data = load_robot("linear-delta").model_dump(mode="json", exclude_none=True)
+    data["friction"]["drive1"] |= {"power": {"coefficient": 2.0, "exponent": 0.6}, "load": 0.1}
+    data["friction"]["drive2"] |= {"viscous_back": 3.0, "coulomb_back": 4.0, "load": 0.05}
+    data["friction"]["drive3"] |= {"stribeck": {"coefficient": 2.0, "speed": 2.0}, "offset": 1.0}
+    return disturbed(RobotDescription.model_validate_json(json.dumps(data)))
 
 
 def states(subject: Model, n: int, seed: int = 0, share: float = 0.7) -> tuple[np.ndarray, ...]:

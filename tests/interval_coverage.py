@@ -5,59 +5,29 @@ noise stand in columns of their own beside the regressor. What is gathered is wh
 recordings would have given, and goes the users' way from there.
 """
 
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 from scipy.signal import lfilter
 
+from courses import Courses
 from deltaid.dynamics.dynamics import compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.identification.additions import Addition, Own, Values, extended
+from deltaid.identification.additions import extended
 from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.information import Information, merge
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.scatter import Groups, Noise, inverse
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
-from deltaid.recording.recording import Recording, open_recordings
-from deltaid.recording.windows import Samples
+from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
-from deltaid.robot.parameter import Parameter
 
 RATE = 1000.0
 KINDS = ("white", "coloured", "ripple")
 ROBOTS = ("irb360-6-1600", "clavel-delta3")
-
-
-@dataclass(frozen=True, eq=False)
-class Beside(Addition):
-    """Columns of drives' torques beside those of a robot, one a course of torques.
-
-    Attributes:
-        torques: N m or N at every row of the recording.
-    """
-
-    torques: Float[np.ndarray, "courses dof samples"]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter("constant", f"course{k}", "torque", "", -np.inf, np.inf, 0.0, 1.0)
-            for k in range(len(self.torques))
-        )
-
-    @property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        courses, dof, _ = self.torques.shape
-        return np.tile(np.arange(dof), courses), np.repeat(np.arange(courses), dof)
-
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        rows = np.rint(w.time * RATE).astype(int)
-        return self.torques[:, :, rows].reshape(-1, len(rows))
 
 
 @cache
@@ -101,7 +71,7 @@ def estimates(
     columns |= {f"tau{i + 1}": x for i, x in enumerate(tau)}
     pl.DataFrame(columns).write_parquet(folder / "log.parquet")
     recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
-    wide = extended(dynamics, [Beside(np.concatenate([tau[None], noise]))])
+    wide = extended(dynamics, [Courses(np.concatenate([tau[None], noise]), RATE)])
     gathered = gather_all(wide, recordings)
     groups = Groups(gathered.blocks, gathered.places)
     limits = np.abs(tau).max(axis=1)

@@ -167,6 +167,12 @@ BAD = [
     ("simulate {m} motion.csv --bandwidth 500", "--bandwidth: must lie between 0.01 and 100"),
     ("simulate {m} motion.csv --encoder inf", "--encoder: must be a positive number"),
     ("simulate {m} motion.csv --rate nan", "--rate: must be a positive number"),
+    ("simulate {m} motion.csv --payload two", "--payload: 'two' is no mass"),
+    ("simulate {m} motion.csv --payload -1", "--payload: '-1' is no mass"),
+    ("simulate {m} motion.csv --payload 1±3", "is no load of a robot"),
+    ("simulate {m} motion.csv --payload-known", "there is no load to know"),
+    ("simulate {m} motion.csv --current-loop 0", "--current-loop: must be a positive number"),
+    ("simulate {m} motion.csv --elastic-gears", "has no stiff gear"),
     ("simulate {m} motion.csv -o motion.csv", "would overwrite an input"),
     ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
     ("simulate {m} motion.csv -o a.html --report a.html", "is the file of --output as well"),
@@ -196,3 +202,32 @@ def test_a_plant_of_another_geometry_is_followed_too(folder: Path, tmp_path: Pat
     arguments = ("simulate", ROBOT, folder / "short.csv", "--plant", longer, "--json")
     answer = json.loads(run(*arguments).out)
     assert 5e-4 < answer["platform_rms"] < 3e-3
+
+
+def test_a_payload_and_its_uncertainty(folder: Path) -> None:
+    """A load that is known costs next to nothing, and what is not known of it shows at its ends."""
+    command = ("simulate", ROBOT, folder / "short.csv", "--controller", "pd-feedforward")
+    load = ("--payload", "1.5±0.2", "--current-loop", 300)
+    free = json.loads(run(*command, "--current-loop", 300, "--json").out)
+    blind = json.loads(run(*command, *load, "--json").out)
+    known = json.loads(run(*command, *load, "--payload-known", "--json").out)
+    assert free["payload"] is None
+    assert (free["current_loop_hz"], blind["payload"]["mass"]) == (300, 1.5)
+    assert [end["mass"] for end in known["payload"]["ends"]] == pytest.approx([1.1, 1.9])
+    assert known["platform_rms"] < 0.2 * blind["platform_rms"]
+    ends = [end["platform_rms"] for end in known["payload"]["ends"]]
+    assert min(ends) > 1.5 * known["platform_rms"]
+    text = run(*command, *load, "--payload-known").out
+    assert "with a load of 1.5 kg, of which the controller knows 1.5 kg" in text
+    assert "with 1.9 kg (two standard deviations off)" in text
+
+
+def test_a_comparison_with_a_load(folder: Path, tmp_path: Path) -> None:
+    pl.read_csv(folder / "short.csv")[:60].write_csv(tmp_path / "shorter.csv")
+    arguments = ("compare-controllers", folder / "model.yaml", tmp_path / "shorter.csv", "--plant")
+    outcome = run(*arguments, folder / "truth.yaml", "--payload", "1+-0.1", "--json")
+    runs = {(one["controller"], one["model"]): one for one in json.loads(outcome.out)["runs"]}
+    blind = runs["pd-feedforward", "identified"]
+    known = runs["pd-feedforward", "identified, load known"]
+    assert known["platform_rms"] < 0.2 * blind["platform_rms"]
+    assert [end["mass"] for end in known["ends"]] == pytest.approx([0.8, 1.2])

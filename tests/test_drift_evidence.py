@@ -9,7 +9,7 @@ from deltaid.drift.findings import finding
 from deltaid.drift.outliers import inflation
 from deltaid.drift.series import Regressors, explained
 from deltaid.drift.settings import DriftSettings
-from deltaid.drift.shared import first_prior
+from deltaid.drift.shared import _A_YEAR, _moments, _with_others, first_prior
 from deltaid.drift.tools import tool_changes
 from deltaid.drift.wander import Scatter, whitened_sums
 from deltaid.errors import DeltaidError
@@ -80,6 +80,26 @@ def test_factors_are_ratios_of_marginal_likelihoods() -> None:
         up, down = np.exp(found.log_factor[:, k, s, a] - _log_kinds(changes, a))
         by_sign = stats.t.cdf(found.size[k, s, a] / found.deviation[k, s, a], found.freedom[s])
         np.testing.assert_allclose(up / (up + down), by_sign, rtol=1e-9)
+
+
+def test_what_a_drive_is_told_comes_from_the_other_alone() -> None:
+    """By conditioning normal distributions: b_i = c + d_i, of which only the other's is seen."""
+    variance, base, scatter = _problem(2)
+    changes = Changes.over(DAYS)
+    sums = whitened_sums(DAYS, variance, base, changes.columns, scatter)
+    prior, unlike = first_prior(np.array([2.0, 0.7]), scatter, 2), np.array([np.inf, 0.3])
+    alone = evidence(sums, changes, prior)
+    found = _with_others(alone, changes, prior, unlike, drives=2)
+    changed = _A_YEAR * alone.R / (1 + _A_YEAR * alone.R)
+    mean, covariance = _moments(alone, changed)
+    sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
+    for own, other in ((0, 1), (1, 0)):
+        common, apart = sigma2[own] / prior.precision[own, 1, 1], unlike[1] ** 2
+        gain = common / (common + apart + covariance[other, 1, 1])
+        np.testing.assert_allclose(found.mean[own, 1], gain * mean[other, 1], rtol=1e-9)
+        left = common + apart - gain * common
+        np.testing.assert_allclose(found.precision[own, 1, 1], sigma2[own] / left, rtol=1e-9)
+        np.testing.assert_array_equal(found.precision[own, 0], prior.precision[own, 0])
 
 
 def _log_kinds(changes: Changes, a: int) -> np.ndarray:

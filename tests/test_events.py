@@ -9,6 +9,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.events import events, on_time
 from deltaid.identification.expectation_source import Source
 from deltaid.identification.identify import Identification, identify
+from deltaid.identification.outstanding import outstanding
 from deltaid.model.events import Event
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording import windows
@@ -186,6 +187,10 @@ def test_nothing_depends_on_how_windows_are_cut(monkeypatch) -> None:
     np.testing.assert_allclose(
         [(one.first, one.last) for one in cut], [(one.first, one.last) for one in whole], atol=4e-3
     )
+    # What is kept of a recording of any length keeps no samples alive.
+    arrays = [x for one in outstanding(expected).stretches for x in (one.z, one.speed, one.left)]
+    assert arrays
+    assert all(x.base is None for x in arrays)
 
 
 def test_weights_of_many_spans() -> None:

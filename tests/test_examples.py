@@ -1,6 +1,7 @@
 """The examples run, write only where they are told to, and find what they simulate."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +10,12 @@ import pytest
 
 from deltaid import IdentifiedModel, use_mechanism
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples"
+PAGES = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+# Those that a page runs are run there, with what they print (sessions.py).
+ON_PAGES = set(re.findall(r"\$ python examples/(\w+\.py)", PAGES))
+SCRIPTS = [path for path in sorted(EXAMPLES.glob("*.py")) if path.name not in ON_PAGES]
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)

@@ -153,3 +153,76 @@ def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
     found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES)
     assert "single" in (tmp_path / "r.h").read_text()
     assert "only the sum of the forces" in found.warnings[0]  # of struts, as `deltaid forces` says
+
+
+MAIN = """
+#include "delta.h"
+#include <stdlib.h>
+#include <string.h>
+#define D DELTA_DOF
+/* Each array alone on the heap, so that a step beyond its end is seen. */
+static {real} *filled(int n, {real} value)
+{{
+    {real} *x = ({real} *)malloc((size_t)n * sizeof *x);
+    int i;
+    for (i = 0; i < n; ++i)
+        x[i] = value;
+    return x;
+}}
+int main(void)
+{{
+    static const {real} values[3] = {{0, 1, 1e30f}};
+    int k, good = 0;
+    for (k = 0; k < 4; ++k) {{
+        {real} *z = filled(D, values[k % 3]), *q = filled(D, 0), *v = filled(D, values[k % 3]);
+        {real} *tau = filled(D, 0), *M = filled(D * D, 0), *F = filled({forces}, 0);
+        {real} *Y = filled({regressor}, 0), *x = filled({joints}, 0), *xd = filled({joints}, 0);
+        if (k == 3) {{
+            memcpy(z, delta_home, sizeof delta_home);
+            good += delta_inverse_kinematics(z, q) == 0;
+        }}
+        good += delta_forward_kinematics(q, z) == 0;
+        good += delta_inverse_dynamics(q, v, v, z, tau) == 0;
+        good += delta_inverse_dynamics_at(z, v, v, tau) == 0;
+        good += delta_forward_dynamics(z, v, tau, v) == 0;
+        good += delta_jacobian(z, M) == 0;
+        good += delta_mass_matrix(z, M) == 0;
+        good += delta_bias(z, v, tau) == 0;
+        good += delta_gravity(z, tau) == 0;
+        good += delta_constraint_forces(z, v, v, F) == 0;
+        good += delta_passive_joints(z, v, x, xd) == 0;
+        good += delta_regressor(z, v, v, Y) == 0;
+        free(z), free(q), free(v), free(tau), free(M), free(F), free(Y), free(x), free(xd);
+    }}
+    return good >= 12 ? 0 : 1;
+}}
+"""
+
+
+@needs_compiler
+def test_sanitizers_find_nothing(tmp_path: Path) -> None:
+    """Address and undefined behaviour, with numbers from 0 to 1e30 and a good pose."""
+    chosen, precision = subject("h4-linear"), DOUBLE
+    source = written_to(chosen, tmp_path, precision, FURTHER)
+    sizes = {
+        "forces": len(ConstraintForces(chosen.robot).names),
+        "regressor": 4 * len(chosen.p),
+        "joints": len(chosen.dynamics.kinematics.passive_joints(chosen.home[None]).names),
+    }
+    (tmp_path / "main.c").write_text(MAIN.format(real=precision.c_type, **sizes))
+    options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0"]
+    command = [*COMPILERS["gcc"], *options, source, tmp_path / "main.c", "-o", tmp_path / "run"]
+    made = subprocess.run([*command, "-lm"], capture_output=True, encoding="utf-8")
+    if "asan" in made.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert made.returncode == 0, made.stderr
+    ran = subprocess.run([tmp_path / "run"], capture_output=True, encoding="utf-8")
+    assert (ran.returncode, ran.stderr) == (0, "")
+
+
+@needs_compiler
+def test_fast_mathematics_is_refused(tmp_path: Path) -> None:
+    source = written_to(subject("linear-delta"), tmp_path)
+    command = [*COMPILERS["gcc"], "-ffast-math", "-c", source, "-o", tmp_path / "delta.o"]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8")
+    assert "compile without -ffast-math" in done.stderr

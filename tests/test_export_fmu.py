@@ -2,82 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi2 import FMU2Model
 from fmpy.validation import validate_fmu
-from scipy.integrate import solve_ivp
 
 from command import run
+from deltaid.export import fmu_binaries
 from deltaid.export.fmu import fmu
+from deltaid.export.fmu_binaries import own_compiler
 from deltaid.model.model import Model
-from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import load_robot
-from exports import compiled, disturbed, model, needs_compiler, states, subject
+from exports import compiled, every_friction_term, model, needs_compiler, states, subject
 from support import assert_close
+from units import content, names, unit, write
 
 NAMES = ["irb360-6-1600", "par4-linear", "linear-delta"]
 pytestmark = needs_compiler
-
-
-@cache
-def content(chosen: Model, target: str) -> bytes:
-    found = fmu(chosen, "unit", forward=target == "fmu")
-    assert found.warnings == ()
-    return found.content
-
-
-def write(chosen: Model, target: str, folder: Path) -> Path:
-    path = folder / "unit.fmu"
-    path.write_bytes(content(chosen, target))
-    return path
-
-
-class Unit:
-    """An instance of a unit, its variables by name."""
-
-    def __init__(self, path: Path, folder: Path, kind: type) -> None:
-        self.description = fmpy.read_model_description(str(path))
-        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
-        unzipped = fmpy.extract(str(path), str(folder / "unzipped"))
-        self.fmu = kind(
-            guid=self.description.guid,
-            unzipDirectory=unzipped,
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName="instance",
-        )
-        self.fmu.instantiate()
-        self.fmu.setupExperiment(startTime=0.0)
-        self.fmu.enterInitializationMode()
-
-    def get(self, *names: str) -> np.ndarray:
-        return np.array(self.fmu.getReal([self.references[name] for name in names]))
-
-    def set(self, names: list[str], values: np.ndarray) -> None:
-        self.fmu.setReal([self.references[name] for name in names], list(values))
-
-
-@contextmanager
-def unit(chosen: Model, target: str, folder: Path, kind: type = FMU2Slave) -> Iterator[Unit]:
-    found = Unit(write(chosen, target, folder), folder, kind)
-    yield found
-    found.fmu.terminate()
-    found.fmu.freeInstance()
-
-
-def names(what: str, dof: int) -> list[str]:
-    if what == "z":
-        return ["x", "y", "z", "psi"][:dof]
-    return [f"{what}{i + 1}" for i in range(dof)]
 
 
 @pytest.mark.parametrize("target", ["fmu", "fmu-inverse"])
@@ -145,41 +90,10 @@ def test_accelerations(name: str, tmp_path: Path) -> None:
 
 def test_accelerations_with_every_friction_term(tmp_path: Path) -> None:
     """Friction that depends on load takes its share of the motor's torque: no torque added here."""
-    data = load_robot("linear-delta").model_dump(mode="json", exclude_none=True)
-    data["friction"]["drive1"] |= {"power": {"coefficient": 2.0, "exponent": 0.6}, "load": 0.1}
-    data["friction"]["drive2"] |= {"viscous_back": 3.0, "coulomb_back": 4.0, "load": 0.05}
-    data["friction"]["drive3"] |= {"stribeck": {"coefficient": 2.0, "speed": 2.0}, "offset": 1.0}
-    chosen = disturbed(RobotDescription.model_validate_json(json.dumps(data)))
-    accelerations(chosen, tmp_path, np.zeros(3), 20)
+    accelerations(every_friction_term(), tmp_path, np.zeros(3), 20)
 
 
-def test_co_simulation_against_an_integrator(tmp_path: Path) -> None:
-    """Half a second of free swinging without friction, from a push."""
-    chosen = subject("irb360-6-1600").without_friction()
-    push, tau = np.array([1.0, -1.0, 0.5, 2.0]), np.array([-8.0, -6.0, -9.0, 0.01])
-
-    def slope(_: float, x: np.ndarray) -> np.ndarray:
-        z, qd = np.split(x, 2)
-        terms = model(chosen, z[None], qd[None], np.zeros((1, 4)))
-        J = chosen.dynamics.kinematics.jacobian(z[None])[0]
-        return np.append(np.linalg.solve(J, qd), np.linalg.solve(terms.M[0], tau - terms.bias[0]))
-
-    start = np.append(chosen.home, push)
-    end = solve_ivp(slope, (0, 0.5), start, rtol=1e-10, atol=1e-12, method="DOP853").y[:, -1]
-    with unit(chosen, "fmu", tmp_path) as found:
-        found.set(names("tau", 4), tau)
-        found.set(names("qd", 4), push)
-        found.fmu.exitInitializationMode()
-        for k in range(50):
-            found.fmu.doStep(0.01 * k, 0.01)
-        assert_close(found.get(*names("z", 4)), end[:4], 1e-8)
-        assert_close(found.get(*names("qd", 4)), end[4:], 1e-8)
-        q = chosen.dynamics.kinematics.inverse(end[None, :4])[0]
-        assert_close(found.get(*names("q", 4)), q, 1e-8)
-
-
-@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
-def test_friction_holds_the_robot_but_for_a_creep(kind: str, tmp_path: Path) -> None:
+def test_in_model_exchange_friction_holds_the_robot_but_for_a_creep(tmp_path: Path) -> None:
     chosen = subject("par4-linear")
     still = np.zeros((1, 4))
     gravity = model(chosen, chosen.home[None], still, still).g[0]
@@ -187,7 +101,7 @@ def test_friction_holds_the_robot_but_for_a_creep(kind: str, tmp_path: Path) -> 
     path = write(chosen, "fmu", tmp_path)
     start = {f"tau{i + 1}": gravity[i] + 0.5 * loss[i] for i in range(4)}
     out = fmpy.simulate_fmu(
-        str(path), fmi_type=kind, stop_time=0.3, start_values=start, output_interval=0.01
+        str(path), fmi_type="ModelExchange", stop_time=0.3, start_values=start, output_interval=0.01
     )
     speeds = np.array([out[f"qd{i + 1}"][-1] for i in range(4)])
     assert np.abs(speeds).max() < 0.01
@@ -203,26 +117,11 @@ def test_friction_that_would_drive_is_refused(speed: float, tmp_path: Path) -> N
             found.get("der(qd1)")
 
 
-def test_a_state_can_be_saved_and_gone_back_to(tmp_path: Path) -> None:
-    chosen = subject("linear-delta")
-    with unit(chosen, "fmu", tmp_path) as found:
-        found.fmu.exitInitializationMode()
-        found.fmu.doStep(0.0, 0.05)
-        kept = found.fmu.getFMUstate()
-        stored = found.fmu.serializeFMUstate(kept)
-        found.fmu.doStep(0.05, 0.05)
-        later = found.get("x", "y", "z", "qd1")
-        found.fmu.setFMUstate(found.fmu.deSerializeFMUstate(stored))
-        assert (found.get("x", "y", "z", "qd1") != later).any()
-        found.fmu.doStep(0.05, 0.05)
-        assert (found.get("x", "y", "z", "qd1") == later).all()
-        found.fmu.freeFMUstate(kept)
-
-
 def test_without_a_compiler_the_sources_are_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shutil, "which", lambda *_: None)
+    monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)
     outcome = run("export", "linear-delta", "--to", "fmu", "-o", tmp_path / "a.fmu", width=400)
     assert outcome.code == 0
     assert "no C compiler was found" in outcome.err
@@ -235,4 +134,5 @@ def test_without_a_compiler_the_sources_are_there(
 
 def test_the_same_model_gives_the_same_file() -> None:
     first = content(subject("linear-delta"), "fmu")
-    assert fmu(subject("linear-delta"), "unit", forward=True).content == first
+    again = fmu(subject("linear-delta"), "unit", forward=True, compiler=own_compiler())
+    assert again.content == first

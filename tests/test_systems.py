@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import deltaid
-from deltaid.export import fmu as export
+from deltaid.export import fmu_binaries
+from deltaid.export.fmu import fmu
 from deltaid.kernel import store
 from deltaid.recording.formats import last_words
 
@@ -55,8 +56,9 @@ def test_no_signal_is_touched_where_there_is_none(monkeypatch: pytest.MonkeyPatc
 def test_a_unit_without_binary_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     model = deltaid.load("clavel-delta3")
     monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(export.shutil, "which", lambda name: f"C:/{name}.exe")
-    made = export.fmu(model, "unit", forward=False)
+    monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)
+    monkeypatch.setattr(fmu_binaries.shutil, "which", lambda name: f"C:/{name}.exe")
+    made = fmu(model, "unit", forward=False)
     assert len(made.warnings) == 1
     assert "binaries for this machine are not known" in made.warnings[0]
     with zipfile.ZipFile(io.BytesIO(made.content)) as unit:

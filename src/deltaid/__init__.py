@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
     from deltaid.model.samples import Samples
+    from deltaid.online.online import Online, OnlineEstimate
+    from deltaid.online.settings import OnlineSettings
     from deltaid.planning.bench import PlanSettings
     from deltaid.planning.offers import Offers, load_offers
     from deltaid.planning.plan import SensorPlan, sensor_plan
@@ -71,6 +73,9 @@ _HOME = {
     "Proposal": "deltaid.check.verdict",
     "Recording": "deltaid.recording.memory",
     "Offers": "deltaid.planning.offers",
+    "Online": "deltaid.online.online",
+    "OnlineEstimate": "deltaid.online.online",
+    "OnlineSettings": "deltaid.online.settings",
     "PlanSettings": "deltaid.planning.bench",
     "SensorPlan": "deltaid.planning.plan",
     "RobotDescription": "deltaid.robot.description",
@@ -118,6 +123,9 @@ __all__ = [
     "MechanismParts",
     "Model",
     "Offers",
+    "Online",
+    "OnlineEstimate",
+    "OnlineSettings",
     "PlanSettings",
     "Proposal",
     "Recording",

@@ -6,6 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from deltaid.cli.conditions import (
+    CurrentLoop,
+    ElasticGears,
+    PayloadText,
+    drives_dictionary,
+    drives_of,
+    payload_dictionary,
+    payload_of,
+)
 from deltaid.cli.options import output_file
 from deltaid.cli.simulate import (
     DEFAULT_BANDWIDTH,
@@ -39,6 +48,9 @@ def compare_controllers(
     bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
     encoder: Encoder = None,
     delay: Delay = 0,
+    current_loop: CurrentLoop = None,
+    payload: PayloadText = None,
+    elastic_gears: ElasticGears = False,
     columns: Columns = None,
     report: Annotated[
         Path | None, output_file(help="HTML page with figures, works offline.")
@@ -48,8 +60,9 @@ def compare_controllers(
     """Compare tracking with the prior, the base parameters and the identified model.
 
     Every controller runs with every model on the plant, all tuned alike: what differs is what they
-    know of the robot. Runs at a limit, lost, or far from the motion are marked in the table, and
-    none of them is called best; the exit code stays 0.
+    know of the robot. With --payload, the identified model runs a second time with its mass known,
+    and all runs again two standard deviations off. Runs at a limit, lost, or far from the motion
+    are marked in the table, and none of them is called best; the exit code stays 0.
     """
     from deltaid.cli.output import (
         print_json,
@@ -59,29 +72,26 @@ def compare_controllers(
         progress,
         require_report,
     )
-    from deltaid.cli.simulate import (
-        drives_dictionary,
-        drives_of,
-        given,
-        load_plant,
-        load_trajectory,
-    )
+    from deltaid.cli.simulate import given, load_plant, load_trajectory
     from deltaid.control.comparison import candidates, compare
     from deltaid.control.infeasible import of_motion
+    from deltaid.control.plant import Plant
     from deltaid.model.model import load
     from deltaid.report.tracking_tables import infeasible_lines
 
-    drives = drives_of(rate, bandwidth, encoder, delay)
+    drives = drives_of(rate, bandwidth, encoder, delay, current_loop)
+    held = payload_of(payload, known=False)
     if report is not None:
         require_report(report, given(model, trajectory, plant, columns))
     known = load(model)
     print_origin(known)
     runs_on = load_plant(plant, known.robot)
+    moved = Plant(runs_on, elastic=elastic_gears)
     with progress(as_json) as say:
         say(f"checking {trajectory}")
         motion, warnings = load_trajectory(trajectory, known.robot, columns)
-        problems = of_motion(runs_on, motion)
-        runs = compare(runs_on, candidates(known), motion, drives, bandwidth, say)
+        problems = of_motion(moved.carrying(held.mass).at(0.0) if held else runs_on, motion)
+        runs = compare(moved, candidates(known), motion, drives, bandwidth, say, held)
         if report is not None:
             from deltaid.report.page import write_page
             from deltaid.report.tracking import comparison_page
@@ -93,6 +103,7 @@ def compare_controllers(
     print_warnings(warnings)
     if as_json:
         settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
+        settings |= payload_dictionary(held, False, ())
         told = {"infeasible": [asdict(problem) for problem in problems]}
         print_json(settings | told | {"runs": [_as_dictionary(run) for run in runs]})
     else:
@@ -110,7 +121,11 @@ def _as_dictionary(run: "Run") -> dict[str, Any]:
     }
     if run.tracking is None:
         return head
-    told = {"infeasible": [asdict(problem) for problem in run.problems]}
+    told: dict[str, Any] = {"infeasible": [asdict(problem) for problem in run.problems]}
+    if run.ends:
+        told["ends"] = [
+            {"mass": mass, "platform_rms": end.error.platform_rms} for mass, end in run.ends
+        ]
     return head | error_dictionary(run.tracking) | told
 
 

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
+from deltaid.cli.options import AsJson, output_file
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from deltaid.drift.robot_drift import RobotDrift
     from deltaid.factors.file import FactorFile
     from deltaid.model.record import IdentifiedModel
@@ -28,17 +27,9 @@ def drift(
     factors: Annotated[
         list[Path], typer.Argument(help="Files of `deltaid gather`, or their folder.")
     ],
-    limit: Annotated[
-        float | None,
-        typer.Option(help="Friction that is too much, as a share of what it was, such as 1.5."),
-    ] = None,
-    false_alarms: Annotated[
-        float, typer.Option(help="False alarms that a robot may have in a year.")
-    ] = 0.1,
-    since: Annotated[
-        str | None,
-        typer.Option(help="Leave out what was recorded before this day.", metavar="DATE"),
-    ] = None,
+    limit: Limit = None,
+    false_alarms: FalseAlarms = 0.1,
+    since: Since = None,
     output: Annotated[
         Path | None,
         output_file("--output", "-o", help="Table of what was found (.parquet or .csv)."),
@@ -46,7 +37,7 @@ def drift(
     friction: Annotated[
         Path | None, output_file(help="Table of each recording's friction (.parquet or .csv).")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find friction that changes: since when, how fast, and when it reaches a limit.
 
@@ -56,13 +47,12 @@ def drift(
     from deltaid.cli.output import console, print_json, progress, require_outputs, shown
     from deltaid.drift.recorded import recorded
     from deltaid.drift.robot_drift import robot_drift
-    from deltaid.drift.settings import DriftSettings
     from deltaid.drift.tables import drift_table, friction_table, require_table, save
     from deltaid.errors import DeltaidError
     from deltaid.factors.file import read
     from deltaid.report.drift_tables import drift_shown, sentences
 
-    settings = DriftSettings(limit=limit, false_alarms=false_alarms, since=_day(since))
+    settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
     for path in paths:
         if path.is_dir():
@@ -103,26 +93,6 @@ def _model(robot: str, files: "Sequence[FactorFile]") -> "IdentifiedModel":
 
     known = load(robot).identified
     return identify_gathered(described(robot), files).model if known is None else known
-
-
-def _day(text: str | None) -> "datetime | None":
-    """A date that was given.
-
-    Raises:
-        DeltaidError: it is none.
-    """
-    from datetime import datetime
-
-    from deltaid.errors import DeltaidError
-
-    if text is None:
-        return None
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        raise DeltaidError(
-            f"must be a date, not {text}", where="--since", cure="write it as 2026-01-31"
-        ) from None
 
 
 def as_dictionary(found: "RobotDrift") -> dict[str, Any]:

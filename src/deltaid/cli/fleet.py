@@ -1,6 +1,5 @@
 """`deltaid fleet`: hundreds of robots and all their recordings, from a manifest to tables."""
 
-import re
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -9,19 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag, output_file
 from deltaid.errors import DeltaidError
 from deltaid.model.options import FrictionLaws, Period
 
 if TYPE_CHECKING:
-    from deltaid.drift.settings import DriftSettings
     from deltaid.fleet.fleet import Fleet
     from deltaid.fleet.run import FleetRun
     from deltaid.fleet.store import Store
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
-_LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
 # What a shell calls a command that Ctrl-C has ended.
 _INTERRUPTED = 130
 
@@ -79,16 +77,9 @@ def fleet(
             help="Description of the next robot, with what the fleet knows of its type.",
         ),
     ] = None,
-    limit: Annotated[
-        str | None,
-        typer.Option(
-            help="Friction that is too much: times what it was, such as 1.5, or 12Nm, or 40N.",
-            metavar="LIMIT",
-        ),
-    ] = None,
-    false_alarms: Annotated[
-        float, typer.Option(help="Of drift: so many a robot and year, at most.")
-    ] = 0.1,
+    limit: Limit = None,
+    false_alarms: FalseAlarms = 0.1,
+    since: Since = None,
     force: Force = False,
     retry: Annotated[
         bool, typer.Option("--retry", help="Try again what was put into quarantine before.")
@@ -122,7 +113,7 @@ def fleet(
         cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
     )  # fmt: skip
-    drift, store = _drift(limit, false_alarms), Store()
+    drift, store = drift_settings(limit, false_alarms, since), Store()
     if prior_out is not None:
         require_writable(prior_out)
     try:
@@ -187,28 +178,6 @@ def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> No
             cure="see quarantine.csv",
         )
     write_bytes(path, data[0])
-
-
-def _drift(limit: str | None, false_alarms: float) -> "DriftSettings":
-    """What is asked of drift.
-
-    Raises:
-        DeltaidError: a limit is no number, or cannot be.
-    """
-    from deltaid.drift.settings import DriftSettings
-
-    if limit is None:
-        return DriftSettings(false_alarms=false_alarms)
-    found = _LIMIT.fullmatch(limit.strip())
-    if found is None:
-        raise DeltaidError(
-            f"must be a number such as 1.5, or a torque or force, 12Nm or 40N, not {limit!r}",
-            where="--limit",
-        )
-    number, unit = float(found[1]), found[2]
-    if not unit:
-        return DriftSettings(limit=number, false_alarms=false_alarms)
-    return DriftSettings(limit=number, limit_is="torque", false_alarms=false_alarms)
 
 
 def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:

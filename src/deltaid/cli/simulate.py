@@ -6,6 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from deltaid.cli.conditions import (
+    CurrentLoop,
+    ElasticGears,
+    PayloadKnown,
+    PayloadText,
+    drives_dictionary,
+    drives_of,
+    payload_dictionary,
+    payload_lines,
+    payload_of,
+)
 from deltaid.cli.options import output_file
 from deltaid.control.options import ControllerName
 
@@ -15,7 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     import polars as pl
 
-    from deltaid.control.tracking import Drives, Tracking
+    from deltaid.control.tracking import Tracking
     from deltaid.control.trajectory import SampledTrajectory
     from deltaid.model.model import Model
     from deltaid.robot.description import RobotDescription
@@ -58,6 +69,10 @@ def simulate(
     bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
     encoder: Encoder = None,
     delay: Delay = 0,
+    current_loop: CurrentLoop = None,
+    payload: PayloadText = None,
+    payload_known: PayloadKnown = False,
+    elastic_gears: ElasticGears = False,
     columns: Columns = None,
     output: Annotated[
         Path | None, output_file("--output", "-o", help="CSV file for motion and torques.")
@@ -74,6 +89,7 @@ def simulate(
     follow, is said in red; the exit code stays 0, and --json has it under "infeasible".
     """
     from deltaid.cli.output import (
+        console,
         print_json,
         print_origin,
         print_problems,
@@ -84,27 +100,37 @@ def simulate(
     from deltaid.control.comparison import gains
     from deltaid.control.control_model import ControlModel
     from deltaid.control.infeasible import of_motion, of_tracking
+    from deltaid.control.plant import Plant
     from deltaid.control.tracking import track
     from deltaid.files import together, written_whole
     from deltaid.model.model import load
 
-    drives = drives_of(rate, bandwidth, encoder, delay)
+    drives = drives_of(rate, bandwidth, encoder, delay, current_loop)
+    held = payload_of(payload, payload_known)
     require_outputs(given(model, trajectory, plant, columns), {"--output": output}, report)
     subject = load(model)
     print_origin(subject)
     runs_on = load_plant(plant or model, subject.robot)
+    moved = Plant(runs_on, elastic=elastic_gears)
     known = ControlModel(subject.robot, subject.p)
+    if held is not None:
+        moved = moved.carrying(held.mass)
+        known = known.holding(held.mass) if payload_known else known
     with progress(as_json) as say, together():
         say(f"checking {trajectory}")
         motion, warnings = load_trajectory(trajectory, subject.robot, columns)
         say("simulating")
         law = gains(controller, known, motion, bandwidth)
-        problems = of_motion(runs_on, motion)
-        result = track(runs_on, law, known, motion, drives)
+        problems = of_motion(moved.at(0.0), motion)
+        result = track(moved, law, known, motion, drives)
         problems += of_tracking(runs_on, result)
+        ends = [
+            (mass, track(moved.carrying(mass), law, known, motion, drives))
+            for mass in (held.ends if held else ())
+        ]
         if output is not None:
             with written_whole(output) as file:
-                file.write(as_table(result, sensed(runs_on, result)).write_csv())
+                file.write(as_table(result, sensed(moved.at(0.0), result)).write_csv())
         if report is not None:
             from deltaid.report.page import write_page
             from deltaid.report.tracking import tracking_page
@@ -118,28 +144,17 @@ def simulate(
     if as_json:
         settings = {"controller": controller, "model": model, "plant": plant or model}
         settings |= drives_dictionary(drives, bandwidth)
+        settings |= payload_dictionary(held, payload_known, ends)
         told = {"infeasible": [asdict(problem) for problem in problems]}
         print_json(settings | error_dictionary(result) | told)
     else:
-        _print(subject.robot, result, [path for path in (output, report) if path])
+        _print(subject.robot, result)
+        for text in payload_lines(held, payload_known, ends):
+            console.print(text)
+        for path in (output, report):
+            if path is not None:
+                console.print(f"wrote {path}")
     print_problems([problem.text for problem in problems])
-
-
-def drives_of(rate: float, bandwidth: float, encoder: float | None, delay: int) -> "Drives":
-    """The drives' electronics from the options.
-
-    Raises:
-        DeltaidError: a rate, a bandwidth or an encoder's step is out of bounds.
-    """
-    from deltaid.cli.output import positive
-    from deltaid.control.tracking import ENCODER_STEP, Drives
-
-    positive("--rate", rate, (10.0, 1e5))
-    positive("--bandwidth", bandwidth, (0.01, rate / 10))
-    if encoder:
-        positive("--encoder", encoder, (0.0, 1.0))
-    step = ENCODER_STEP if encoder is None else encoder
-    return Drives(rate=rate, encoder_step=step, delay=delay)
 
 
 def given(*names: str | Path | None) -> list[Path]:
@@ -184,16 +199,6 @@ def load_trajectory(
     mapping = load_mapping(columns) if columns else None
     motion, log = open_trajectory(path, compiled(robot).kinematics, mapping)
     return motion, [f"{path}: {text}" for text in log.warnings]
-
-
-def drives_dictionary(drives: "Drives", bandwidth: float) -> dict[str, Any]:
-    """Settings for JSON."""
-    return {
-        "bandwidth_hz": bandwidth,
-        "rate_hz": drives.rate,
-        "encoder_step": drives.encoder_step,
-        "delay": drives.delay,
-    }
 
 
 def error_dictionary(result: "Tracking") -> dict[str, Any]:
@@ -257,7 +262,7 @@ def as_table(
     return pl.DataFrame({name: values[valid] for name, values in columns.items()})
 
 
-def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> None:
+def _print(robot: "RobotDescription", result: "Tracking") -> None:
     from deltaid.cli.output import console, shown
     from deltaid.report.tracking_tables import drive_table
 
@@ -273,5 +278,3 @@ def _print(robot: "RobotDescription", result: "Tracking", files: list[Path]) -> 
             f"tool {1e3 * error.turn_rms:.3g} mrad rms and {1e3 * error.turn_max:.3g} mrad at "
             "most from the turn it should have"
         )
-    for path in files:
-        console.print(f"wrote {path}")

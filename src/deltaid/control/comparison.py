@@ -15,6 +15,7 @@ from deltaid.control.controllers import (
 )
 from deltaid.control.infeasible import Problem, of_tracking
 from deltaid.control.options import ControllerName
+from deltaid.control.plant import Payload, Plant, as_plant
 from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
@@ -47,6 +48,7 @@ class Run:
         model: the model's name; empty for a controller that needs none.
         tracking: what became of it; None where it cannot run.
         why_not: why not, then.
+        ends: the same with loads at the ends of what they may be, by their mass [kg].
         problems: what no one would want on a robot: a limit that cuts, a robot that is lost.
     """
 
@@ -55,6 +57,7 @@ class Run:
     tracking: Tracking | None
     why_not: str = ""
     problems: tuple[Problem, ...] = ()
+    ends: tuple[tuple[float, Tracking], ...] = ()
 
 
 def candidates(model: ModelLike) -> tuple[Candidate, ...]:
@@ -102,35 +105,48 @@ def gains(
 
 
 def compare(
-    plant: Model,
+    plant: Model | Plant,
     models: Sequence[Candidate],
     trajectory: Trajectory,
     drives: Drives,
     bandwidth: float,
     progress: Callable[[str], None] = lambda _: None,
+    payload: Payload | None = None,
 ) -> tuple[Run, ...]:
     """All controllers with all models, tuned alike: with the mass matrix of the last model.
 
     A controller that needs a mass matrix does not run with a model whose M is not positive definite
     along the trajectory; base parameters by least squares promise torques only.
 
+    Args:
+        payload: what the plant carries; the last model then runs a second time, with its mass
+            known, and all runs are repeated at both ends of what it may be.
+
     Raises:
         KinematicsError: the trajectory is out of reach.
     """
+    plant, tuned_with, known = as_plant(plant), models[-1].model, models[-1:]
+    if payload is not None:
+        plant, last = plant.carrying(payload.mass), models[-1]
+        known = (Candidate(f"{last.name}, load known", last.model.holding(payload.mass)),)
+        models = (*models, *known)
     runs = []
     for name in CONTROLLERS:
-        controller = gains(name, models[-1].model, trajectory, bandwidth)
-        for candidate in models[-1:] if name == "pd" else models:
+        law = gains(name, tuned_with, trajectory, bandwidth)
+        for candidate in known if name == "pd" else models:
             label = "" if name == "pd" else candidate.name
             progress(f"{name} {label}")
-            why_not = ""
             if name in NEED_MASS_MATRIX:
                 why_not = _lack(candidate.model.least_eigenvalue(_poses(trajectory)))
-            done = (
-                None if why_not else track(plant, controller, candidate.model, trajectory, drives)
+                if why_not:
+                    runs.append(Run(name, label, None, why_not))
+                    continue
+            done = track(plant, law, candidate.model, trajectory, drives)
+            ends = tuple(
+                (mass, track(plant.carrying(mass), law, candidate.model, trajectory, drives))
+                for mass in (payload.ends if payload else ())
             )
-            problems = of_tracking(plant, done) if done is not None else ()
-            runs.append(Run(name, label, done, why_not, problems))
+            runs.append(Run(name, label, done, "", of_tracking(plant.model, done), ends))
     return tuple(runs)
 
 

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.control.plant import loaded, point_mass
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.load_friction import with_load_friction
 from deltaid.kernel.batch import BatchKernel
@@ -29,6 +30,10 @@ class ControlModel:
     def __init__(self, robot: RobotDescription, p: Parameters) -> None:
         self.robot, self.p = robot, np.asarray(p, dtype=float)
         self._kernel = _law(robot.model_dump_json())
+
+    def holding(self, mass: float) -> "ControlModel":
+        """The same that knows of a load, a mass [kg] at the tool."""
+        return ControlModel(self.robot, loaded(self.robot, self.p, point_mass(mass)))
 
     @property
     def dynamics(self) -> Dynamics:

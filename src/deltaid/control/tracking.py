@@ -12,6 +12,7 @@ until the next one:
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,8 @@ from jaxtyping import Bool, Float
 
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import Controller, Measured
-from deltaid.control.simulation import time_steps
+from deltaid.control.plant import Plant, as_plant
+from deltaid.control.running import Running
 from deltaid.control.trajectory import Desired, Trajectory
 from deltaid.dynamics.limits import effort_limits
 from deltaid.mechanism.kinematics import Samples
@@ -27,6 +29,8 @@ from deltaid.model.model import Model
 from deltaid.robot.task import Task
 
 ENCODER_STEP = 2 * np.pi / 2**20
+# What a controller knows of the robot: always the same, or by time [s].
+Knowledge = ControlModel | Callable[[float], ControlModel]
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,15 @@ class Drives:
         encoder_step: resolution of a measured coordinate [rad or m]; 0 for exact ones.
         delay: samples from an encoder's reading to its use.
         velocity_cutoff: of the low-pass on differences, as a share of the rate.
+        current_loop: its bandwidth [Hz], of a first-order lag from the torque that is asked for to
+            the one that the motor gives; infinite for none.
     """
 
     rate: float = 1000.0
     encoder_step: float = ENCODER_STEP
     delay: int = 0
     velocity_cutoff: float = 0.2
+    current_loop: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -131,36 +138,40 @@ class Tracking:
 
 
 def track(
-    plant: Model,
+    plant: Model | Plant,
     controller: Controller,
-    model: ControlModel,
+    model: Knowledge,
     trajectory: Trajectory,
     drives: Drives,
 ) -> Tracking:
     """Run a controller that knows `model` on a robot `plant` along a trajectory, from its start.
 
+    Args:
+        model: what the controller knows; a function of time where that changes, as when it is told
+            of a load.
+
     Raises:
         KinematicsError: the trajectory is out of the plant's reach, or of the model's.
     """
+    plant = as_plant(plant)
+    known = model if callable(model) else lambda _: model
     period = 1 / drives.rate
     time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
     start, desired = trajectory.at(time), trajectory.at(time + 0.5 * period)
-    limits = effort_limits(plant.forward.robot)
-    substeps, h = time_steps(drives.rate)
-    z, qd = plant.forward.kinematics.forward(start.q[:1]), start.qd[:1]
+    limits = effort_limits(plant.model.robot)
+    running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
     readings = _Readings(drives)
-    path, torques = np.empty((3, len(time), z.shape[1])), np.empty(start.q.shape)
+    path, torques = np.empty((3, *start.q.shape)), np.empty(start.q.shape)
     wanted = np.empty_like(torques)
     for k in range(len(time)):
-        q = plant.forward.drive_coordinates(z)
-        path[:, k] = q[0], z[0], qd[0]
+        q = running.encoders
+        path[:, k] = q[0], running.z[0], running.qd[0]
         error, error_rate = readings.take(q, start.q[k : k + 1])
         now = _row(desired, k)
         measured = Measured(now.q + error, now.qd + error_rate)
-        wanted[k] = controller.torque(model, measured, now)[0]
+        wanted[k] = controller.torque(known(float(time[k])), measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
-        for _ in range(substeps):
-            z, qd = plant.forward.step(z, qd, torques[k : k + 1], plant.p, h)
+        running.hold(torques[k : k + 1], float(time[k]))
     # A law may lose the robot one sample before: it knows the robot by its own lengths.
     lost = np.flatnonzero(~(np.isfinite(path).all(axis=(0, 2)) & np.isfinite(wanted).all(axis=1)))
     return Tracking(
@@ -173,7 +184,7 @@ def track(
         tau=torques,
         saturated=np.abs(wanted) > limits,
         ended=float(time[lost[0]]) if lost.size else None,
-        task=plant.robot.task,
+        task=plant.model.robot.task,
     )
 
 

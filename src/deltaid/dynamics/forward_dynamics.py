@@ -173,17 +173,17 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
     def _step_kernel(self) -> BatchKernel:
         e, z, qd = self.equations, ca.SX.sym("z0", self.dof), ca.SX.sym("qd0", self.dof)
         h = ca.SX.sym("h")
-        change = ca.Function("change", *self._velocity_change())
+        change = ca.Function("change", *self.velocity_change())
         T = ca.Function("T", [e.z], [e.T])
         middle = z + 0.5 * h * T(z) @ qd
         qd_middle = qd + change(z, qd, qd, e.tau, e.p, 0.5 * h)
         qd_end = qd + change(middle, qd_middle, qd, e.tau, e.p, h)
         z_end = z + 0.5 * h * T(middle) @ (qd + qd_end)
-        z_end = ca.if_else(self._ahead(middle, T(middle) @ qd_middle, h) > 0, z_end, np.nan)
+        z_end = ca.if_else(self.ahead(middle, T(middle) @ qd_middle, h) > 0, z_end, np.nan)
         x = ca.vertcat(z, qd, e.tau)
         return BatchKernel(x, ca.vertcat(z_end, qd_end), uniform=ca.vertcat(e.p, h))
 
-    def _ahead(self, z: ca.SX, zd: ca.SX, h: ca.SX) -> ca.SX:
+    def ahead(self, z: ca.SX, zd: ca.SX, h: ca.SX) -> ca.SX:
         """Negative where a limb would be stretched within h.
 
         A pose can turn back there, or go on in the limb's other working mode, which z does not
@@ -195,7 +195,7 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
         reach, rate = ca.Function("reach", [m.z, zd_0], [m.reach, rate])(z, zd)
         return ca.mmin(reach + 0.5 * h * rate)
 
-    def _velocity_change(self) -> tuple[list[ca.SX], list[ca.SX]]:
+    def velocity_change(self) -> tuple[list[ca.SX], list[ca.SX]]:
         """Change of q̇ over h by forces at one state (z, q̇), as inputs and output of a function.
 
         q̇ and not ż is what goes from step to step, so that a drive at rest stays where it is while

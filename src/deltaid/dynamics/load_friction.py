@@ -48,7 +48,7 @@ def carried(
 ) -> ca.SX:
     """x: torques without the drives' own friction and rotors; `torque` has no friction by load."""
     x, none = ca.SX(torque), ca.SX(0)
-    for k, i, column in _of_drives(robot):
+    for k, i, column in columns_of_drives(robot):
         if column.parameter.kind != "spring" and column.parameter.symbol != "load":
             x[i] -= p[k] * column.effort(JointMotion(none, speed[i], acceleration[i], none))
     return x
@@ -57,14 +57,14 @@ def carried(
 def rotor_inertia(robot: RobotDescription, p: ca.SX) -> ca.SX:
     """I_r of every drive."""
     inertia = ca.SX.zeros(len(robot.drives))
-    for k, i, column in _of_drives(robot):
+    for k, i, column in columns_of_drives(robot):
         inertia[i] += column.inertia * p[k]
     return inertia
 
 
 def load_shares(robot: RobotDescription, speed: ca.SX, p: ca.SX) -> Iterator[tuple[int, ca.SX]]:
     """Drives whose friction depends on load, with μ sign(q̇) of each."""
-    for k, i, column in _of_drives(robot):
+    for k, i, column in columns_of_drives(robot):
         if column.parameter.symbol == "load":
             yield i, p[k] * ca.sign(speed[i])
 
@@ -89,7 +89,7 @@ def losses(robot: RobotDescription, x: ca.SX, response: ca.SX, speed: ca.SX, p: 
     return share * ca.fabs(found)
 
 
-def _of_drives(robot: RobotDescription) -> Iterator[tuple[int, int, JointColumn]]:
+def columns_of_drives(robot: RobotDescription) -> Iterator[tuple[int, int, JointColumn]]:
     """Coefficients along drives: place in p, number of the drive, column."""
     first = 10 * len(robot.body_names)
     for k, column in enumerate(joint_columns(robot), start=first):

@@ -77,7 +77,7 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
     )
     M = forces.mass_matrix(N)
     R = ca.vertcat(ca.SX(0, dof), *[forces.joint(j).partial @ N for j in robot.friction_joints])
-    laws = _Laws(robot, R @ zd, load, p)
+    laws = FrictionLaws(robot, R @ zd, load, p)
     return TaskDynamics(
         z=mechanism.z,
         zd=zd,
@@ -101,8 +101,8 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
 
 
 @dataclass(frozen=True)
-class _Laws:
-    """Friction of all joints at their speeds v."""
+class FrictionLaws:
+    """Friction of all joints at their speeds v, under the loads that drives' gears carry."""
 
     robot: RobotDescription
     v: ca.SX

@@ -1,1 +1,1 @@
-"""A model in forms that other programs run: C, MJCF, URDF, FMU, CasADi, numpy."""
+"""A model in forms that other programs run: C, structured text, MJCF, URDF, FMU, CasADi, numpy."""

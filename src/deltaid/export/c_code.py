@@ -5,21 +5,22 @@ allocate nothing and return within a bounded number of operations.
 """
 
 import re
-import textwrap
 from dataclasses import dataclass
 
 import casadi as ca
 
 from deltaid.errors import DeltaidError
+from deltaid.export.c_functions import cycle_texts, function_texts
 from deltaid.export.fill import rendered
-from deltaid.export.functions import STATUSES, ExportedFunction, Newton
-from deltaid.export.further_functions import further_functions
+from deltaid.export.functions import STATUSES
+from deltaid.export.further_functions import further_cycles, further_functions
 from deltaid.export.model_functions import acceleration, model_functions
 from deltaid.export.parameter_table import ParameterTable, parameter_table
 from deltaid.export.precision import DOUBLE, Precision
-from deltaid.export.straight_line import SIGN, Array, straight_line, wrapped
+from deltaid.export.straight_line import SIGN, Array, straight_line
 from deltaid.export.text import c_comment
 from deltaid.model.model import Model
+from deltaid.online.settings import OnlineSettings
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class CCode:
     source: str
 
 
+DEFAULT = OnlineSettings()
+
 # Headers of C99 and of an FMU, which a compiler told to look into the folder would not find.
 _OTHER_HEADERS = (
     "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
@@ -49,11 +52,13 @@ def c_code(
     prefix: str,
     precision: Precision = DOUBLE,
     further: tuple[str, ...] = (),
+    online: OnlineSettings = DEFAULT,
 ) -> CCode:
     """The C code of a model; its functions are named PREFIX_….
 
     Args:
         further: names of functions beside those that every export has (`options.FURTHER`).
+        online: of the function of that name.
 
     Raises:
         DeltaidError: the prefix is no identifier of C, or the name of a standard header; or the
@@ -65,6 +70,7 @@ def c_code(
         *model_functions(subject, table, precision),
         *further_functions(subject, table, further),
     ]
+    cycles = further_cycles(subject, further, online)
     robot, dof = subject.robot, subject.dynamics.dof
     values = {
         "prefix": prefix,
@@ -80,7 +86,8 @@ def c_code(
         "statuses": STATUSES,
         "table": table.rows,
         "home": [precision.c_number(x) for x in subject.home],
-        "functions": [_texts(f, prefix, dof, precision) for f in functions],
+        "functions": [function_texts(f, prefix, dof, precision) for f in functions],
+        "cycles": [cycle_texts(c, precision) for c in cycles],
     }
     return CCode(prefix, rendered("model.h.jinja", **values), rendered("model.c.jinja", **values))
 
@@ -113,82 +120,3 @@ def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: s
     qdd = ca.substitute([acceleration(subject, e, tau)], [e.p], [table.p])[0]
     arrays = [Array("z", e.z), Array("qd", e.qd), Array("tau", tau), *smooth, table.array]
     return straight_line("accelerations", arrays, ("qdd", qdd), linkage="static ", sign=sign)
-
-
-def _texts(f: ExportedFunction, prefix: str, dof: int, precision: Precision) -> dict[str, object]:
-    """What the templates ask of a function."""
-    real, size = precision.c_type, sum(output.size for output in f.outputs)
-    inputs = [(array.name, array.symbols.numel()) for array in f.arguments]
-    outputs = [(output.name, output.size) for output in f.outputs]
-    if f.after:  # its own arguments, the pose that it finds, and what it hands on
-        outputs = [("z", dof), ("tau", dof)]
-    signature = [f"const {real} {name}[{n}]" for name, n in inputs]
-    signature += [f"{real} {name}[{n}]" for name, n in outputs]
-    declaration = f"int {prefix}_{f.name}({', '.join(signature)})"
-    offsets = [sum(n for _, n in outputs[:k]) for k in range(len(outputs))]
-    handed = ["pose", *(name for name, _ in inputs if name != "q"), "tau"]
-    return {
-        "declaration": "\n".join(wrapped(declaration)),
-        "comment": _comment(f),
-        "after": f.after,
-        "passed": ", ".join(handed),
-        "inner": f.name,
-        "given": ", ".join(name for name, _ in inputs),
-        "checked": [*inputs, *([(outputs[0])] if f.newton else [])],
-        "newton": _newton(f, f.newton, precision) if f.newton else None,
-        "texts": [] if f.after else _straight(f, precision),
-        "size": f.everything.numel(),
-        "results": size,
-        "demands": _demands(f, size, precision),
-        "unfit": f.unfit,
-        "outputs": [(n, at, k) for (n, k), at in zip(outputs, offsets, strict=True)],
-    }
-
-
-def _newton(f: ExportedFunction, newton: Newton, precision: Precision) -> dict[str, object]:
-    return {
-        "name": f.outputs[0].name,
-        "size": newton.x.numel(),
-        "steps": newton.steps,
-        "last": precision.c_number(newton.last),
-        "closed": precision.c_number(newton.closed),
-    }
-
-
-def _straight(f: ExportedFunction, precision: Precision) -> list[str]:
-    """The static functions that compute outputs and demands, and the steps to them."""
-    inputs, steps = list(f.inputs), []
-    if f.newton:
-        inputs = [Array("x", f.newton.x), *inputs]
-        steps = [("step", ca.vertcat(f.newton.gap, f.newton.step))]
-    return [
-        straight_line(
-            f"{f.name}_{name}", inputs, ("out", value), linkage="static ", precision=precision
-        )
-        for name, value in (*steps, ("at", f.everything))
-    ]
-
-
-def _demands(
-    f: ExportedFunction, first: int, precision: Precision
-) -> list[tuple[int, int, str, str]]:
-    """Where in all that is computed each demand stands, how many numbers, bound and status."""
-    found = []
-    for demand in f.demands:
-        n = demand.value.numel()
-        if n:
-            found.append((first, n, precision.c_number(demand.bound), demand.status))
-        first += n
-    return found
-
-
-def _comment(f: ExportedFunction) -> str:
-    """What the header says of a function."""
-    lines = textwrap.wrap(f.doc, 93)
-    for output in f.outputs:
-        width = f" in each of {output.size // len(output.entries)} rows" if output.entries else ""
-        if output.entries:
-            lines.append(f"{output.name}{width if output.size > len(output.entries) else ''}:")
-        lines += [f"  [{k}] {name}, {unit}" for k, (name, unit) in enumerate(output.entries)]
-    text = c_comment("\n * ".join(lines).replace("²", "^2").replace("α", "a"))
-    return f"/* {text} */"

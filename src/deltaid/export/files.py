@@ -13,12 +13,15 @@ from deltaid.export.c_code import c_code
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.fmu import fmu
 from deltaid.export.mjcf import mjcf
-from deltaid.export.options import TargetName
+from deltaid.export.online_cycle import NO_CONTACT
+from deltaid.export.options import FmiVersion, TargetName
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.export.structured_text import plc_program
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.online.settings import OnlineSettings
 from deltaid.robot.body_inertia import why_not_physical
 
 
@@ -50,17 +53,21 @@ class Code:
     Attributes:
         precision: of its numbers.
         functions: names of further functions.
+        online: of the function of that name.
     """
 
     precision: Precision
     functions: tuple[str, ...]
+    online: OnlineSettings
 
     def warnings(self, subject: Model) -> tuple[str, ...]:
         """What further functions cannot tell of this robot."""
-        if "constraint-forces" not in self.functions:
-            return ()
-        note = ConstraintForces(subject.robot).note
-        return (note,) if note else ()
+        notes = []
+        if "constraint-forces" in self.functions:
+            notes.append(ConstraintForces(subject.robot).note)
+        if "online" in self.functions and subject.identified is None:
+            notes.append(NO_CONTACT)
+        return tuple(note for note in notes if note)
 
 
 @dataclass(frozen=True)
@@ -85,8 +92,13 @@ class Target:
 
 
 def _c(subject: Model, stem: str, code: Code) -> Export:
-    found = c_code(subject, stem, code.precision, code.functions)
+    found = c_code(subject, stem, code.precision, code.functions, code.online)
     return Export({".c": found.source, ".h": found.header}, code.warnings(subject))
+
+
+def _st(subject: Model, stem: str, code: Code) -> Export:
+    program = plc_program(subject, stem, code.precision, code.functions, code.online)
+    return Export({".st": program.text, ".plcopen.xml": program.xml}, code.warnings(subject))
 
 
 def _casadi(subject: Model, stem: str) -> Export:
@@ -106,15 +118,16 @@ def _urdf(subject: Model, stem: str) -> Export:
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
-def _fmu(subject: Model, stem: str, *, forward: bool) -> Export:
-    unit = fmu(subject, stem, forward=forward)
+def _fmu(subject: Model, stem: str, *, forward: bool, version: FmiVersion = "2") -> Export:
+    unit = fmu(subject, stem, forward=forward, version=version)
     return Export({".fmu": unit.content}, unit.warnings)
 
 
-PLAIN = Code(DOUBLE, ())
+PLAIN = Code(DOUBLE, (), OnlineSettings())
 
 TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
+    "st": Target((".st", ".plcopen.xml"), partial(_st, code=PLAIN), code=_st),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
     "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
     "casadi": Target((".casadi",), _casadi),
@@ -152,6 +165,8 @@ def write_export(
     *,
     single: bool = False,
     functions: Sequence[str] = (),
+    online: OnlineSettings | None = None,
+    fmi: FmiVersion = "2",
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -161,7 +176,10 @@ def write_export(
             is not there yet ends in a slash.
         inputs: files that must not be overwritten.
         single: code in single precision (float, REAL).
-        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`.
+        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
+            `online`.
+        online: what the function of that name is made for; 1000 cycles a second if None.
+        fmi: version of the standard, of a unit.
 
     Raises:
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
@@ -175,14 +193,23 @@ def write_export(
             where="--single" if single else "--with",
             cure=f"leave it out, or choose {' or '.join(t for t in TARGETS if TARGETS[t].code)}",
         )
+    if fmi != "2" and TARGETS[target].suffixes != (".fmu",):
+        raise DeltaidError(
+            f"FMI is of units, and {target} is none",
+            where="--fmi",
+            cure="leave it out, or choose fmu or fmu-inverse",
+        )
     subject = load(model)
     require_physical(subject)
     path = output_path(target, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
         require_writable(part, inputs)
-    code = Code(SINGLE if single else DOUBLE, tuple(functions))
-    export = TARGETS[target].export(subject, path.stem, code)
+    code = Code(SINGLE if single else DOUBLE, tuple(functions), online or OnlineSettings())
+    if TARGETS[target].suffixes == (".fmu",):
+        export = _fmu(subject, path.stem, forward=target == "fmu", version=fmi)
+    else:
+        export = TARGETS[target].export(subject, path.stem, code)
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())

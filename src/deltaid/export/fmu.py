@@ -1,45 +1,34 @@
-"""A model as a functional mock-up unit (FMI 2.0) from C sources, for exchange and co-simulation.
+"""A model as a functional mock-up unit (FMI 2 or 3) from C sources, for both kinds of simulation.
 
 Two units: the robot itself, torques in and motion out (`forward`), and its inverse dynamics, motion
-in and torques out (`inverse`). Both hold their sources; where a C compiler is found, the binary for
-this machine as well, so that nothing has to be compiled where the unit is used.
+in and torques out (`inverse`). Both hold their sources; where a compiler is found, libraries as
+well, so that nothing has to be compiled where the unit is used (`fmu_binaries`).
 
-The robot's states are z and q̇: ż = J⁻¹ q̇ and M q̈ = τ − C q̇ − g − f, so no loop can drift. The sign
+The robot's states are z and q̇: ż = J⁻¹ q̇, so no loop can drift. In co-simulation the unit goes by
+the time steps of `ForwardDynamics.step`, with friction at rest exact. Model exchange asks for q̈ as
+a function of the state, which friction at rest is not: there M q̈ = τ − C q̇ − g − f, and the sign
 of a speed v in friction is tanh(v / friction_speed), for integrators that take no steps in forces.
-In co-simulation the unit integrates by itself, with steps as short as that needs.
 """
 
 import io
-import platform
-import shutil
-import subprocess
-import sys
-import tempfile
 import uuid
 import zipfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import casadi as ca
-import numpy as np
 
-from deltaid.errors import Doubt
+from deltaid.control.simulation import LONGEST_STEP
 from deltaid.export.c_code import ParameterTable, accelerations, c_code, parameter_table
 from deltaid.export.fill import rendered
-from deltaid.export.fmu_variables import (
-    FRICTION_SPEED,
-    forward_variables,
-    inverse_variables,
-    model_description,
-)
+from deltaid.export.fmu_binaries import Compiler, binaries, found_compiler
+from deltaid.export.fmu_description import Described, build_description, model_description
+from deltaid.export.fmu_variables import Variables, forward_variables, inverse_variables
+from deltaid.export.options import FmiVersion
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.text import c_comment
 from deltaid.model.model import Model
 
-# Longest step [s] of the unit's own integrator.
-_LONGEST = 1e-3
 _NAMESPACE = uuid.UUID("7d0d8b4e-5f0e-4c43-9e0e-0d1b6a3a5c11")
-_BINARIES = {"linux": ("linux64", ".so"), "darwin": ("darwin64", ".dylib")}
 
 
 @dataclass(frozen=True)
@@ -50,17 +39,49 @@ class FmuExport:
     warnings: tuple[str, ...]
 
 
-def fmu(subject: Model, name: str, *, forward: bool) -> FmuExport:
+def fmu(
+    subject: Model,
+    name: str,
+    *,
+    forward: bool,
+    version: FmiVersion = "2",
+    compiler: Compiler | None = None,
+) -> FmuExport:
     """A model as a unit; its model identifier is `name`.
+
+    Args:
+        compiler: what makes its libraries; default: what `found_compiler` finds.
 
     Raises:
         DeltaidError: the name is no identifier of C.
     """
+    sources, token = _sources(subject, name, forward=forward, version=version)
+    made, warning = binaries(name, sources, version, compiler or found_compiler())
+    variables = _variables(subject, forward=forward, version=version)
+    files = tuple(path for path in sources if path.endswith(".c"))
+    unit = Described(name, subject.provenance, token, files)
+    texts = {"modelDescription.xml": model_description(unit, variables, version)}
+    texts |= {f"sources/{path}": text for path, text in sources.items()}
+    if version == "3":
+        texts["sources/buildDescription.xml"] = build_description(unit)
+    content = _zipped({path: text.encode() for path, text in texts.items()} | made)
+    return FmuExport(content, (warning,) if warning else ())
+
+
+def _variables(subject: Model, *, forward: bool, version: FmiVersion) -> Variables:
+    found = forward_variables(subject) if forward else inverse_variables(subject)
+    return found if version == "2" else found.with_time()
+
+
+def _sources(
+    subject: Model, name: str, *, forward: bool, version: FmiVersion
+) -> tuple[dict[str, str], str]:
+    """C files by name, and the token that the unit tells them by."""
     code = c_code(subject, name)
-    variables = forward_variables(subject) if forward else inverse_variables(subject)
+    variables = _variables(subject, forward=forward, version=version)
     table = parameter_table(subject, "table")
-    functions = _functions(subject, table) if forward else {}
     values = {
+        "major": int(version),
         "prefix": name,
         "provenance": c_comment(subject.provenance),
         "guard": name.upper(),
@@ -71,74 +92,49 @@ def fmu(subject: Model, name: str, *, forward: bool) -> FmuExport:
         "start": [number(v.start or 0.0) for v in variables.all],
         "settable": [int(v.settable) for v in variables.all],
         "table": table.rows,
-        "longest_step": number(_LONGEST),
-        "friction_step": number(_friction_step(subject)),
-        "speed": number(FRICTION_SPEED),
-        **functions,
+        "longest_step": number(LONGEST_STEP),
+        **(_functions(subject, table) if forward else {}),
     }
-    unsigned = rendered("fmi2.c.jinja", guid="", **values)
-    guid = str(uuid.uuid5(_NAMESPACE, "\n".join((code.source, unsigned))))
-    sources = {
+    unsigned = rendered("unit.c.jinja", guid="", **values)
+    token = str(uuid.uuid5(_NAMESPACE, "\n".join((code.source, unsigned))))
+    return {
         f"{name}.h": code.header,
         f"{name}.c": code.source,
-        "fmi2.c": rendered("fmi2.c.jinja", guid=guid, **values),
-    }
-    files = {"modelDescription.xml": model_description(subject, name, guid, variables).encode()}
-    files |= {f"sources/{path}": text.encode() for path, text in sources.items()}
-    binary, warning = _compiled(name, sources)
-    return FmuExport(_zipped(files | binary), (warning,) if warning else ())
+        f"fmi{version}.c": rendered("unit.c.jinja", guid=token, **values),
+    }, token
 
 
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
-    """ż and the accelerations of the robot, as C text."""
+    """ż, accelerations, and the parts of a time step, as C text."""
     e, speed = subject.dynamics.equations, Array("speed", ca.SX.sym("speed"))
     z, qd = Array("z", e.z), Array("qd", e.qd)
     rates = straight_line("rates", [z, qd], ("zd", e.T @ e.qd), linkage="static ")
     smooth = accelerations(subject, table, speed, sign="tanh({a} / speed[0])")
-    return {"rates": rates, "accelerations": smooth}
+    return {"rates": rates, "accelerations": smooth, **_of_a_step(subject, table)}
 
 
-def _friction_step(subject: Model) -> float:
-    """Step [s] that smoothed friction allows: one over its fastest decay, at home.
-
-    At a speed v far below friction_speed s, friction is F v with F about f(s)/s for each drive.
-    """
-    e, z = subject.dynamics.equations, subject.home
-    function = ca.Function("f", [e.z, e.qd, e.p], [e.f, e.M])
-    drives = FRICTION_SPEED * np.eye(e.qd.numel())
-    found = [function(z, qd, subject.p) for qd in drives]
-    F = np.column_stack([np.asarray(f).ravel() for f, _ in found]) / FRICTION_SPEED
-    decay = np.abs(np.linalg.eigvals(np.linalg.solve(np.asarray(found[0][1]), F))).max()
-    return float(min(1.0 / decay, 1.0)) if decay > 0 else 1.0
-
-
-def _compiled(name: str, sources: dict[str, str]) -> tuple[dict[str, bytes], str]:
-    """The binary for this machine by its path in the unit, or a sentence why there is none."""
-    compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    known = platform.machine() in ("x86_64", "AMD64") or sys.platform == "darwin"
-    where = _BINARIES.get(sys.platform) if known else None
-    if compiler is None:
-        return {}, _sources_only("no C compiler was found (cc, gcc or clang)")
-    if where is None:
-        return {}, _sources_only("binaries for this machine are not known to FMI 2")
-    folder, suffix = where
-    with tempfile.TemporaryDirectory() as work:
-        for path, text in sources.items():
-            (Path(work) / path).write_text(text, encoding="utf-8")
-        library = f"{name}{suffix}"
-        options = ["-std=c99", "-O1", "-fPIC", "-shared", "-fvisibility=hidden"]
-        files = [path for path in sources if path.endswith(".c")]
-        command = [compiler, *options, "-o", library, *files, "-lm"]
-        done = subprocess.run(command, cwd=work, capture_output=True, check=False)
-        if done.returncode:
-            reason = done.stderr.decode(errors="replace").strip().split("\n", 1)[0]
-            return {}, _sources_only(f"{compiler} failed ({reason[:200]})")
-        return {f"binaries/{folder}/{library}": (Path(work) / library).read_bytes()}, ""
-
-
-def _sources_only(why: str) -> Doubt:
-    cure = "let the importing tool compile them, as FMPy does, or export again with a C compiler"
-    return Doubt("the unit holds sources only", cause=why, cure=cure)
+def _of_a_step(subject: Model, table: ParameterTable) -> dict[str, str]:
+    """The functions that `ForwardDynamics.step` is made of."""
+    forward = subject.forward
+    (*state, p, h), changes = forward.velocity_change()
+    arrays = [Array(n, s) for n, s in zip(("z", "qd", "qd0", "tau"), state, strict=True)]
+    change = ca.substitute(changes, [p], [table.p])[0]
+    zd = forward.equations.zd
+    room = [Array("z", forward.equations.z), Array("zd", zd), Array("h", h)]
+    return {
+        "change": straight_line(
+            "velocity_change",
+            [*arrays, Array("h", h), table.array],
+            ("change", change),
+            linkage="static ",
+        ),
+        "ahead": straight_line(
+            "ahead",
+            room,
+            ("room", forward.ahead(forward.equations.z, zd, h)),
+            linkage="static ",
+        ),
+    }
 
 
 def _zipped(files: dict[str, bytes]) -> bytes:

@@ -1,7 +1,6 @@
-"""The variables of a functional mock-up unit, and the XML that describes them (FMI 2.0)."""
+"""The variables of a functional mock-up unit."""
 
 from dataclasses import dataclass
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -10,18 +9,6 @@ from deltaid.robot.task import UNITS
 
 # Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
 FRICTION_SPEED = 0.01
-
-# Units by name, as powers of SI base units.
-_UNITS: dict[str, dict[str, str]] = {
-    "rad": {"rad": "1"},
-    "rad/s": {"rad": "1", "s": "-1"},
-    "rad/s2": {"rad": "1", "s": "-2"},
-    "m": {"m": "1"},
-    "m/s": {"m": "1", "s": "-1"},
-    "m/s2": {"m": "1", "s": "-2"},
-    "N.m": {"kg": "1", "m": "2", "s": "-2"},
-    "N": {"kg": "1", "m": "1", "s": "-2"},
-}
 
 # What task coordinates are, by name.
 _TASK = {
@@ -37,7 +24,7 @@ class Variable:
     """One real variable; its value reference is its place in the list.
 
     Attributes:
-        causality: 'input', 'output', 'parameter' or 'local'.
+        causality: 'input', 'output', 'parameter', 'local', or 'independent' for the time.
         start: value before the first step; None for what is calculated.
         derivative_of: place of the variable that it is the derivative of.
         needs: places of the inputs and states that it follows from without delay; None for all.
@@ -70,6 +57,11 @@ class Variables:
     places: dict[str, int]
     states: int
 
+    def with_time(self) -> "Variables":
+        """These and the time, which is a variable in FMI 3."""
+        time = Variable("time", "independent", "s", "simulation time")
+        return Variables((*self.all, time), self.places | {"TIME": len(self.all)}, self.states)
+
 
 class _List:
     """Variables in the order in which they are added."""
@@ -92,7 +84,8 @@ def forward_variables(subject: Model) -> Variables:
     """The robot: torques in, motion out; z and then q̇ are the states."""
     found, home = _List(subject), subject.home
     found.add("SPEED", [Variable(
-        "friction_speed", "parameter", "", "rad/s or m/s below which dry friction fades",
+        "friction_speed", "parameter", "",
+        "rad/s or m/s below which dry friction fades in model exchange; co-simulation is exact",
         FRICTION_SPEED,
     )])  # fmt: skip
     found.add("TAU", [
@@ -144,81 +137,3 @@ def inverse_variables(subject: Model) -> Variables:
         Variable(name, "output", unit, _TASK[name], needs=q) for name, unit in found.task
     ])  # fmt: skip
     return Variables(tuple(found.all), found.places, 0)
-
-
-def model_description(subject: Model, name: str, guid: str, variables: Variables) -> str:
-    """The text of modelDescription.xml."""
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=name,
-        guid=guid,
-        description=subject.provenance,
-        generationTool="deltaid",
-        variableNamingConvention="structured",
-        numberOfEventIndicators="0",
-    )
-    for kind in ("ModelExchange", "CoSimulation"):
-        unit = ET.SubElement(root, kind, modelIdentifier=name, canGetAndSetFMUstate="true",
-                             canSerializeFMUstate="true")  # fmt: skip
-        if kind == "CoSimulation":
-            unit.set("canHandleVariableCommunicationStepSize", "true")
-        files = ET.SubElement(unit, "SourceFiles")
-        for file in (f"{name}.c", "fmi2.c"):
-            ET.SubElement(files, "File", name=file)
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({variable.unit for variable in variables.all} - {""}):
-        base = ET.SubElement(units, "Unit", name=unit)
-        ET.SubElement(base, "BaseUnit", _UNITS[unit])
-    listed = ET.SubElement(root, "ModelVariables")
-    for k, variable in enumerate(variables.all):
-        listed.append(_scalar(k, variable))
-    root.append(_structure(variables))
-    ET.indent(root)
-    text = ET.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
-
-
-def _scalar(k: int, variable: Variable) -> ET.Element:
-    element = ET.Element(
-        "ScalarVariable",
-        name=variable.name,
-        valueReference=str(k),
-        causality=variable.causality,
-        variability="tunable" if variable.causality == "parameter" else "continuous",
-    )
-    if variable.description:
-        element.set("description", variable.description)
-    if variable.causality != "input":
-        element.set("initial", "calculated" if variable.start is None else "exact")
-    real = ET.SubElement(element, "Real")
-    if variable.unit:
-        real.set("unit", variable.unit)
-    if variable.start is not None:
-        real.set("start", repr(variable.start))
-    if variable.derivative_of is not None:
-        real.set("derivative", str(variable.derivative_of + 1))
-    return element
-
-
-def _structure(variables: Variables) -> ET.Element:
-    """What follows from what; places count from 1 here. A state as output follows from itself."""
-    structure = ET.Element("ModelStructure")
-    listed = list(enumerate(variables.all))
-    outputs = [(k, v) for k, v in listed if v.causality == "output"]
-    slopes = [(k, v) for k, v in listed if v.derivative_of is not None]
-    initial = [(k, v) for k, v in outputs + slopes if v.start is None]
-    for group, members in (
-        ("Outputs", outputs),
-        ("Derivatives", slopes),
-        ("InitialUnknowns", sorted(initial)),
-    ):
-        element = ET.SubElement(structure, group) if members else None
-        for k, variable in members:
-            unknown = ET.Element("Unknown", index=str(k + 1))
-            needs = (k,) if variable.settable else variable.needs
-            if needs is not None:
-                unknown.set("dependencies", " ".join(str(i + 1) for i in needs))
-            if element is not None:
-                element.append(unknown)
-    return structure

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.export.straight_line import Array
+from deltaid.online.layout import Layout
 
 # What functions return, by name: number and meaning.
 STATUSES: Mapping[str, tuple[int, str]] = {
@@ -114,3 +115,28 @@ class ExportedFunction:
         """Outputs, each row by row, then what is demanded, in one column."""
         outputs = [ca.vec(ca.densify(output.value).T) for output in self.outputs]
         return ca.vertcat(*outputs, *[demand.value for demand in self.demands])
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedCycle:
+    """A function that is called once a cycle and keeps a state of named fields.
+
+    Attributes:
+        name: without the prefix.
+        doc: what it does, for the header.
+        state, inputs, outputs: fields; each of the three is a struct.
+        x, u: state and inputs, symbols.
+        following, y: next state and outputs, whose last number is 0 where the cycle was good.
+        spoilt: next state where an input is no finite number.
+    """
+
+    name: str
+    doc: str
+    state: Layout
+    inputs: Layout
+    outputs: Layout
+    x: ca.SX
+    u: ca.SX
+    following: ca.SX
+    y: ca.SX
+    spoilt: ca.SX

@@ -1,4 +1,4 @@
-"""Functions of an export by choice: `--with constraint-forces,passive-joints,regressor`."""
+"""Functions of an export by choice: `--with constraint-forces,passive-joints,regressor,online`."""
 
 from collections.abc import Callable, Mapping
 
@@ -6,14 +6,16 @@ import casadi as ca
 
 from deltaid.dynamics.equations import Equations
 from deltaid.errors import unknown
-from deltaid.export.functions import ExportedFunction, Output
-from deltaid.export.options import FURTHER, FurtherName
+from deltaid.export.functions import ExportedCycle, ExportedFunction, Output
+from deltaid.export.online_cycle import online_cycle
+from deltaid.export.options import FURTHER
 from deltaid.export.parameter_table import ParameterTable
 from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.straight_line import Array
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.tree_joints import passive_joints
 from deltaid.model.model import Model
+from deltaid.online.settings import OnlineSettings
 
 
 def further_functions(
@@ -27,7 +29,14 @@ def further_functions(
     for name in names:
         if name not in FURTHER:
             raise unknown(name, FURTHER, "further function", "--with")
-    return [_FURTHER[name](subject, table) for name in FURTHER if name in names]
+    return [build(subject, table) for name, build in _FURTHER.items() if name in names]
+
+
+def further_cycles(
+    subject: Model, names: tuple[str, ...], settings: OnlineSettings
+) -> list[ExportedCycle]:
+    """The same for functions that keep a state."""
+    return [online_cycle(subject, settings)] if "online" in names else []
 
 
 def _constraint_forces(subject: Model, table: ParameterTable) -> ExportedFunction:
@@ -74,7 +83,7 @@ def _regressor(subject: Model, table: ParameterTable) -> ExportedFunction:
     return ExportedFunction("regressor", doc, inputs, (Output("Y", Y, columns),))
 
 
-_FURTHER: Mapping[FurtherName, Callable[[Model, ParameterTable], ExportedFunction]] = {
+_FURTHER: Mapping[str, Callable[[Model, ParameterTable], ExportedFunction]] = {
     "constraint-forces": _constraint_forces,
     "passive-joints": _passive_joints,
     "regressor": _regressor,

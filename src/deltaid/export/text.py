@@ -3,6 +3,12 @@
 import re
 from collections.abc import Iterable
 
+_PLAIN = {
+    "²": "^2", "³": "^3", "·": " ", "−": "-", "–": "-", "⁻": "^-", "¹": "1", "×": "x", "√": "sqrt ",
+    "α": "alpha", "β": "beta", "ψ": "psi", "Λ": "Lambda", "Σ": "sum ", "τ": "tau", "ρ": "rho",
+    "σ": "sigma", "μ": "mu", "δ": "delta", "∂": "d", "°": " deg", "q̇": "qd", "q̈": "qdd",
+}  # fmt: skip
+
 
 def numbers(values: Iterable[float]) -> str:
     """Numbers in a row that read back with every bit; no negative zero."""
@@ -17,3 +23,10 @@ def c_comment(text: str) -> str:
 def xml_comment(text: str) -> str:
     """Text that may stand between <!-- and -->."""
     return f" {re.sub('-(?=-)', '- ', text)} "
+
+
+def plain_letters(text: str) -> str:
+    """Text in the letters that compilers of all kinds take, units and formulas readable."""
+    for letter, plain in _PLAIN.items():
+        text = text.replace(letter, plain)
+    return text.encode("ascii", "replace").decode()

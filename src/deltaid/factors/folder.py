@@ -1,8 +1,5 @@
 """A folder of factor files: one a recording, each gathered once."""
 
-import hashlib
-import json
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -10,20 +7,16 @@ from pathlib import Path
 from typing import Literal
 
 from deltaid.errors import DeltaidError
-from deltaid.factors.alike import mechanism
 from deltaid.factors.file import ENDING, read_key, write
 from deltaid.factors.gather import gathered
-from deltaid.factors.record import FORMAT
+from deltaid.factors.keys import digest, safe, ways
 from deltaid.identification.fit import Progress
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping, mapping_each
 from deltaid.recording.opening import open_table
 from deltaid.robot.description import RobotDescription
 
-# What a fit can still choose; all else is decided as a recording is gathered.
-FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
 State = Literal["new", "there", "refused"]
-_UNSAFE = re.compile(r"[^\w.+-]+")
 
 
 @dataclass(frozen=True)
@@ -68,10 +61,10 @@ def gather_into(
     """
     settings = settings or Settings()
     for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):
-        path = folder / f"{_UNSAFE.sub('-', log.name)}{ENDING}"
+        path = folder / f"{safe(log.name)}{ENDING}"
         try:
             key = key_of(robot, log, mapping, settings)
-            path = folder / f"{_UNSAFE.sub('-', log.stem)}-{key[:10]}{ENDING}"
+            path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
             if read_key(path) == key:
                 yield Gathering(log, path, "there")
                 continue
@@ -94,16 +87,5 @@ def key_of(
     Raises:
         RecordingError: the recording cannot be read.
     """
-    mapping = mapping or ColumnMapping()
-    log_sum = open_table(log, mapping).checksum([])
-    return key_with(log_sum, robot, mapping, settings)
-
-
-def key_with(log: str, robot: RobotDescription, mapping: ColumnMapping, settings: Settings) -> str:
-    """The same for a recording that is known by a checksum, or by what else changes with it."""
-    decided = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
-    known = [
-        log, FORMAT, version("deltaid"), mechanism(robot), mapping.model_dump(mode="json"), decided,
-    ]  # fmt: skip
-    text = json.dumps(known, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
+    sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
+    return digest([sha256, version("deltaid"), ways(robot, mapping, settings)])

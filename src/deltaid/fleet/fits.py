@@ -10,10 +10,10 @@ import polars as pl
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.factors.file import FactorFile
-from deltaid.factors.folder import FIT_SETTINGS
 from deltaid.factors.identify import identify_gathered
+from deltaid.factors.keys import FIT_SETTINGS, digest
 from deltaid.fleet.fleet import period_of
-from deltaid.fleet.gathering import ALONE, Outcome, digest, poor
+from deltaid.fleet.gathering import ALONE, Outcome, poor
 from deltaid.fleet.place import Place
 from deltaid.fleet.store import StoreError
 from deltaid.model.options import Period

@@ -1,21 +1,15 @@
 """One recording of a fleet, gathered by whichever process gets it."""
 
-import hashlib
-import json
-import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
-from typing import Any
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.factors.alike import mechanism
 from deltaid.factors.file import ENDING, FactorFile
-from deltaid.factors.folder import FIT_SETTINGS
 from deltaid.factors.gather import gathered
-from deltaid.factors.record import FORMAT
+from deltaid.factors.keys import digest, safe, ways
 from deltaid.fleet.fleet import Recorded
 from deltaid.fleet.place import Place
 from deltaid.fleet.store import StoreError
@@ -28,7 +22,6 @@ from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
 
 FACTORS = "factors"
-UNSAFE = re.compile(r"[^\w.+-]+")
 # Of one process: what runs within a task shares its work among threads, or is not safe among them.
 ALONE = Lock()
 
@@ -52,9 +45,7 @@ class How:
     @cached_property
     def digest(self) -> str:
         """A checksum of all this."""
-        decided = self.settings.model_dump(mode="json", exclude=FIT_SETTINGS)
-        mapping = self.mapping and self.mapping.model_dump(mode="json")
-        return digest([FORMAT, mechanism(self.robot), mapping, decided, self.force])
+        return digest([ways(self.robot, self.mapping, self.settings), self.force])
 
     def holding(self, mass: float | None, where: str) -> "How":
         """The same for a recording with a mass that was held all the time, 0 for none.
@@ -94,9 +85,8 @@ class Job:
     @property
     def file(self) -> str:
         """Name of the factor file, seen from the fleet's folder."""
-        name = Path(self.recorded.path).stem
-        robot = UNSAFE.sub("-", self.recorded.robot)
-        return f"{FACTORS}/{robot}/{UNSAFE.sub('-', name)}-{self.key[:12]}{ENDING}"
+        robot, log = safe(self.recorded.robot), safe(Path(self.recorded.path).stem)
+        return f"{FACTORS}/{robot}/{log}-{self.key[:12]}{ENDING}"
 
 
 @dataclass(frozen=True)
@@ -174,12 +164,6 @@ def poor(files: list[FactorFile]) -> str:
 
 
 _POOR = ("wrong", "doubtful")
-
-
-def digest(known: Any) -> str:
-    """A checksum of what JSON can hold."""
-    text = json.dumps(known, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _there(job: Job, place: Place) -> tuple[FactorFile, int] | None:

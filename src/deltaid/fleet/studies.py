@@ -17,9 +17,10 @@ from deltaid.drift.settings import DriftSettings
 from deltaid.drift.tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.errors import DeltaidError
 from deltaid.factors.file import FactorFile
+from deltaid.factors.keys import digest
 from deltaid.fleet.fits import ALL, JOURNAL, Fitted, model_file
 from deltaid.fleet.fleet import Recorded
-from deltaid.fleet.gathering import ALONE, Outcome, digest
+from deltaid.fleet.gathering import ALONE, Outcome
 from deltaid.fleet.members import packed
 from deltaid.fleet.place import Place
 from deltaid.fleet.store import StoreError

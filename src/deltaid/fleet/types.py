@@ -7,7 +7,8 @@ from importlib.metadata import version
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleet.gathering import ALONE, UNSAFE, digest
+from deltaid.factors.keys import digest, safe
+from deltaid.fleet.gathering import ALONE
 from deltaid.fleet.members import unpacked
 from deltaid.fleet.place import Place
 from deltaid.fleet.store import StoreError
@@ -67,7 +68,7 @@ class Typed:
 
 def type_file(kind: str) -> str:
     """Where the description of the next robot of a type is."""
-    return f"{FOLDER}/{UNSAFE.sub('-', kind.removesuffix('.yaml'))}.yaml"
+    return f"{FOLDER}/{safe(kind.removesuffix('.yaml'))}.yaml"
 
 
 def described_text(robot: RobotDescription) -> str:

@@ -89,6 +89,44 @@ class Outstanding:
     reversals: tuple[Float[np.ndarray, " _"], ...]
 
 
+class _Course:
+    """Stretches along a recording, joined; of those that fall short of the threshold their number.
+
+    Args:
+        step: time between two samples [s].
+    """
+
+    def __init__(self, step: float) -> None:
+        self._step, self._found, self._nearly = step, list[Stretch](), 0
+
+    def join(self, more: Iterable[Stretch]) -> None:
+        """Add stretches of consecutive samples; the first may go on where the last one ended."""
+        for one in more:
+            last = self._found[-1] if self._found else None
+            if last is None or last.spike or one.spike or one.start - last.end > _GAP * self._step:
+                self._count_last()
+                self._found.append(one)
+            else:
+                self._found[-1] = last.with_next(one)
+
+    @property
+    def reaching(self) -> list[Stretch]:
+        """Those that reach the threshold."""
+        self._count_last()
+        return self._found
+
+    @property
+    def apart(self) -> bool:
+        """Whether what stands out is set apart from all the rest, by few that nearly do."""
+        reaching = sum(not one.spike for one in self.reaching)
+        return self._nearly <= _FEW * reaching
+
+    def _count_last(self) -> None:
+        """No more of the last one comes: if it falls short, noise has many like it."""
+        if self._found and self._found[-1].size < 1.0:
+            self._nearly += self._found.pop().size >= _NEARLY
+
+
 def outstanding(expected: Expectation) -> Outstanding:
     """What stands out of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
@@ -113,7 +151,7 @@ def _of(expected: Expectation, windows: "Iterable[tuple[int, Looked | None]]") -
             if seen is not None:
                 yield seen
 
-    narrow, wide = list[Stretch](), list[Stretch]()
+    narrow, wide = _Course(step), _Course(step)
     changes: list[list[np.ndarray]] = []
     for part in _together(close()):
         looked += len(part.time)
@@ -122,22 +160,15 @@ def _of(expected: Expectation, windows: "Iterable[tuple[int, Looked | None]]") -
         cuts = np.flatnonzero(np.diff(part.time) > _GAP * step) + 1
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             one = part.part(slice(first, last))
-            _join(narrow, _stretches(one, local), step)
+            narrow.join(_stretches(one, local))
             if not expected.fits:
-                _join(wide, _stretches(one, local * wider), step)
+                wide.join(_stretches(one, local * wider))
     shortest = step * (length(expected.rate) // 2 - 0.5)
-    found = narrow if expected.fits or _apart(narrow) else wide
-    kept = tuple(o for o in found if o.size >= 1.0 and (o.spike or o.end - o.start >= shortest))
+    found = narrow if expected.fits or narrow.apart else wide
+    kept = tuple(o for o in found.reaching if o.spike or o.end - o.start >= shortest)
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
     return Outstanding(kept, samples * step, looked * step, times[:dof], times[dof:])
-
-
-def _apart(stretches: Iterable[Stretch]) -> bool:
-    """Whether what stands out is set apart from all the rest, by few that nearly do."""
-    sizes = np.array([one.size for one in stretches if not one.spike])
-    nearly = int(np.sum((sizes >= _NEARLY) & (sizes < 1.0)))
-    return nearly <= _FEW * int(np.sum(sizes >= 1.0))
 
 
 def _together(windows: Iterable[Looked]) -> Iterator[Looked]:
@@ -210,15 +241,6 @@ def _stretch(
 ) -> Stretch:
     """A stretch from its first sample, that of the peak, and its last."""
     start, peak, end = (float(w.time[k]) for k in at)
-    z, speed = w.z[at[1]], w.speed[:, at[1]]
+    # Copies: a view would keep all samples about it, for as long as the recording is looked at.
+    z, speed = w.z[at[1]].copy(), w.speed[:, at[1]].copy()
     return Stretch(start, end, drives, sizes, peak, z, speed, np.nan_to_num(left))
-
-
-def _join(found: list[Stretch], more: list[Stretch], step: float) -> None:
-    """Add stretches of consecutive samples; the first may go on where the last one ended."""
-    for one in more:
-        last = found[-1] if found else None
-        if last is None or last.spike or one.spike or one.start - last.end > _GAP * step:
-            found.append(one)
-        else:
-            found[-1] = last.with_next(one)

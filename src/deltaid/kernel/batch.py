@@ -48,26 +48,13 @@ class BatchKernel:
         self._graph = ca.Function("f", [batched, shared], [dense])
         self.n_in, self.n_out, self.n_uniform = batched.numel(), dense.numel(), shared.numel()
         self._width = _vector_width()
-        self._engine = _engine(self._machine_code())
-        self._call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
-            self._engine.get_function_address(KERNEL_NAME)
-        )
+        self._kernel = CompiledKernel(self.function, self._graph, self._width)
 
     @functools.cached_property
     def function(self) -> ca.Function:
         """The same by CasADi's own evaluator: what is compiled, common subexpressions once."""
         inputs = self._graph.sx_in()
         return ca.Function("f", inputs, ca.cse(self._graph.call(inputs)))
-
-    def _machine_code(self) -> bytes:
-        """The object file of the graph: from the store, or compiled and kept there."""
-        name = store.key(self._graph.serialize(), *_circumstances(), f"{self._width} lanes")
-        known = store.load(name)
-        if known is not None:
-            return known
-        code = _compile(vector_ir(self.function, self._width))
-        store.save(name, code)
-        return code
 
     def __call__(
         self,
@@ -116,7 +103,7 @@ class BatchKernel:
             padded = n + (-n % self._width)
             inputs[:, :n] = x[:, start:stop]
             inputs[:, n:padded] = x[:, stop - 1 : stop]
-            self._call(
+            self._kernel.call(
                 outputs.ctypes.data,
                 length,
                 inputs.ctypes.data,
@@ -125,6 +112,34 @@ class BatchKernel:
                 padded,
             )
             out[:, start:stop] = outputs[:, :n]
+
+
+class CompiledKernel:
+    """Machine code of a function, from the store or compiled and kept there.
+
+    Args:
+        function: what is compiled: batched and uniform inputs, one dense output.
+        graph: what it is told apart by.
+        width: samples an instruction.
+        apart: whether what `call` reads and writes is different memory.
+
+    Attributes:
+        call: (out, stride of out, in, stride of in, uniform, number of samples).
+    """
+
+    def __init__(
+        self, function: ca.Function, graph: ca.Function, width: int, *, apart: bool = True
+    ) -> None:
+        lanes = f"{width} lanes" if apart else f"{width} lanes, one memory"
+        name = store.key(graph.serialize(), *_circumstances(), lanes)
+        code = store.load(name)
+        if code is None:
+            code = _compile(vector_ir(function, width, apart=apart))
+            store.save(name, code)
+        self._engine = _engine(code)  # owns what is called
+        self.call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
+            self._engine.get_function_address(KERNEL_NAME)
+        )
 
 
 def _vector_width() -> int:

@@ -51,7 +51,7 @@ _COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une
 
 _TEMPLATE = """\
 {declarations}
-define void @{name}(ptr noalias %out, i64 %out_stride, ptr noalias %in, i64 %in_stride,
+define void @{name}(ptr {apart}%out, i64 %out_stride, ptr {apart}%in, i64 %in_stride,
                     ptr noalias %uniform, i64 %n) #0 {{
 entry:
 {uniform_loads}
@@ -70,17 +70,18 @@ attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-wid
 """
 
 
-def vector_ir(function: ca.Function, width: int) -> str:
+def vector_ir(function: ca.Function, width: int, *, apart: bool = True) -> str:
     """LLVM assembly of `void kernel(out, out_stride, in, in_stride, uniform, n)`.
 
     Args:
         function: an SX function with two dense inputs, batched and uniform, and one dense output.
         width: samples per vector instruction; `n` must be a multiple of it.
+        apart: whether `in` and `out` are different memory.
 
     Raises:
         NotImplementedError: the function has one of `operations_unknown`.
     """
-    return _Emitter(function, width).text()
+    return _Emitter(function, width).text(apart)
 
 
 class _Emitter:
@@ -95,13 +96,14 @@ class _Emitter:
         self._slots: dict[int, str] = {}
         self._uniform_used: set[int] = set()
 
-    def text(self) -> str:
+    def text(self, apart: bool) -> str:
         for k in range(self._function.n_instructions()):
             self._instruction(k)
         body = "\n".join(self._lines)
         return _TEMPLATE.format(
             declarations=self._declarations(body),
             name=KERNEL_NAME,
+            apart="noalias " if apart else "",
             uniform_loads=self._uniform_loads(),
             body=body,
             width=self._width,

@@ -118,8 +118,10 @@ def left_out(
     aside = int(np.sum(np.any(np.abs(H[:, anything > 0]) > _ROUNDING, axis=0)))
     # By Satterthwaite; the share of the noise in V is 1 over the eigenvalues.
     shares = np.sort(1.0 / np.linalg.eigvalsh(V))[aside:]
+    if not shares.size:  # all of its rows may be anything
+        shares = np.ones(1)
     inverse = float(np.mean(shares**2) / freedom[0] + np.mean((1 - shares) ** 2) / freedom[1])
-    return LeftOut(e, V, H, constant, len(H) - aside, 1.0 / inverse)
+    return LeftOut(e, V, H, constant, max(len(H) - aside, 0), 1.0 / inverse)
 
 
 def chance(one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> float:

@@ -37,19 +37,33 @@ def drive_table(robot: RobotDescription, result: Tracking) -> Table:
 def comparison_table(robot: RobotDescription, runs: Sequence[Run]) -> Table:
     """Error of the platform for each controller and model."""
     turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
+    ends = any(run.ends for run in runs)
     rows = []
     for run in runs:
         name = (run.controller, run.model or NO_MODEL)
         if run.tracking is None:
-            rows.append((*name, "—", "—", *["—"] * turns, "—", run.why_not))
+            rows.append((*name, "—", "—", *["—"] * (turns + ends), "—", run.why_not))
             continue
         error = run.tracking.error
         remark = "; ".join(problem.short for problem in run.problems)
         numbers = [number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3)]
+        if ends:
+            worst = max((end.error.platform_rms for _, end in run.ends), default=np.nan)
+            numbers.append(number(1e3 * worst, 3))
         numbers += [number(np.rad2deg(error.turn_rms or 0.0), 3)] * turns
         rows.append((*name, *numbers, percent(float(error.saturated.max())), remark))
     turn = ["turn rms [°]"] * turns
-    columns = ("controller", "model", "rms [mm]", "largest [mm]", *turn, "at a limit", "remark")
+    worst = ["rms, worst load [mm]"] * ends
+    columns = (
+        "controller",
+        "model",
+        "rms [mm]",
+        "largest [mm]",
+        *worst,
+        *turn,
+        "at a limit",
+        "remark",
+    )
     title = f"{robot.title or robot.name}: distance of the platform from where it should be"
     return Table(columns, tuple(rows), "Share of time at a torque limit.", title=title)
 

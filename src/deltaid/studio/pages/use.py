@@ -20,6 +20,7 @@ from deltaid.studio.steps import (
 
 _FORMS = {
     "c": "C code (.c, .h)",
+    "st": "Structured text for PLCs (.st)",
     "mjcf": "MuJoCo (MJCF)",
     "urdf": "URDF and loop closures",
     "fmu": "FMU, forward dynamics",

@@ -1,0 +1,160 @@
+"""Robots of a type for simulated production: true ones, and a model of each by identification."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from _pick_cycles import draw_cycles
+from jaxtyping import Float
+
+from deltaid.check.identified import identify
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.limits import effort_limits
+from deltaid.model.model import Model, load
+from deltaid.model.settings import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.memory import Recording
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+RATE = 1000.0
+ENCODER = 2 * np.pi / 2**20
+# Speed below which friction that models lack fades out, as a share of the fastest.
+_AT_REST = 0.01
+
+
+@dataclass(frozen=True)
+class Strange:
+    """Friction of drives that their model lacks, as shares.
+
+    Attributes:
+        stribeck: of Coulomb friction, at lowest speed; gone at `speed` times the fastest.
+        carried: of what gears carry.
+        ripple: of Coulomb friction, `waves` to a radian or metre.
+        cold: of viscous friction, at the start, and how fast it goes [s].
+    """
+
+    stribeck: float = 0.25
+    speed: float = 0.05
+    carried: float = 0.02
+    ripple: float = 0.05
+    waves: float = 50.0
+    cold: float = 0.1
+    warming: float = 900.0
+
+
+@dataclass(frozen=True, eq=False)
+class Production:
+    """Robots of one type.
+
+    Attributes:
+        robot: as described.
+        truth: of each, one robot a row.
+        models: of each, by an identification.
+        payload: largest mass that is picked [kg].
+        fastest: typical largest speed of each drive.
+    """
+
+    robot: RobotDescription
+    truth: Float[np.ndarray, "robots parameters"]
+    models: tuple[Model, ...]
+    payload: float
+    strange: Strange
+    noise: float
+    largest: Float[np.ndarray, "robots dof"]
+    fastest: Float[np.ndarray, " dof"]
+
+
+def production_of(
+    name: str,
+    payload: float,
+    robots: int,
+    seed: int,
+    *,
+    strange: Strange | None = None,
+    noise: float = 0.02,
+    recording: float = 20.0,
+) -> Production:
+    """Draw robots of a type and identify each of them from a recording of its own."""
+    robot, strange = load_robot(name), strange or Strange()
+    rng = np.random.default_rng([seed, 1])
+    truth, models, largest, fastest = [], [], [], []
+    for _ in range(robots):
+        p = surrogate_parameters(robot, rng)
+        model, sizes = _identified(robot, p, payload, strange, noise, recording, rng)
+        truth.append(p)
+        models.append(model)
+        largest.append(sizes[0])
+        fastest.append(sizes[1])
+    speed = np.median(fastest, axis=0)
+    return Production(
+        robot, np.array(truth), tuple(models), payload, strange, noise, np.array(largest), speed
+    )
+
+
+def _identified(
+    robot: RobotDescription,
+    p: np.ndarray,
+    payload: float,
+    strange: Strange,
+    noise: float,
+    duration: float,
+    rng: np.random.Generator,
+) -> tuple[Model, tuple[np.ndarray, np.ndarray]]:
+    """A robot's model from a recording, and the largest torques and speeds of its cycles.
+
+    Half of it is a random motion, as fast as the drives allow, half are cycles without a load.
+    """
+    dynamics, kinematics = compiled(robot), compiled(robot).kinematics
+    time = np.arange(round(0.5 * duration * RATE)) / RATE
+    cycles = draw_cycles(Model(robot, p, robot.name), payload, rng, time[-1])
+    limits = effort_limits(robot)
+    parts = [(cycles.z, cycles.q, cycles.qd, cycles.qdd)]
+    motion, pace = random_motion(kinematics, rng, period=0.4 * duration), 1.5
+    while len(parts) < 2:
+        z, zd, zdd = motion.evaluate(pace * time)
+        q, qd, qdd = kinematics.drive_motion(z, pace * zd, pace**2 * zdd)
+        if np.all(np.abs(dynamics.torque(z, qd, qdd, p)) < 0.7 * limits):
+            parts.append((z, q, qd, qdd))
+        pace *= 0.9
+    fastest = np.abs(cycles.qd).max(axis=0)
+    largest = np.abs(dynamics.torque(cycles.z, cycles.qd, cycles.qdd, p)).max(axis=0)
+    data = []
+    for k, (z, q, qd, qdd) in enumerate(parts):
+        tau = dynamics.torque(z, qd, qdd, p)
+        tau += lacking(strange, coefficients(robot, p), fastest, q, qd, tau, np.inf)
+        tau += noise * largest * rng.standard_normal(tau.shape)
+        steps, at = np.round(q / ENCODER) * ENCODER, time[: len(q)]
+        data.append(Recording.from_arrays(t=at, q=steps, tau=tau, name=f"{robot.name} {k}"))
+    settings = Settings(friction="described", events=False, lag="none", compliance="none")
+    return load(identify(robot, data, settings=settings, force=True)), (largest, fastest)
+
+
+def coefficients(robot: RobotDescription, p: np.ndarray) -> Float[np.ndarray, "2 *robots dof"]:
+    """Viscous and Coulomb coefficients of the drives; zero for one without."""
+    names = compiled(robot).layout.names
+    found = np.zeros((2, *p.shape[:-1], len(robot.drives)))
+    for row, kind in zip(found, ("viscous", "coulomb"), strict=True):
+        for i, drive in enumerate(robot.drives):
+            if f"{kind}.{drive}" in names:
+                row[..., i] = p[..., names.index(f"{kind}.{drive}")]
+    return found
+
+
+def lacking(
+    s: Strange,
+    known: Float[np.ndarray, "2 *robots dof"],
+    fastest: np.ndarray,
+    q: np.ndarray,
+    qd: np.ndarray,
+    tau: np.ndarray,
+    time: float,
+) -> np.ndarray:
+    """Friction that the model lacks, on the side of the drives' torques."""
+    viscous, coulomb = known
+    x = qd / fastest
+    sign = np.tanh(x / _AT_REST)
+    falling = s.stribeck * coulomb * np.exp(-((x / s.speed) ** 2))
+    ripple = s.ripple * coulomb * np.sin(s.waves * q)
+    cold = s.cold * np.exp(-time / s.warming) * viscous * qd
+    return sign * (falling + s.carried * np.abs(tau)) + ripple * np.abs(sign) + cold

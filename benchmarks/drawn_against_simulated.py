@@ -1,0 +1,69 @@
+"""Whether drawn recordings of `drawn_fleet.py` say what simulated ones do: base parameters of both.
+
+python benchmarks/drawn_against_simulated.py [RECORDINGS]
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from _table import leave
+from drawn_fleet import SETTINGS, Sensing, drawn_type, made_alike, simulated
+
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.factors.file import FactorFile
+from deltaid.factors.gather import gathered
+from deltaid.factors.identify import identify_gathered
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
+
+
+def _compared(name: str, count: int) -> tuple[object, ...]:
+    """Recordings of one robot, simulated and drawn on the same motions: what fits to each say."""
+    robot = load_robot(name)
+    kind = drawn_type(robot, motions=2)
+    truth = made_alike(robot, prior_parameters(robot), np.random.default_rng(5))
+    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"simulated": [], "drawn": []}
+    for k in range(count):
+        drawn = [kind.drawn("a", k, truth, sensing=Sensing(wander=0.0))]
+        found["drawn"].append(_estimate(robot, drawn, truth))
+        table, _ = simulated(kind.dynamics, truth, k % 2, 12.0, None, 0.02, noise_seed=1000 + k)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "log.parquet"
+            table.write_parquet(path)
+            one = gathered(robot, path, settings=SETTINGS)
+        found["simulated"].append(_estimate(robot, [one], truth))
+    row: list[object] = [name, count]
+    for own in found.values():
+        errors, stds = (np.array(x) for x in zip(*own, strict=True))
+        row += [f"{np.sqrt(np.mean((errors / stds) ** 2)):.2f}"]
+        row += [f"{np.mean(np.abs(errors) <= 1.96 * stds):.1%}"]
+    stds = {kind: np.array([s for _, s in own]) for kind, own in found.items()}
+    ratio = np.exp(np.mean(np.log(stds["drawn"])) - np.mean(np.log(stds["simulated"])))
+    return (*row, f"{ratio:.2f}")
+
+
+def _estimate(
+    robot: RobotDescription, files: Sequence[FactorFile], truth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of base parameters and their standard deviations by noise."""
+    problem = identify_gathered(robot, files, SETTINGS).problem
+    by_noise, _ = problem.estimate.by_noise
+    return problem.estimate.values - problem.base.combination() @ truth, by_noise
+
+
+def main() -> int:
+    """Compare, print, and write a table."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 40
+    rows = [_compared(name, count) for name in ("clavel-delta3", "irb360-6-1600")]
+    head = ("robot", "recordings", "simulated: error / std", "within 1.96", "drawn: error / std",
+            "within 1.96", "std drawn / simulated")  # fmt: skip
+    note = "Base parameters from recordings that were simulated, and from drawn ones."
+    leave(head, rows, note)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""Simulated production: robots that pick and place unknown loads, and that somebody pushes.
+
+    kind = production_of("irb360-6-1600", payload=3.0, robots=8, seed=1)    # robots, models
+    log = produced(kind, duration=20.0, seed=2, push=30.0)                  # all robots at once
+
+Plants have bodies and friction away from the description, and friction that no model of theirs
+has: it falls with speed (Stribeck), grows with what gears carry, ripples with the angle, and is
+higher while the robot is cold. Each has a model of its own, identified from a recording of it.
+The drives follow cycles by feed-forward of that model, without the load, and PD; their torque is
+measured with noise and their angle in steps. Friction at rest is that of `ForwardDynamics.step`.
+
+A row of a log is what a drive knows at one instant: angle, and the torque between the one that it
+has just held and the one that it sets now.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from _pick_cycles import Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushes
+from _pick_robots import ENCODER, RATE, Production, coefficients, lacking, production_of
+from jaxtyping import Bool, Float, Int
+
+from deltaid.control.control_model import ControlModel
+from deltaid.control.simulation import time_steps
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.forward_dynamics import compiled_forward
+from deltaid.dynamics.limits import effort_limits
+from deltaid.dynamics.task_dynamics import TaskDynamics
+from deltaid.kernel.batch import BatchKernel
+from deltaid.model.model import Model
+from deltaid.robot.description import RobotDescription
+
+__all__ = ["Produced", "Production", "produced", "production_of"]
+_BANDWIDTH = 2 * np.pi * 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Produced:
+    """What drives recorded (time, robots, drives), and the truth behind it.
+
+    Attributes:
+        q, tau: as measured.
+        z: true pose.
+        gripper: whether something is held.
+        picks, pushes: of each robot.
+    """
+
+    time: Float[np.ndarray, " time"]
+    q: Float[np.ndarray, "time robots dof"]
+    tau: Float[np.ndarray, "time robots dof"]
+    z: Float[np.ndarray, "time robots dof"]
+    gripper: Bool[np.ndarray, "time robots"]
+    picks: list[list[Pick]]
+    pushes: list[list[Push]]
+    lost: Bool[np.ndarray, " robots"]
+
+
+def produced(
+    kind: Production, duration: float, seed: int, *, push: float = 0.0, begin: float = 0.0
+) -> Produced:
+    """Production of all robots at once.
+
+    Args:
+        push: force of pushes [N]; none without.
+        begin: how long the robots have been running [s].
+    """
+    models = kind.models
+    each = [np.random.default_rng([seed, k]) for k in range(len(models))]
+    ways = [
+        draw_cycles(m, kind.payload, rng, duration) for m, rng in zip(models, each, strict=True)
+    ]
+    picks = [draw_picks(w, kind.payload, rng) for w, rng in zip(ways, each, strict=True)]
+    pushes = [draw_pushes(m, duration, rng, push) if push else []
+              for m, rng in zip(models, each, strict=True)]  # fmt: skip
+    n = min(len(w.q) for w in ways)
+    return _run(kind, ways, picks, pushes, np.arange(n) / RATE, np.random.default_rng(seed), begin)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plants:
+    """Kernels in which every robot has parameters of its own."""
+
+    step: BatchKernel
+    coordinates: BatchKernel
+    pushed: BatchKernel
+
+    @classmethod
+    def of(cls, robot: RobotDescription) -> "_Plants":
+        forward = compiled_forward(robot)
+        e, known = forward.equations, forward._step_kernel  # pyright: ignore[reportPrivateUsage]
+        x, p = ca.SX.sym("x", known.n_in), ca.SX.sym("p", known.n_uniform)
+        step = BatchKernel(ca.vertcat(x, p), known.function(x, p))
+        return cls(step, BatchKernel(e.z, e.q), BatchKernel(e.z, _levers(robot, e)))
+
+
+def _levers(robot: RobotDescription, e: TaskDynamics) -> ca.SX:
+    """∂(platform point)/∂q (3 × δ), and the lever of each drive's elbow or carriage."""
+    T, moves = e.T, robot.task.moves
+    arms = [1.0 if one.drive == "linear" else one.upper_arm for one in robot.limb_geometry]
+    return ca.vertcat(ca.vec(ca.densify(T[moves, :])), ca.SX(np.array(arms)))
+
+
+def _run(
+    kind: Production,
+    ways: list[Cycles],
+    picks: list[list[Pick]],
+    pushes: list[list[Push]],
+    time: np.ndarray,
+    rng: np.random.Generator,
+    begin: float,
+) -> Produced:
+    robot, count, n = kind.robot, len(ways), len(time)
+    plants, dof = _Plants.of(robot), len(robot.drives)
+    wanted = np.stack([w.q[:n] for w in ways], axis=1)
+    speeds = np.stack([w.qd[:n] for w in ways], axis=1)
+    ahead = np.stack([_ahead(m, w)[:n] for m, w in zip(kind.models, ways, strict=True)], axis=1)
+    mass = np.stack([ControlModel(robot, m.p).mass_diagonal(w.q[::200])
+                     for m, w in zip(kind.models, ways, strict=True)])  # fmt: skip
+    stiffness, damping = mass * _BANDWIDTH**2, 2 * mass * _BANDWIDTH
+    p, held = _parameters(kind, picks, time)
+    forces, limits, known = (
+        _Forces(robot, pushes),
+        effort_limits(robot),
+        coefficients(robot, kind.truth),
+    )
+    substeps, h = time_steps(RATE)
+    z, qd = np.stack([w.z[0] for w in ways]), speeds[0]
+    qs, taus, poses = (np.empty((n, count, dof)) for _ in range(3))
+    last, rate_of_error, tau = np.zeros_like(qd), np.zeros_like(qd), ahead[0]
+    share = 1 - np.exp(-2 * np.pi * 0.2)
+    for k in range(n):
+        q = plants.coordinates(z.T, threads=1).T
+        qs[k], poses[k] = np.round(q / ENCODER) * ENCODER, z
+        error = qs[k] - wanted[k]
+        rate_of_error += share * ((error - last) * RATE - rate_of_error) if k else 0.0
+        last = error
+        command = ahead[k] - stiffness * error - damping * rate_of_error
+        command = np.clip(command, -limits, limits)
+        taus[k] = 0.5 * (tau + command)
+        tau = command
+        lost = lacking(kind.strange, known, kind.fastest, q, qd, tau, begin + time[k])
+        acting = tau - lost + forces.at(time[k], z, plants)
+        more = np.hstack([p(k), np.full((count, 1), h)]).T
+        for _ in range(substeps):
+            out = plants.step(np.vstack([z.T, qd.T, acting.T, more]), threads=1).T
+            z, qd = out[:, :dof], out[:, dof:]
+    taus += kind.noise * kind.largest * rng.standard_normal(taus.shape)
+    lost = np.array(~np.isfinite(poses).all(axis=(0, 2)))
+    return Produced(time, qs, taus, poses, held >= 0, picks, pushes, lost)
+
+
+def _ahead(model: Model, way: Cycles) -> np.ndarray:
+    return model.dynamics.torque(way.z, way.qd, way.qdd, model.p)
+
+
+def _parameters(
+    kind: Production, picks: list[list[Pick]], time: np.ndarray
+) -> tuple[Callable[[int], np.ndarray], Int[np.ndarray, "time robots"]]:
+    """Parameters of all plants at sample k, and which pick is held (−1 for none)."""
+    layout = compiled(kind.robot).layout
+    body = layout.body("EE" if "EE" in layout.bodies else "P")
+    held = np.full((len(time), len(picks)), -1)
+    for i, own in enumerate(picks):
+        for j, pick in enumerate(own):
+            held[(time >= pick.start - 1e-9) & (time < pick.end - 1e-9), i] = j
+    loads = [np.stack([*(one.p for one in own), np.zeros(10)]) for own in picks]
+    now = kind.truth.copy()
+    before = np.full(len(picks), -1)
+
+    def at(k: int) -> np.ndarray:
+        nonlocal before
+        for i in np.flatnonzero(held[k] != before):
+            now[i, body] = kind.truth[i, body] + loads[i][held[k, i]]
+        before = held[k]
+        return now
+
+    return at, held
+
+
+class _Forces:
+    """Pushes as torques of the drives."""
+
+    def __init__(self, robot: RobotDescription, pushes: list[list[Push]]) -> None:
+        self._robot = robot
+        self._all = sorted(((i, one) for i, own in enumerate(pushes) for one in own),
+                           key=lambda pair: pair[1].start)  # fmt: skip
+
+    def at(self, time: float, z: np.ndarray, plants: _Plants) -> np.ndarray:
+        torque = np.zeros_like(z)
+        acting = [(i, one) for i, one in self._all if one.start - 1e-9 <= time < one.end - 1e-9]
+        if not acting:
+            return torque
+        moves, dof = len(self._robot.task.axes), z.shape[1]
+        levers = plants.pushed(z.T, threads=1).T
+        for i, one in acting:
+            if one.place == "platform":
+                T = levers[i, : moves * dof].reshape(dof, moves).T
+                torque[i] += T.T @ one.force[list(self._robot.task.axes)]
+            else:
+                j = self._robot.drives.index(one.place)
+                torque[i, j] += levers[i, moves * dof + j] * one.force[0]
+        return torque

@@ -1,0 +1,183 @@
+"""What `deltaid online` finds in simulated production: masses, pushes, false alarms.
+
+    python benchmarks/online.py [--minutes M] [--robots N] [--kinds NAME,…]
+
+Robots pick, place and are pushed as `drawn_picks.py` draws them: true bodies and friction are away
+from the description, friction that no model has is on top, each robot's model is an identification
+of its own recording. For each kind, M minutes of production without pushes (picks, false alarms)
+and as many with a push of 30 N about every second, from cold gears on. Leaves `tables/online.md`.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
+from _pick_cycles import Pick, Push
+from _table import leave
+from drawn_picks import Produced, Production, produced, production_of
+
+from deltaid.online.found import Touch, Watched
+from deltaid.online.rows import open_replay
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.watch import watch
+from deltaid.recording.memory import Recording
+
+# Kinds of robots and the largest mass that they pick [kg].
+KINDS = {
+    "irb360-6-1600": 3.0,
+    "abb-irb360-1-1130": 1.0,
+    "clavel-delta3": 1.0,
+    "fanuc-dr-3ib-8l": 4.0,
+    "par4": 2.0,
+    "linear-delta-45": 2.0,
+}
+FORCE, SOON, LATEST = 30.0, 0.2, 0.02
+# A run [s].
+RUN = 60.0
+HEAD = (
+    "robot, payload",
+    "gripper",
+    "picks",
+    "mass after 0.2 s within 10 % or 60 g",
+    "interval holds it",
+    "error, median [g]",
+    "± , median [g]",
+    "pushes of 30 N",
+    "found within 20 ms",
+    "found at all",
+    "place right",
+    "smallest force told, best, worst [N]",
+    "production without pushes [min]",
+    "false alarms",
+)
+NOTE = """Loads of 5 % to 100 % of the payload; a pick takes the mass 0.2 s after the grip. Torque
+noise 2 % of the largest torque, encoders of 20 bits, cycles of 1 kHz. Friction that no model has:
+Stribeck 25 % of Coulomb, 2 % of what gears carry, ripple of 5 % of Coulomb, cold gears 10 % of
+viscous. Found at all: before the push of 100 ms was over. Without the gripper told, a load has to
+be found from torques, and a push that looks like one counts as not found."""
+
+
+@dataclass
+class Count:
+    """What was found of what there was."""
+
+    near: list[bool] = field(default_factory=list[bool])
+    holds: list[bool] = field(default_factory=list[bool])
+    errors: list[float] = field(default_factory=list[float])
+    widths: list[float] = field(default_factory=list[float])
+    delays: list[float] = field(default_factory=list[float])
+    places: list[bool] = field(default_factory=list[bool])
+    best: list[float] = field(default_factory=list[float])
+    worst: list[float] = field(default_factory=list[float])
+    alarms: int = 0
+    seconds: float = 0.0
+
+    def add_picks(self, picks: Sequence[Pick], found: Watched) -> None:
+        """Masses 0.2 s after each pick."""
+        s = found.series
+        for pick in picks:
+            if pick.end - pick.start <= SOON or pick.start + SOON >= s.time[-1]:
+                continue
+            k = int(np.searchsorted(s.time, pick.start + SOON))
+            error = s.mass[k] - pick.mass
+            self.near.append(bool(abs(error) <= max(0.1 * pick.mass, 0.06)))
+            self.holds.append(bool(s.held[k] and s.low[k] <= pick.mass <= s.high[k]))
+            self.errors.append(abs(error))
+            self.widths.append(0.5 * (s.high[k] - s.low[k]))
+
+    def add_pushes(self, pushes: Sequence[Push], found: Watched) -> None:
+        """When and where each push was found."""
+        for push in pushes:
+            if push.end >= found.series.time[-1]:
+                continue
+            own = [one for one in found.touches if _is(one, push)]
+            self.delays.append(own[0].start - push.start if own else np.inf)
+            if own:
+                strongest = max(own, key=lambda one: one.size)
+                self.places.append(strongest.place == push.place)
+
+    def row(self, name: str, payload: float, told: bool) -> tuple[object, ...]:
+        """Of the table."""
+        delays = np.array(self.delays)
+        return (
+            f"{name}, {payload:g} kg",
+            "told" if told else "not told",
+            len(self.near),
+            f"{np.mean(self.near):.1%}",
+            f"{np.mean(self.holds):.1%}",
+            f"{1e3 * np.median(self.errors):.0f}",
+            f"{1e3 * np.median(self.widths):.0f}",
+            len(delays),
+            f"{np.mean(delays <= LATEST):.1%}",
+            f"{np.mean(np.isfinite(delays)):.1%}",
+            f"{np.mean(self.places):.1%}" if self.places else "",
+            f"{np.median(self.best):.2g}, {np.median(self.worst):.2g}",
+            f"{self.seconds / 60:.1f}",
+            self.alarms,
+        )
+
+
+def _is(touch: Touch, push: Push) -> bool:
+    return push.start <= touch.start <= push.end
+
+
+def recordings(log: Produced, kind: Production) -> Iterator[tuple[int, Recording]]:
+    """A recording of each robot that did not leave its workspace."""
+    for i in range(len(kind.models)):
+        if log.lost[i]:
+            continue
+        signal = {"gripper": log.gripper[:, i].astype(float)}
+        q, tau = log.q[:, i], log.tau[:, i]
+        yield i, Recording.from_arrays(t=log.time, q=q, tau=tau, extra=signal, name=f"robot {i}")
+
+
+def counted(name: str, payload: float, robots: int, minutes: float) -> list[tuple[object, ...]]:
+    """Rows of one kind."""
+    found = production_of(name, payload, robots, seed=11)
+    copies = max(1, round(minutes * 60 / RUN / robots))
+    kind = replace(
+        found,
+        truth=np.tile(found.truth, (copies, 1)),
+        models=found.models * copies,
+        largest=np.tile(found.largest, (copies, 1)),
+    )
+    counts = {True: Count(), False: Count()}
+    for run, push in enumerate((0.0, FORCE)):
+        log = produced(kind, RUN, 100 + run, push=push)
+        for i, recording in recordings(log, kind):
+            for told, count in counts.items():
+                replay = open_replay(kind.models[i], recording, gripper="gripper" if told else None)
+                found = watch(kind.models[i], replay, OnlineSettings(largest_mass=payload))
+                count.best.append(found.best)
+                count.worst.append(found.worst)
+                if push:
+                    count.add_pushes(log.pushes[i], found)
+                    continue
+                count.add_picks(log.picks[i], found)
+                count.alarms += len(found.touches)
+                count.seconds += float(log.time[-1])
+        print(name, run, flush=True)
+    return [count.row(name, payload, told) for told, count in counts.items()]
+
+
+def main() -> int:
+    """Simulate, watch, count, and write a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=12.0, help="of production, a kind")
+    parser.add_argument("--robots", type=int, default=3, help="of each kind")
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    given = parser.parse_args()
+    rows = []
+    for name in given.kinds.split(","):
+        rows += counted(name, KINDS[name], given.robots, given.minutes)
+        leave(HEAD, rows, NOTE)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

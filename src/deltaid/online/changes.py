@@ -1,0 +1,243 @@
+"""When a load was taken or left: told by the gripper, or found by itself.
+
+A load that changes by Δ at a time θ moves the filter's innovations by G Δ and its estimates by F Δ,
+
+    G = ψ − h F,   F ← F + gain · G,   F = 0 at θ,
+
+for a measurement with the row h that shows the change by ψ. Innovations ν are white with variances
+s as long as nothing changed, so
+
+    D = Σ G ν / s,   C = Σ G² / s,   score D / √C,   Δ = D / C  with variance 1 / C
+
+is the likelihood ratio of a change at θ, whatever the filter has made of it since (Willsky and
+Jones). A few times θ are kept in turn, so memory and work are bounded. When one is believed, what
+the change did to the other estimates is taken back, and the load begins with Δ.
+"""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from deltaid.online.graph import Kept
+from deltaid.online.kalman import Estimate, Told
+from deltaid.online.layout import Field
+
+# How many times of onset are kept, and how long each [s].
+_ONSETS, _LIFE = 3, 0.15
+# Of the load held, what may be left after a release.
+_LEFT = 0.4
+# The variance of what a change begins with is larger than 1/C by this factor, and by the square of
+# this share of it: its onset is a guess.
+_WIDER, _ROUGH = 4.0, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Onset:
+    """What would have happened since one time θ.
+
+    Attributes:
+        moved: F.
+        evidence, information: D and C.
+    """
+
+    moved: ca.SX
+    evidence: ca.SX
+    information: ca.SX
+
+    def told(self, shown: ca.SX, told: Told) -> "Onset":
+        """With one measurement more.
+
+        Args:
+            shown: ψ.
+        """
+        G = shown - told.row @ self.moved
+        share = G / told.variance
+        return Onset(
+            self.moved + told.gain * G,
+            self.evidence + share * told.innovation,
+            self.information + share * G,
+        )
+
+    @property
+    def score(self) -> ca.SX:
+        """D / √C."""
+        return self.evidence / ca.sqrt(self.information + 1e-12)
+
+    @property
+    def size(self) -> ca.SX:
+        """Δ."""
+        return self.evidence / (self.information + 1.0)
+
+    def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
+        """This one, or another one."""
+        pick = lambda a, b: ca.if_else(condition, a, b)  # noqa: E731
+        return Onset(
+            pick(self.moved, other.moved),
+            pick(self.evidence, other.evidence),
+            pick(self.information, other.information),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Onsets:
+    """All times that are kept.
+
+    Attributes:
+        each: what happened since each.
+        symbols: of the state.
+        ends: whether one is over after this cycle, and begins anew.
+        clock: cycles since the first began.
+    """
+
+    each: tuple[Onset, ...]
+    symbols: tuple[Onset, ...]
+    ends: tuple[ca.SX, ...]
+    clock: tuple[ca.SX, ca.SX]
+
+    @classmethod
+    def named(cls, n: int, period: float) -> "Onsets":
+        """New symbols.
+
+        Args:
+            n: how many states are estimated.
+        """
+        symbols = tuple(
+            Onset(ca.SX.sym(f"F{j}", n), ca.SX.sym(f"D{j}"), ca.SX.sym(f"C{j}"))
+            for j in range(_ONSETS)
+        )
+        clock, turn = ca.SX.sym("clock"), max(1, round(_LIFE / period / _ONSETS))
+        later = ca.if_else(clock + 1.5 > turn * _ONSETS, 0.0, clock + 1)
+        ends = tuple(ca.fabs(clock - j * turn) < 0.5 for j in range(_ONSETS))
+        return cls(symbols, symbols, ends, (clock, later))
+
+    def told(self, shown: ca.SX, told: Told) -> "Onsets":
+        """With one measurement more."""
+        return replace(self, each=tuple(one.told(shown, told) for one in self.each))
+
+    @property
+    def likeliest(self) -> Onset:
+        """The one with the largest score."""
+        best = self.each[0]
+        for one in self.each[1:]:
+            best = one.chosen(ca.fabs(one.score) > ca.fabs(best.score), best)
+        return best
+
+    def kept(self, anew: ca.SX) -> tuple[Kept, ...]:
+        """Fields of the state."""
+        doc, fields = "times at which the load may have changed", list[Kept]()
+        for j, (one, symbol, ends) in enumerate(
+            zip(self.each, self.symbols, self.ends, strict=True)
+        ):
+            goes_on = 1 - ca.logic_or(ends, anew)
+            for name in ("moved", "evidence", "information"):
+                now, before = getattr(one, name), getattr(symbol, name)
+                field = Field(f"onset{j + 1}_{name}", before.numel(), doc)
+                fields.append(Kept(field, before, now * goes_on))
+        clock, later = self.clock
+        return (*fields, Kept(Field("onset_clock", 1, doc), clock, later))
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What is held behind a cycle.
+
+    Attributes:
+        changed: 1 where it is another load, or none, from now on.
+        held: 1 while a load is held.
+        told: 1 where the gripper told the change.
+        seen: 1 where the change was found in residuals.
+        kept: fields of the state.
+    """
+
+    changed: ca.SX
+    held: ca.SX
+    told: ca.SX
+    seen: ca.SX
+    kept: tuple[Kept, ...]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What makes a change.
+
+    Attributes:
+        least: mass that is looked for, in units of the largest mass.
+        alarm: score of a change.
+        confirmed: for how long a change must be likely [s]: filters do not show all of it at first.
+        grip_time: [s] from the gripper's signal to the change.
+        period: of a cycle [s].
+    """
+
+    least: float
+    alarm: float
+    confirmed: float
+    grip_time: float
+    period: float
+
+
+def waits(held: ca.SX, gripper: ca.SX) -> ca.SX:
+    """1 where the gripper has told something else than what is held."""
+    return ca.logic_and(gripper > -0.5, (gripper > 0.5) != held)
+
+
+def change(
+    seen: Onset, held: ca.SX, gripper: ca.SX, mass: ca.SX, spread: ca.SX, rules: Rules
+) -> Change:
+    """Whether the load changes.
+
+    Args:
+        held: 1 where a load was held in the cycle before.
+        gripper: 1 holds, 0 empty, -1 not told.
+        mass, spread: of the load held, in units of the largest mass.
+    """
+    waited, alert = ca.SX.sym("waited"), ca.SX.sym("alert")
+    silent, wanted, differs = gripper <= -0.5, gripper > 0.5, waits(held, gripper)
+    waiting = ca.if_else(differs, waited + rules.period, 0)
+    by_gripper = ca.logic_and(differs, waiting > rules.grip_time)
+    score, size, least = seen.score, seen.size, rules.least
+    more = ca.logic_and(silent, ca.logic_and(score > rules.alarm, size > least))
+    less = ca.logic_and(silent, ca.logic_and(score < -rules.alarm, size < -least))
+    less = ca.logic_and(less, held)
+    alerted = ca.if_else(ca.logic_or(more, less), alert + rules.period, 0)
+    sure = alerted > rules.confirmed
+    more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
+    nothing = ca.logic_and(ca.logic_and(held, silent), mass + 2 * spread < least)
+    left = ca.logic_and(less, mass + size > ca.fmax(_LEFT * mass, least))
+    now = ca.if_else(ca.logic_or(nothing, less), left, ca.logic_or(held, more))
+    now = ca.if_else(by_gripper, wanted, ca.if_else(silent, now, held))
+    changed = ca.logic_or(by_gripper, ca.logic_or(more, ca.logic_or(less, nothing)))
+    since = Field("waited", 1, "time since the gripper's signal", "s")
+    kept = (
+        Kept(Field("held", 1, "1 while a load is held"), held, now),
+        Kept(since, waited, waiting * (1 - by_gripper)),
+        Kept(
+            Field("alert", 1, "time for which a change was likely", "s"),
+            alert,
+            alerted * (1 - sure),
+        ),
+    )
+    return Change(changed, now, by_gripper, ca.logic_or(more, less), kept)
+
+
+def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estimate:
+    """Estimates behind a cycle in which the load may have changed.
+
+    Told by the gripper, nothing is known of a new load. Found by itself, it begins with the mass
+    that was found, and what the change had done to the other estimates is taken back:
+
+        x ← x − F Δ,   P ← P + F Fᵀ / C.
+    """
+    n = estimate.x.numel()
+    mine = ca.vertcat(ca.SX.ones(n_load), ca.SX.zeros(n - n_load))
+    by_itself = found.seen
+    mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * found.held
+    variance = _WIDER / (seen.information + 1.0) + (_ROUGH * seen.size) ** 2
+    others = ca.vertcat(ca.SX(n_load, 1), seen.moved[n_load:]) * by_itself
+    first = ca.vertcat(found.held * by_itself, ca.SX(n - 1, 1))
+    along = ca.densify(first - others) * ca.sqrt(variance)
+    x = estimate.x * (1 - mine * found.changed) - others * seen.size + first * mass
+    kept = 1 - mine * found.changed
+    fresh = ca.vertcat(found.told, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
+    fresh = fresh * (found.changed * found.held)
+    P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
+    return Estimate(x, ca.tril2symm(ca.tril(P)))

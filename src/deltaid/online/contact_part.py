@@ -1,0 +1,176 @@
+"""Contact as a part of the cycle: covariance of the residual, and what a cycle gives of it."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.mechanism.mechanism import Mechanism
+from deltaid.online.contact import Contact, Residual, contact, threshold
+from deltaid.online.cycle import Cycle
+from deltaid.online.graph import Given, Kept, Part
+from deltaid.online.layout import Field
+from deltaid.robot.description import RobotDescription
+
+# Moments of a load that nobody told, as shares of the largest.
+_ASIDE = 0.2
+# A contact's time is counted up to here [s].
+_FOREVER = 1e6
+# While something pushes the robot, and filters remember it [s], nothing is learnt, for so long
+# at most [s]: what stays is no push but something the model lacks, and estimates take it up.
+_REMEMBERED, _LONGEST = 0.03, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What is known of the residual before a cycle's own is used, as expressions.
+
+    Attributes:
+        z: pose.
+        residual: filtered torque beyond the model's and beyond all that is estimated.
+        columns: what it shows of the states that are estimated, δ × n, with
+        covariance: of these.
+        dry: filtered size of torques that no speed tells.
+        mass: of the load held, in units of the largest one.
+        lifted: columns of the load, the mass first, one for each entry's largest size.
+        told: 1 where the gripper tells what it holds.
+        lacking: size of torques that the model has not.
+        live: 1 where the residual has a past.
+        M: mass matrix.
+    """
+
+    z: ca.SX
+    residual: ca.SX
+    columns: ca.SX
+    covariance: ca.SX
+    dry: ca.SX
+    mass: ca.SX
+    lifted: ca.SX
+    told: ca.SX
+    lacking: ca.SX
+    live: ca.SX
+    M: ca.SX
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """What a contact is judged with.
+
+    Attributes:
+        false_alarms: accepted in an hour.
+        noise: standard deviation of one cycle's torque, drive by drive [N m or N].
+        speed_noise: of one cycle's speed, drive by drive [rad/s or m/s].
+        corner: K of the filter [1/s].
+        period: of a cycle [s].
+    """
+
+    false_alarms: float
+    noise: Float[np.ndarray, " drives"]
+    speed_noise: Float[np.ndarray, " drives"]
+    corner: float
+    period: float
+
+    @property
+    def threshold(self) -> float:
+        """u."""
+        return threshold(self.false_alarms, self.corner, len(self.noise))
+
+
+def residual_of(
+    robot: RobotDescription, mechanism: Mechanism, e: Expected, settings: ContactSettings
+) -> Residual:
+    """The residual with its covariance: of what is estimated, of torques that the model has not,
+    of torque noise behind the filter, and of noise of speeds in the momentum, K M v."""
+    behind = e.lacking**2 + settings.noise**2 * (0.5 * settings.corner * settings.period)
+    untold = 1 - e.told
+    speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
+    aside = e.lifted[:, 1:] * (_ASIDE * untold)
+    S = e.columns @ e.covariance @ e.columns.T + ca.diag(behind) + speeds @ speeds.T
+    S += aside @ aside.T
+    T = mechanism.speeds.inverse_jacobian[robot.task.moves, :]
+    levers = ca.Function("levers", [mechanism.z], [T])(e.z)
+    return Residual(
+        value=e.residual,
+        covariance=S,
+        bound=e.dry,
+        levers=levers,
+        lifted=e.lifted[:, 0],
+        light=-e.mass * untold,
+        heavy=(1 - e.mass) * untold,
+    )
+
+
+def contact_part(
+    robot: RobotDescription, mechanism: Mechanism, e: Expected, settings: ContactSettings
+) -> tuple[Contact, Part]:
+    """Contact of one cycle, and the fields that it keeps and gives."""
+    since = ca.SX.sym("contact_time")
+    residual = residual_of(robot, mechanism, e, settings)
+    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), settings.threshold, e.live)
+    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
+    rests = ca.SX.sym("contact_rests")
+    pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
+    waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
+    moves, dof = residual.levers.shape
+    unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
+    kept = (
+        Kept(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts),
+        Kept(Field("contact_rests", 1, "for which nothing is learnt yet", "s"), rests, waits),
+    )
+    given = (
+        Given(Field("contact", 1, "1 while there is a contact"), seen.found),
+        Given(Field("contact_size", 1, "size of the residual, 1 at the threshold"), seen.size),
+        Given(
+            Field("contact_limb", 1, "drive whose limb is touched, 0 the platform, -1 no contact"),
+            seen.limb,
+        ),
+        Given(Field("contact_force", moves, "force on the platform point", "N"), seen.force),
+        Given(Field("contact_effort", dof, "torque from outside on each drive", unit), seen.effort),
+        Given(
+            Field(
+                "contact_information",
+                moves * moves,
+                "A: along a unit vector n a force of (u + 1.645) / sqrt(n' A n) is found",
+            ),
+            ca.vec(seen.information),
+        ),
+    )
+    return seen, Part(kept, given)
+
+
+def contact_of(cycle: Cycle) -> Part:
+    """The part of a cycle that looks for contact.
+
+    Torques that the model has not are no longer than their own time taken for what they are: so
+    they are left in the residual, and their whole size is in its covariance.
+    """
+    s, e, known, settings = cycle.signals, cycle.estimates, cycle.known, cycle.settings
+    dof = s.qd.numel()
+    n = s.columns.shape[1]
+    x, P = e.before.x[:n], e.before.P[:n, :n]
+    M = ca.Function("M", [s.momentum.z, s.momentum.p], [s.momentum.M])
+    speed_noise = np.zeros(dof) if settings.speed_noise is None else np.array(settings.speed_noise)
+    expected = Expected(
+        z=s.z,
+        residual=s.residual - s.columns @ x,
+        columns=s.columns,
+        covariance=P,
+        dry=s.dry,
+        mass=x[0],
+        lifted=s.columns[:, s.at_load],
+        told=ca.if_else(s.u["gripper"] > -0.5, 1.0, 0.0),
+        lacking=e.lacking,
+        live=s.live,
+        M=M(s.z, ca.SX(cycle.model.p)),
+    )
+    of = ContactSettings(
+        settings.false_alarms,
+        known.noise,
+        speed_noise,
+        settings.corner,
+        settings.period,
+    )
+    model = cycle.model
+    _, part = contact_part(model.robot, model.dynamics.kinematics.mechanism, expected, of)
+    return part

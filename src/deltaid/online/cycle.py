@@ -1,0 +1,73 @@
+"""The whole cycle of one robot as one graph."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from deltaid.model.model import Model
+from deltaid.online.friction import friction_bounds, friction_part
+from deltaid.online.graph import Part, StepGraph, assembled
+from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.load import Estimates, estimates
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.signals import Signals, signals
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """What further parts can be made of.
+
+    Attributes:
+        model, settings, known: what the cycle is of.
+        signals: what is read, filtered.
+        estimates: what is known of load, model and friction.
+        anew: 1 where filters begin anew behind this cycle, as the gripper told of another load.
+    """
+
+    model: Model
+    settings: OnlineSettings
+    known: Knowledge
+    signals: Signals
+    estimates: Estimates
+    anew: ca.SX
+
+
+# Makes a further part, such as one that looks for contact.
+MorePart = Callable[[Cycle], Part]
+
+
+def step_graph(
+    model: Model,
+    settings: OnlineSettings | None = None,
+    more: Sequence[MorePart] = (),
+    known: Knowledge | None = None,
+) -> StepGraph:
+    """One cycle: state and inputs to next state and outputs.
+
+    Args:
+        more: further parts, behind these in the state and in the outputs.
+        known: numbers in place of those that the model gives.
+
+    Raises:
+        DeltaidError: settings and robot do not fit each other.
+    """
+    settings = settings or OnlineSettings()
+    known = known or knowledge(model, settings)
+    anew, touched = ca.SX.sym("anew"), ca.SX.sym("touched")
+    read, first = signals(model, known, settings, anew)
+    bounds = friction_bounds(model, known, settings.friction_range)
+    found = estimates(read, known, settings, touched, bounds)
+    cycle = Cycle(model, settings, known, read, found, anew)
+    parts = [
+        first,
+        found.part,
+        friction_part(model, known, found.behind.x[read.at_friction], bounds),
+        *(one(cycle) for one in more),
+    ]
+    graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
+    kept = {one.field.name: one.following for part in parts for one in part.kept}
+    contact = ca.if_else(kept.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
+    x, y = ca.substitute([graph.following, graph.y], [touched], [contact])
+    x, y = ca.substitute([x, y], [anew], [found.told])
+    return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

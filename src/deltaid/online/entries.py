@@ -1,0 +1,153 @@
+"""Which of a load's ten parameters torques show, and the load nearest to an estimate that exists.
+
+A load adds to the body that carries it. Where that body only translates, torques show its mass;
+where it also turns about one axis, the first moments across that axis and the moment of inertia
+about it; else all ten.
+
+Inside the cone of consistency a load has a positive mass m, and about its centre the second moments
+Σ − mc mcᵀ/m are positive definite, which is consistency and triangle inequality in one. Where only
+one moment of inertia Θ shows, there is a consistent load if and only if Θ > |mc|²/m. Pivots of
+[m mcᵀ; mc Σ] are made positive one after the other, each by the minimiser of
+
+    (x⁺ − x)² / (2 s²) − μ log x⁺,   x⁺ = (x + √(x² + 4 μ s²)) / 2,
+
+which hardly moves what is known to be positive. So it takes no iteration and is finite whatever the
+estimate is.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import DescriptionError
+from deltaid.robot.inertia import INERTIA_NAMES
+
+# Weight μ of the barrier.
+_BARRIER = 1e-4
+# About each axis: the moment of inertia and the first moments across it.
+_AXES = ((4, (2, 3)), (5, (1, 3)), (6, (1, 2)))
+# Least moment about the centre: that of a radius of gyration of this share of the extent.
+_LEAST = 1e-3
+# Pivots below this share of it could be lost in rounding.
+_ROUNDING = 1e-3
+
+
+@dataclass(frozen=True)
+class LoadEntries:
+    """What torques show of a load.
+
+    Attributes:
+        body: what carries it.
+        shown: places of the entries among the ten of a body, the mass first.
+        axis: first moments across the axis about which the body turns; None where it does not turn
+            or turns about several.
+    """
+
+    body: str
+    shown: tuple[int, ...]
+    axis: tuple[int, int] | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Such as m, mcx, mcy, Izz."""
+        return tuple(INERTIA_NAMES[k] for k in self.shown)
+
+    def scales(self, mass: float, extent: float) -> tuple[float, ...]:
+        """Sizes of the entries for a load of this mass [kg] that reaches so far [m]."""
+        powers = [0 if k == 0 else 1 if k < 4 else 2 for k in self.shown]
+        return tuple(mass * extent**power for power in powers)
+
+    def consistent(self, x: ca.SX, P: ca.SX, scales: tuple[float, ...], extent: float) -> ca.SX:
+        """Entries of a load that exists, from an estimate and its covariance.
+
+        A mass that had to be moved takes the others with it as far as they hang together. All of
+        it lies within the extent.
+
+        Args:
+            x, P: estimate and covariance, in units of the scales.
+            scales: of the entries.
+        """
+        spread = ca.sqrt(ca.fmax(P[0, 0], 0) + 1e-12)
+        m = _positive(x[0], spread)
+        rest = x + P[:, 0] / (spread * spread) * (m - x[0])
+        ten = {k: rest[i] * scales[i] for i, k in enumerate(self.shown)}
+        ten[0] = m * scales[0]
+        if len(self.shown) == 1:
+            return ten[0]
+        across = self.axis or (1, 2, 3)
+        mc = ca.vertcat(*(ten[k] for k in across))
+        reach = ca.sqrt(ca.sumsqr(mc) + 1e-30) / (extent * ten[0])
+        mc = mc / ca.fmax(1, reach)
+        most = extent**2 * ten[0]
+        least = _LEAST * most
+        for i, k in enumerate(across):
+            ten[k] = mc[i]
+        if self.axis is not None:
+            of_centre = ca.sumsqr(mc) / ten[0]
+            turned = self.shown[-1]
+            ten[turned] = of_centre + _positive(ca.fmin(ten[turned], most) - of_centre, least)
+        else:
+            second = 0.5 * (ten[4] + ten[5] + ten[6])  # tr Σ
+            shrunk = ca.fmin(1, most / ca.fmax(second, least))
+            ten |= {k: ten[k] * shrunk for k in range(4, 10)}
+            ten |= _second_moments(ten, mc, least)
+        return ca.vertcat(*(ten[k] for k in self.shown))
+
+
+def _positive(x: ca.SX, spread: ca.SX) -> ca.SX:
+    """x⁺; without cancellation where x is negative."""
+    root = ca.sqrt(x * x + 4 * _BARRIER * spread * spread)
+    share = 2 * _BARRIER * spread * spread / ca.fmax(root - x, 1e-300)
+    return ca.if_else(x > 0, 0.5 * (x + root), share)
+
+
+def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int, ca.SX]:
+    """The six moments with Σ − mc mcᵀ/m positive definite, by its factorisation L D Lᵀ.
+
+    Slopes L are kept within what a product of inertia can be, or tiny pivots would make them large.
+    """
+    half = 0.5 * (ten[4] + ten[5] + ten[6])
+    place = {(0, 0): 4, (1, 1): 5, (2, 2): 6, (1, 0): 7, (2, 1): 8, (2, 0): 9}
+    S = ca.SX.zeros(3, 3)
+    for (i, j), k in place.items():
+        S[i, j] = (half if i == j else 0) - ten[k] - mc[i] * mc[j] / ten[0]
+    L, D = ca.SX.eye(3), ca.SX.zeros(3)
+    for j in range(3):
+        pivot = S[j, j] - ca.dot(L[j, :j].T ** 2, D[:j])
+        D[j] = ca.fmax(_positive(pivot, least), _ROUNDING * least)
+        for i in range(j + 1, 3):
+            most = ca.sqrt(_positive(S[i, i], least) / D[j])
+            slope = (S[i, j] - ca.dot(L[i, :j].T * L[j, :j].T, D[:j])) / D[j]
+            L[i, j] = ca.fmin(ca.fmax(slope, -most), most)
+    Sigma = L @ ca.diag(D) @ L.T + mc @ mc.T / ten[0]
+    trace = ca.trace(Sigma)
+    return {k: (trace if i == j else 0) - Sigma[i, j] for (i, j), k in place.items()}
+
+
+def load_entries(dynamics: Dynamics, body: str | None = None) -> LoadEntries:
+    """What the torques of a robot show of a load.
+
+    Args:
+        body: what carries it; EE, or P where there is no EE, if None.
+
+    Raises:
+        DescriptionError: the robot has no such body, or it is not said which.
+    """
+    bodies = dynamics.layout.bodies
+    chosen = body or next((name for name in ("EE", "P") if name in bodies), None)
+    if chosen is None or chosen not in bodies:
+        raise DescriptionError(
+            f"has no body {body}" if body else "does not say which body carries a load",
+            where=dynamics.robot.name,
+            cure=f"name one of {', '.join(bodies)}",
+        )
+    first = dynamics.layout.body(chosen).start
+    _, columns = dynamics.regressor_pattern
+    shown = sorted({int(k) - first for k in columns if 0 <= k - first < 10})
+    if shown == [0]:
+        return LoadEntries(chosen, (0,), None)
+    for moment, across in _AXES:
+        if shown == [0, *across, moment]:
+            return LoadEntries(chosen, tuple(shown), across)
+    return LoadEntries(chosen, tuple(range(10)), None)

@@ -1,0 +1,156 @@
+"""Loads and contacts as events, from what every cycle says of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.online.found import Entry, HeldLoad, Touch
+from deltaid.online.online import Online, OnlineEstimate
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
+
+# When a mass is looked at for the first time [s].
+SOON = 0.2
+# Half of a 95 % interval in standard deviations.
+_HALF = 1.959964
+# An entry is shown if half of its interval is below this share of what such a load may have.
+_SHOWN = 0.25
+# What is held for less is a step on the way to another load [s].
+_STEP = 0.06
+# Contacts that are no farther apart are one [s].
+_APART = 0.02
+
+Times = Float[np.ndarray, " rows"]
+
+
+@dataclass
+class _Held:
+    start: float
+    soon: tuple[float, float, float] | None = None
+    load: np.ndarray | None = None
+    std: np.ndarray | None = None
+
+
+class Loads:
+    """Loads that were held, one after the other.
+
+    Args:
+        told: whether a gripper told when; else what is hardly a load, or a moment long, is none.
+    """
+
+    def __init__(self, online: Online, told: bool) -> None:
+        self._told, self._least = told, online.known.least_mass
+        self._scales = np.array(online.known.load_scales)
+        names = online.entries.names
+        self._names = [(one, INERTIA_UNITS[INERTIA_NAMES.index(one)]) for one in names]
+        self._held: _Held | None = None
+        self._found: list[HeldLoad] = []
+
+    def broken(self) -> None:
+        """Nothing is known behind a hole."""
+        self._close(None)
+
+    def add(self, time: Times, found: OnlineEstimate) -> None:
+        """Some cycles more."""
+        begin = 0
+        for k in np.flatnonzero(found.changed):
+            self._hold(time[begin:k], found, slice(begin, int(k)))
+            start = float(time[k])
+            if self._held is not None and found.held[k] and start - self._held.start < _STEP:
+                start = self._held.start  # the same load, better seen
+                self._held = None
+            self._close(float(time[k]))
+            if found.held[k]:
+                self._held = _Held(start)
+            begin = int(k)
+        self._hold(time[begin:], found, slice(begin, len(time)))
+
+    def _hold(self, time: Times, found: OnlineEstimate, rows: slice) -> None:
+        """The load that is held, over some cycles."""
+        if self._held is None or not len(time):
+            return
+        self._held.load, self._held.std = found.load[rows][-1], found.load_std[rows][-1]
+        since = time - self._held.start
+        if self._held.soon is None and since[-1] >= SOON:
+            k = int(np.argmax(since >= SOON - 1e-9))
+            low, high = found.mass_interval[rows][k]
+            self._held.soon = float(found.mass[rows][k]), float(low), float(high)
+
+    def _close(self, end: float | None) -> None:
+        one, self._held = self._held, None
+        if one is None or one.load is None or one.std is None:
+            return
+        if end is not None and end - one.start < _STEP and not self._told:
+            return
+        if one.load[0] < self._least and not self._told:
+            return
+        largest = self._scales * one.load[0] / self._scales[0]
+        entries = []
+        for i, (name, unit) in enumerate(self._names):
+            value, half = float(one.load[i]), _HALF * float(one.std[i])
+            low = max(value - half, 0.0) if name in ("m", "Ixx", "Iyy", "Izz") else value - half
+            shown = i == 0 or half < _SHOWN * float(largest[i])
+            entries.append(Entry(name, unit, value, low, value + half, shown))
+        self._found.append(HeldLoad(one.start, end, one.soon, tuple(entries)))
+
+    def found(self) -> tuple[HeldLoad, ...]:
+        """All of them."""
+        self._close(None)
+        return tuple(self._found)
+
+
+@dataclass
+class _Touched:
+    start: float
+    end: float
+    size: float
+    force: np.ndarray
+    effort: np.ndarray
+    votes: np.ndarray
+
+
+class Touches:
+    """Contacts, one after the other."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self._drives = robot.drives
+        self._now: _Touched | None = None
+        self._found: list[Touch] = []
+
+    def broken(self) -> None:
+        """Nothing is known behind a hole."""
+        self._close()
+
+    def add(self, time: Times, found: OnlineEstimate) -> None:
+        """Some cycles more."""
+        out = found.outputs
+        for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
+            at, size = float(time[k]), float(out["contact_size"][k, 0])
+            now = self._now
+            if now is None or at - now.end > _APART:
+                self._close()
+                none = np.zeros(len(self._drives) + 1)
+                now = self._now = _Touched(at, at, 0.0, none[:0], none[:0], none)
+            now.end = at
+            now.votes[int(out["contact_limb"][k, 0])] += size**2
+            if size > now.size:
+                now.size = size
+                now.force, now.effort = out["contact_force"][k], out["contact_effort"][k]
+
+    def _close(self) -> None:
+        one, self._now = self._now, None
+        if one is None:
+            return
+        limb = int(one.votes.argmax())
+        if limb:
+            force, effort = None, float(one.effort[limb - 1])
+        else:
+            force, effort = tuple(one.force.tolist()), None
+        place = self._drives[limb - 1] if limb else "platform"
+        self._found.append(Touch(one.start, one.end, place, force, effort, one.size))
+
+    def found(self) -> tuple[Touch, ...]:
+        """All of them."""
+        self._close()
+        return tuple(self._found)

@@ -1,0 +1,124 @@
+"""Torques that a motion takes, filtered, without any acceleration: by generalised momentum.
+
+With M, C, g and f of (1), and Ṁ = C + Cᵀ because C comes from Christoffel symbols,
+
+    τ = d/dt (M q̇) − Cᵀq̇ + g + f,
+
+of which F, a first-order low-pass of corner K, makes
+
+    F τ = K (M q̇ − F M q̇) + F (−Cᵀq̇ + g + f).
+
+Everything here is linear in the parameters p: the momentum M q̇ = H p, the rest W p. So any set of
+directions D in p, such as the entries of a load, has columns of the same filtered torque,
+K (H D − F H D) + F W D, and
+
+    residual ρ = F τ_measured − (filtered torque of the model) = Ψ p_load
+
+for a robot that carries a load the model does not know; the torque that the surroundings put on
+the drives is −ρ.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from deltaid.dynamics.joint_columns import FrictionColumn, Sign, joint_columns
+from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.mechanism.mechanism import Mechanism
+from deltaid.online.filtered import Lowpass
+from deltaid.robot.description import RobotDescription
+
+
+@dataclass(frozen=True)
+class Momentum:
+    """Momentum and the torque that goes without acceleration, in parts.
+
+    Attributes:
+        z, qd: inputs, δ each.
+        load: what gears carry; only friction that depends on load needs it.
+        p: symbols of the parameters.
+        H: ∂(M q̇)/∂p, δ × len(p).
+        W: ∂(−Cᵀq̇ + g + f)/∂p; with smooth signs of speeds.
+        M: mass matrix, a function of p.
+        dry: how much of the friction on each drive no speed tells at this instant, by the
+            parameters: friction that jumps at rest, as far as its smooth sign is from ±1.
+    """
+
+    z: ca.SX
+    qd: ca.SX
+    load: ca.SX
+    p: ca.SX
+    H: ca.SX
+    W: ca.SX
+    M: ca.SX
+    dry: ca.SX
+
+
+def build_momentum(
+    robot: RobotDescription, mechanism: Mechanism, rest_speeds: Mapping[str, float]
+) -> Momentum:
+    """Derive them.
+
+    Args:
+        rest_speeds: for each friction joint the speed ε [rad/s or m/s] below which its sign is not
+            known: the sign of v is v / √(v² + ε²).
+    """
+    forces, speeds, dof = SpeedForces(robot, mechanism), mechanism.speeds, mechanism.dof
+    N, motion = speeds.drives_to_all, speeds.by_drives()
+    z, qd, qdd, load = mechanism.z, speeds.q.u, speeds.q.ud, ca.SX.sym("load", dof)
+    columns, dry = [forces.body_columns()], ca.SX.zeros(dof)
+    for k, column in enumerate(joint_columns(robot), start=forces.layout.coefficients.start):
+        sign = _smooth_sign(rest_speeds.get(column.joint, 1.0))
+        columns.append(forces.joint_columns([column], load, sign))
+        if isinstance(column, FrictionColumn) and not column.term.continuous:
+            most = forces.joint_columns([column], load, lambda v: ca.SX(1))
+            unknown = 1 - sign(forces.joint(column.joint).path.rate) ** 2
+            dry += ca.fabs(forces.p[k] * (N.T @ motion(most))) * motion(unknown)
+    Y = N.T @ motion(ca.horzcat(*columns))
+    H = _rate(Y, qdd, qd)
+    W = ca.substitute(Y, qdd, ca.SX.zeros(dof)) - _rate(H, z, motion(speeds.z.u))
+    return Momentum(z, qd, load, forces.p, H, ca.sparsify(W), forces.mass_matrix(N), dry)
+
+
+def _smooth_sign(rest: float) -> Sign:
+    return lambda v: v / ca.sqrt(v * v + rest * rest)
+
+
+def _rate(matrix: ca.SX, x: ca.SX, xd: ca.SX) -> ca.SX:
+    """∂matrix/∂x ẋ."""
+    flat = ca.vec(ca.densify(matrix))
+    return ca.sparsify(ca.reshape(ca.jtimes(flat, x, xd), *matrix.shape))
+
+
+@dataclass(frozen=True)
+class FilteredTorque:
+    """F τ of some directions of p along a motion, as one filter: what is kept and what comes out.
+
+    Attributes:
+        kept: what the next sample needs.
+        output: K (M q̇ − F M q̇) + F (−Cᵀq̇ + g + f), direction by direction in columns.
+        resting: what would have to be kept for an output of zero now, as if all began here.
+    """
+
+    kept: ca.SX
+    output: ca.SX
+    resting: ca.SX
+
+
+def filtered_torque(
+    momentum: ca.SX, rest: ca.SX, kept: ca.SX, lowpass: Lowpass, corner: float
+) -> FilteredTorque:
+    """One cycle of the filter.
+
+    With x = K M q̇ − (−Cᵀq̇ + g + f) the output is K M q̇ − F x.
+
+    Args:
+        momentum, rest: H D and W D.
+        kept: of the cycle before.
+        corner: K [1/s].
+    """
+    x = corner * momentum - rest
+    y = lowpass.output(kept, x)
+    first = lowpass.keep(corner * momentum, x)
+    return FilteredTorque(lowpass.keep(y, x), corner * momentum - y, first)

@@ -1,0 +1,195 @@
+"""A robot that runs: its payload and friction, cycle by cycle or from a recording."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import DeltaidError
+from deltaid.kernel.recurrence import Recurrence
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.online.cycle import MorePart, step_graph
+from deltaid.online.entries import LoadEntries
+from deltaid.online.feedforward import FeedForward
+from deltaid.online.graph import StepGraph
+from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.settings import OnlineSettings
+from deltaid.shown import Named
+
+# Half of a 95 % interval in standard deviations.
+_HALF = 1.959964
+_NOT_TOLD = -1.0
+
+Rows = Float[np.ndarray, "samples dof"]
+
+
+@dataclass(frozen=True, repr=False)
+class OnlineEstimate(Named):
+    """What is known behind one cycle, or behind each of many, one a row.
+
+    Attributes:
+        names: of the load's entries, such as m, mcx, mcy, Izz.
+        held: whether a load is held.
+        changed: whether that began or ended, or is another load, in this cycle.
+        load, load_std: entries of the load, consistent, and their standard deviations; zero while
+            nothing is held.
+        friction: coefficients that are followed.
+        unnoticed: mass that may be held although none was noticed [kg].
+        residual: torque that the model without a load lacks, filtered [N m or N].
+        unexplained: what load and model leave of it.
+        good: whether the cycle could be used: all numbers finite, loops closed.
+        outputs: all fields by name, those of further parts among them.
+    """
+
+    names: tuple[str, ...]
+    held: np.ndarray
+    changed: np.ndarray
+    load: Float[np.ndarray, "*samples entries"]
+    load_std: Float[np.ndarray, "*samples entries"]
+    friction: Float[np.ndarray, "*samples coefficients"]
+    unnoticed: Float[np.ndarray, "*samples"]
+    residual: Float[np.ndarray, "*samples dof"]
+    unexplained: Float[np.ndarray, "*samples dof"]
+    good: np.ndarray
+    outputs: dict[str, np.ndarray]
+
+    @property
+    def mass(self) -> Float[np.ndarray, "*samples"]:
+        """Of the load [kg]."""
+        return np.asarray(self.load[..., 0])
+
+    @property
+    def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
+        """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
+        be held unnoticed."""
+        half = _HALF * self.load_std[..., 0]
+        low, high = self.mass - half, self.mass + half + self.unnoticed
+        return np.maximum(np.stack([low, high], axis=-1), 0.0)
+
+
+class Online(Named):
+    """What runs beside a controller.
+
+    Args:
+        model: anything that stands for a robot with its parameters; best an identified model, whose
+            intervals then are in those of the load.
+        settings: what else is known of the robot; or `rate` alone.
+        rate: cycles a second [Hz], in place of that of the settings.
+        more: further parts of the cycle.
+
+    Raises:
+        DeltaidError: settings and robot do not fit each other.
+    """
+
+    def __init__(
+        self,
+        model: ModelLike,
+        settings: OnlineSettings | None = None,
+        *,
+        rate: float | None = None,
+        more: tuple[MorePart, ...] = (),
+    ) -> None:
+        self.model: Model = load(model)
+        self.settings = settings or OnlineSettings()
+        if rate is not None:
+            self.settings = replace(self.settings, rate=rate)
+        self.known: Knowledge = knowledge(self.model, self.settings)
+        self.graph: StepGraph = step_graph(self.model, self.settings, more, self.known)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state: Float[np.ndarray, " state"] = self.graph.state.initial
+
+    @property
+    def entries(self) -> LoadEntries:
+        """What torques show of a load."""
+        return self.known.entries
+
+    @cached_property
+    def feedforward(self) -> FeedForward:
+        """Torques of a motion with the load that is held."""
+        return FeedForward(self.model, self.known)
+
+    def step(
+        self,
+        q: Float[np.ndarray, " dof"],
+        qd: Float[np.ndarray, " dof"] | None,
+        tau: Float[np.ndarray, " dof"],
+        gripper: bool | None = None,
+    ) -> OnlineEstimate:
+        """One cycle.
+
+        Args:
+            q, qd: measured drive coordinates and velocities; None where these are differenced.
+            tau: torques as the drives report them.
+            gripper: whether it holds; None where it does not tell.
+        """
+        told = _NOT_TOLD if gripper is None else float(gripper)
+        parts = [q, *self._velocity(qd), tau, [told]]
+        return self._estimate(self._advance(np.concatenate(parts)[None])[0])
+
+    def run(
+        self,
+        q: Rows,
+        qd: Rows | None,
+        tau: Rows,
+        gripper: Float[np.ndarray, " samples"] | None = None,
+    ) -> OnlineEstimate:
+        """Many cycles, one a row, from where the last one ended.
+
+        Args:
+            q, qd, tau: as of `step`.
+            gripper: 1 holds, 0 empty, -1 not told.
+        """
+        told = np.full(len(q), _NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
+        parts = [q, *self._velocity(qd), tau, told]
+        return self._estimate(self._advance(np.column_stack(parts)))
+
+    def _velocity(self, qd: np.ndarray | None) -> list[np.ndarray]:
+        if (qd is None) != (self.settings.speed == "differenced"):
+            which = "are differenced" if qd is not None else "are measured"
+            raise DeltaidError(
+                f"velocities {which} by the settings, but "
+                + ("were given" if qd is not None else "were not given"),
+                where="qd",
+                cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
+            )
+        return [] if qd is None else [qd]
+
+    def _advance(
+        self, inputs: Float[np.ndarray, "samples inputs"]
+    ) -> Float[np.ndarray, "samples outputs"]:
+        if inputs.shape[1] != self.graph.inputs.size:
+            raise DeltaidError(
+                f"a cycle has {inputs.shape[1]} numbers, and the robot needs "
+                f"{self.graph.inputs.size}",
+                where="online",
+                cure="give q, qd and tau of each drive, and the gripper",
+            )
+        self.state, outputs = self._kernel(self.state, inputs)
+        return outputs
+
+    @cached_property
+    def _kernel(self) -> Recurrence:
+        g = self.graph
+        return Recurrence(g.x, g.u, g.following, g.y)
+
+    def _estimate(self, y: Float[np.ndarray, "*samples outputs"]) -> OnlineEstimate:
+        fields = self.graph.outputs.split(y)
+        one = {name: np.asarray(fields[name][..., 0] > 0.5) for name in ("held", "changed")}
+        empty = np.zeros((*y.shape[:-1], 0))
+        return OnlineEstimate(
+            names=self.entries.names,
+            held=one["held"],
+            changed=one["changed"],
+            load=fields["load"],
+            load_std=fields["load_std"],
+            friction=fields.get("friction", empty),
+            unnoticed=np.asarray(fields["unnoticed"][..., 0]),
+            residual=fields["residual"],
+            unexplained=fields["unexplained"],
+            good=np.asarray(fields["status"][..., 0] < 0.5),
+            outputs=fields,
+        )

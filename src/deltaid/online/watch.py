@@ -1,0 +1,170 @@
+"""A recording run through cycle by cycle, and what came of it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import DescriptionError
+from deltaid.model.model import Model
+from deltaid.online.contact import least_force
+from deltaid.online.contact_part import contact_of
+from deltaid.online.events import Loads, Touches
+from deltaid.online.found import FollowedFriction, Series, Watched
+from deltaid.online.online import Online, OnlineEstimate
+from deltaid.online.rows import Replay, Rows
+from deltaid.online.settings import OnlineSettings
+
+# [m/s²].
+_GRAVITY = 9.81
+# Rows of a series at most.
+_SERIES = 200_000
+
+
+def watch(
+    model: Model,
+    replay: Replay,
+    settings: OnlineSettings,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Watched:
+    """Run a recording through.
+
+    Args:
+        settings: those of rate and noise of speeds follow from the recording.
+
+    Raises:
+        DescriptionError: the model has no intervals, so nothing says what is a contact.
+        DeltaidError: settings and robot do not fit each other.
+    """
+    if model.identified is None:
+        raise DescriptionError(
+            "is a robot at its prior: without an identification nothing says how far its torques "
+            "may be off, and so what is a contact",
+            where=model.source,
+            cure="identify a model from a recording first, `deltaid identify`",
+        )
+    speed = "measured" if replay.has_velocity else "differenced"
+    settings = replace(settings, rate=replay.rate, speed=speed, speed_noise=replay.speed_noise)
+    online = Online(model, settings, more=(contact_of,))
+    run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
+    for rows in replay.rows():
+        progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
+        run.add(rows)
+    return run.watched(replay)
+
+
+@dataclass
+class _Run:
+    """A recording on its way through."""
+
+    online: Online
+    told: bool
+    every: int
+    series: list[Series] = field(default_factory=list[Series])
+    cycles: int = 0
+    bad: int = 0
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.loads = Loads(self.online, self.told)
+        self.touches = Touches(self.online.model.robot)
+        dof = self.online.model.dynamics.dof
+        q = np.zeros((1, dof))  # compiles
+        self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
+        self.online.reset()
+
+    def add(self, rows: Rows) -> None:
+        """Some cycles more."""
+        if rows.begins:
+            self.online.reset()
+            self.loads.broken()
+            self.touches.broken()
+        begin = time.process_time()
+        found = self.online.run(rows.q, rows.qd, rows.tau, rows.gripper)
+        self.seconds += time.process_time() - begin
+        self.cycles += len(rows.time)
+        self.bad += int(np.sum(~found.good))
+        self.loads.add(rows.time, found)
+        self.touches.add(rows.time, found)
+        self.series.append(self._thinned(rows.time, found))
+
+    def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> Series:
+        """Every so-manieth cycle; of the residual the one of largest size since."""
+        out, n = found.outputs, len(at)
+        size = out["contact_size"][:, 0]
+        ends = np.arange(self.every - 1, n, self.every)
+        if not ends.size:
+            ends = np.array([n - 1])
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        peak = np.array([a + size[a : b + 1].argmax() for a, b in zip(starts, ends, strict=True)])
+        moves = out["contact_force"].shape[1]
+        u = self.online.settings.contact_threshold(found.residual.shape[1])
+        A = out["contact_information"][ends].reshape(-1, moves, moves)
+        best, worst = least_force(A, u)
+        if not self.told:  # straight up or down, a load may hide its weight of a push
+            worst = worst + _GRAVITY * self.online.known.load_scales[0]
+        interval = found.mass_interval[ends]
+        return Series(
+            time=at[ends],
+            mass=found.mass[ends],
+            low=interval[:, 0],
+            high=interval[:, 1],
+            held=found.held[ends].astype(float),
+            size=size[peak],
+            limb=out["contact_limb"][peak, 0],
+            force=out["contact_force"][peak],
+            effort=out["contact_effort"][peak],
+            best=best,
+            worst=worst,
+        )
+
+    def watched(self, replay: Replay) -> Watched:
+        """All that was found."""
+        online = self.online
+        series = _joined(self.series)
+        finite = np.isfinite(series.worst)
+        return Watched(
+            robot=online.model.robot,
+            log=replay.log.path.name,
+            cycles=self.cycles,
+            bad=self.bad,
+            rate=replay.rate,
+            told=replay.is_told,
+            false_alarms=online.settings.false_alarms,
+            loads=self.loads.found(),
+            touches=self.touches.found(),
+            friction=_friction(online),
+            best=float(np.median(series.best[finite])),
+            worst=float(np.median(series.worst[finite])),
+            seconds=self.seconds / max(self.cycles, 1),
+            series=series,
+        )
+
+
+def _joined(parts: list[Series]) -> Series:
+    names = Series.__dataclass_fields__
+    return Series(**{name: np.concatenate([getattr(one, name) for one in parts]) for name in names})
+
+
+def _friction(online: Online) -> tuple[FollowedFriction, ...]:
+    """Coefficients as they are believed at the end, by the state."""
+    known, layout, state = online.known, online.model.layout, online.graph.state.split(online.state)
+    n = state["x"].size
+    P = np.zeros((n, n))
+    P.T[np.triu_indices(n)] = state["P"]  # columns of the lower triangle
+    first = len(known.entries.shown) + known.directions.shape[1]
+    found = []
+    for i, (k, std) in enumerate(zip(known.followed, known.friction_std, strict=True)):
+        before, at = float(online.model.p[k]), first + i
+        found.append(
+            FollowedFriction(
+                layout.names[k],
+                layout.units[k],
+                before,
+                before + std * float(state["x"][at]),
+                std * float(np.sqrt(max(P[at, at], 0.0))),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,63 @@
+"""Robots that run with loads: torques by inverse dynamics, and the cycle as CasADi evaluates it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from deltaid.model.model import Model, load
+from deltaid.motion.random_motion import random_motion
+from deltaid.online.cycle import step_graph
+from deltaid.online.graph import StepGraph
+from deltaid.online.settings import OnlineSettings
+
+RATE = 1000.0
+# A load of 1 kg that is consistent and has no symmetry.
+LOAD = np.array([1.0, 0.03, -0.02, 0.05, 0.006, 0.007, 0.005, 0.0006, 0.001, -0.0015])
+
+
+@dataclass(frozen=True, eq=False)
+class Running:
+    """A motion and its torques, and whether the load is held."""
+
+    z: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    tau: np.ndarray
+    held: np.ndarray
+
+
+@cache
+def robot(name: str) -> tuple[Model, StepGraph]:
+    """A robot at its prior, and its cycle with little noise."""
+    model = load(name)
+    dof = model.dynamics.dof
+    settings = OnlineSettings(noise=(0.1,) * dof, unmodelled=(0.1,) * dof, largest_mass=3.0)
+    return model, step_graph(model, settings)
+
+
+def running(
+    model: Model, cycles: int, held: slice, noise: float = 0.0, load: np.ndarray = LOAD
+) -> Running:
+    """Along a random motion, with a load held in some of the cycles."""
+    rng, dynamics = np.random.default_rng(6), model.dynamics
+    motion = random_motion(dynamics.kinematics, rng, period=3.0)
+    z, zd, zdd = motion.evaluate(np.arange(cycles) / RATE)
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau, holds = dynamics.torque(z, qd, qdd), np.zeros(cycles, dtype=bool)
+    holds[held] = True
+    loaded = model.with_load(load).p
+    tau[held] = dynamics.torque(z[held], qd[held], qdd[held], loaded)
+    return Running(z, q, qd, tau + noise * rng.standard_normal(tau.shape), holds)
+
+
+def outputs(
+    graph: StepGraph, run: Running, gripper: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """All outputs by name, and the states, cycle by cycle."""
+    told = np.full(len(run.q), -1.0) if gripper is None else gripper.astype(float)
+    u = np.column_stack([run.q, run.qd, run.tau, told])
+    states, y = graph.function.mapaccum(len(u))(graph.state.initial, u.T)
+    return graph.outputs.split(np.array(y).T) | {"state": np.array(states).T}

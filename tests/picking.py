@@ -1,0 +1,77 @@
+"""A short recording of a robot that holds loads and is pushed, and a model of the robot.
+
+Drives follow their motion whatever happens, so torques show at once what a load or a push takes.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from deltaid.check.identified import identify
+from deltaid.dynamics.dynamics import compiled
+from deltaid.model.model import Model, load
+from deltaid.model.settings import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.robot.load import load_robot
+
+RATE, NOISE = 1000.0, 0.02
+MASS, CENTRE = 0.8, (0.0, 0.0, -0.04)
+HELD = ((2.0, 5.0), (6.5, 8.5))
+# From when to when, drive (None: the platform), force or torque.
+PUSHES = ((3.5, 3.6, None, (25.0, -15.0, 5.0)), (7.5, 7.62, 1, (8.0,)))
+SETTINGS = Settings(friction="described", events=False, lag="none", compliance="none")
+
+
+@dataclass(frozen=True, eq=False)
+class Picked:
+    """A model, and a recording with the truth behind it."""
+
+    model: Model
+    table: pl.DataFrame
+
+
+def picked(name: str = "clavel-delta3", duration: float = 10.0, seed: int = 4) -> Picked:
+    """Identify a robot and record it with loads and pushes."""
+    robot, rng = load_robot(name), np.random.default_rng(seed)
+    dynamics, p = compiled(robot), surrogate_parameters(robot, rng)
+    motions = [random_motion(dynamics.kinematics, rng, period=5.0) for _ in range(2)]
+    known = simulate_recording(
+        dynamics, p, motions[0], rng, duration=12.0, rate=RATE, noise=SensorNoise()
+    )
+    model = load(identify(robot, known, settings=SETTINGS, force=True))
+    time = np.arange(round(duration * RATE)) / RATE
+    z, zd, zdd = motions[1].evaluate(time)
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, p)
+    noise = NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    heavy = Model(robot, p, name).with_load(_load()).p
+    held = np.any([(time >= a) & (time < b) for a, b in HELD], axis=0)
+    tau[held] = dynamics.torque(z[held], qd[held], qdd[held], heavy)
+    J = dynamics.kinematics.jacobian(z)
+    for start, end, drive, size in PUSHES:
+        for k in np.flatnonzero((time >= start) & (time < end)):
+            if drive is None:
+                tau[k] -= np.linalg.solve(J[k].T, np.array(size))
+            else:
+                tau[k, drive] -= size[0]
+    columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
+    columns |= {f"tau{i + 1}": x for i, x in enumerate((tau + noise).T)}
+    return Picked(model, pl.DataFrame(columns | {"gripper": held.astype(int)}))
+
+
+def write_picked(folder: Path) -> None:
+    """Write `model.yaml` and `production.csv`."""
+    found = picked()
+    folder.mkdir(exist_ok=True)
+    assert found.model.identified is not None
+    found.model.identified.save(folder / "model.yaml")
+    found.table.write_csv(folder / "production.csv")
+
+
+def _load() -> np.ndarray:
+    c = np.array(CENTRE)
+    second = MASS * (1e-4 * np.eye(3) + c @ c * np.eye(3) - np.outer(c, c))
+    return np.array([MASS, *(MASS * c), *np.diag(second), second[0, 1], second[1, 2], second[0, 2]])

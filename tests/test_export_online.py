@@ -1,0 +1,121 @@
+"""The online cycle in C and in structured text against the stream in Python."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from c_library import BAD_INPUT, OK, Library, build
+from command import refused
+from deltaid.errors import DeltaidError
+from deltaid.export.files import write_export
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.export.structured_text import structured_text
+from deltaid.model.model import load
+from deltaid.motion.random_motion import random_motion
+from deltaid.online.layout import Field
+from deltaid.online.online import Online
+from exports import needs_compiler
+from st_program import Program
+
+ROBOT, CYCLES, LIFTED = "clavel-delta3", 120, 60
+SPOILT = (30, 31)
+PRECISIONS = pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["double", "single"])
+
+
+@cache
+def recording(precision: Precision) -> tuple[Online, np.ndarray, np.ndarray]:
+    """The stream behind a motion in which a load is lifted, its inputs, in floats where C has such,
+    and its outputs; two cycles have NaN and infinite inputs."""
+    model = load(ROBOT)
+    dynamics, online = model.dynamics, Online(model)
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    z, zd, zdd = motion.evaluate(1e-3 * np.arange(CYCLES))
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    heavier = model.p.copy()
+    heavier[model.layout.names.index("P.m")] += 0.02
+    lifted = np.arange(CYCLES) >= LIFTED
+    tau = np.where(lifted[:, None], *(dynamics.torque(z, qd, qdd, p) for p in (heavier, model.p)))
+    inputs = np.ascontiguousarray(np.column_stack([q, qd, tau, lifted]))
+    inputs[SPOILT[0]], inputs[SPOILT[1], 2] = np.nan, np.inf
+    inputs = inputs.astype(float if precision is DOUBLE else np.float32).astype(float)
+    found = online.run(q=inputs[:, :3], qd=inputs[:, 3:6], tau=inputs[:, 6:9], gripper=inputs[:, 9])
+    assert found.held.any()
+    return online, inputs, np.column_stack([found.outputs[f.name] for f in fields(online)])
+
+
+def fields(online: Online) -> list[Field]:
+    return [field for field in online.graph.outputs.fields if field.name != "status"]
+
+
+def assert_outputs(found: np.ndarray, expected: np.ndarray, precision: Precision) -> None:
+    for column in range(expected.shape[1]):
+        size = max(np.abs(expected[:, column]).max(), 1.0)
+        share = 1e-12 if precision is DOUBLE else 2e-4  # K M q̇ less what the filter leaves of it
+        np.testing.assert_allclose(found[:, column], expected[:, column], atol=share * size)
+
+
+@needs_compiler
+@PRECISIONS
+def test_c_is_the_stream_of_python(precision: Precision, tmp_path: Path) -> None:
+    online, inputs, expected = recording(precision)
+    library = build(load(ROBOT), tmp_path, precision=precision, further=("online",))
+    graph, number = online.graph, library.type
+    state, out = np.full(graph.state.size, 7, number), np.empty(graph.outputs.size, number)
+    start = library.library.delta_online_start
+    start(ctypes.c_void_p(state.ctypes.data))
+    assert (state == graph.state.initial.astype(number)).all()
+    codes, found = [], []
+    for row in np.ascontiguousarray(inputs, number):
+        codes.append(call(library, state, row, out))
+        found.append(out[:-1].copy())
+    assert [k for k, code in enumerate(codes) if code != OK] == list(SPOILT)
+    assert {codes[k] for k in SPOILT} == {BAD_INPUT}
+    assert_outputs(np.array(found), expected, precision)
+    header = (tmp_path / "delta.h").read_text()
+    assert "} delta_online_state;" in header
+    assert f"    {precision.c_type} held; /* 1 while a load is held */" in header
+
+
+def call(library: Library, *arrays: np.ndarray) -> int:
+    return library.library.delta_online(*(ctypes.c_void_p(x.ctypes.data) for x in arrays))
+
+
+@PRECISIONS
+def test_structured_text_is_the_stream_of_python(precision: Precision) -> None:
+    online, inputs, expected = recording(precision)
+    program = Program(structured_text(load(ROBOT), "rob", precision, ("online",)))
+    block, number = program.units["rob_online"](), np.float32 if program.single else float
+    codes, found = [], []
+    for row in inputs:
+        numbers = [number(x) for x in row]
+        parts = {"q": numbers[:3], "qd": numbers[3:6], "tau": numbers[6:9], "gripper": numbers[9]}
+        _, outputs = block(**parts, reset=False)
+        codes.append(outputs["status"])
+        found.append(np.hstack([outputs[field.name.lower()] for field in fields(online)]))
+    assert [k for k, code in enumerate(codes) if code != OK] == list(SPOILT)
+    assert_outputs(np.array(found, float), expected, precision)
+    first = {"q": list(map(number, inputs[0, :3])), "qd": list(map(number, inputs[0, 3:6]))}
+    first["tau"] = list(map(number, inputs[0, 6:9]))
+    _, again = block(**first, gripper=number(0), reset=True)
+    assert_outputs(
+        np.hstack([again[field.name.lower()] for field in fields(online)])[None].astype(float),
+        expected[:1],
+        precision,
+    )
+
+
+def test_a_prior_has_no_contacts_and_says_so(tmp_path: Path) -> None:
+    written = write_export(load(ROBOT), "st", tmp_path / "rob.st", functions=["online"])
+    assert "no contacts" in written.warnings[0]
+
+
+def test_rate_without_the_function(tmp_path: Path) -> None:
+    asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--rate", "500")
+    assert "is the rate of the function online" in refused(*asked, folder=tmp_path)
+    with pytest.raises(DeltaidError, match="has no further function"):
+        write_export(ROBOT, "c", tmp_path / "r.c", functions=["on-line"])

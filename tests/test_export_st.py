@@ -1,0 +1,267 @@
+"""The export to structured text, read by other people's parsers and run, against the package."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from xml.etree import ElementTree as ET
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from deltaid.errors import DeltaidError
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.export.st_statements import StructuredText
+from deltaid.export.straight_line import Array, body
+from deltaid.export.structured_text import plc_program, structured_text
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.model.model import Model
+from exports import model, states, subject
+from st_program import Program
+from support import KINDS, assert_close
+
+OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR, BAD_INPUT = range(6)
+FURTHER = ("constraint-forces", "passive-joints", "regressor")
+
+
+@cache
+def text(name: str, precision: Precision = DOUBLE, further: tuple[str, ...] = ()) -> str:
+    return structured_text(subject(name), "rob", precision, further)
+
+
+@cache
+def program(name: str, precision: Precision = DOUBLE, further: tuple[str, ...] = ()) -> Program:
+    return Program(text(name, precision, further))
+
+
+def newton(subject: Model) -> bool:
+    return subject.dynamics.kinematics.mechanism.forward is None
+
+
+def assert_same(program: Program, subject: Model, share: float, n: int = 2) -> None:
+    """Every function against the package."""
+    z, q, qd, qdd = states(subject, n)
+    expected, J = model(subject, z, qd, qdd), subject.dynamics.kinematics.jacobian(z)
+    for i in range(n):
+        pose = {"z": z[i]}
+        wanted = {
+            "inverse_kinematics": (pose, q[i]),
+            "inverse_dynamics_at": (pose | {"qd": qd[i], "qdd": qdd[i]}, expected.tau[i]),
+            "forward_dynamics": (pose | {"qd": qd[i], "tau": expected.tau[i]}, qdd[i]),
+            "jacobian": (pose, J[i]),
+            "mass_matrix": (pose, expected.M[i]),
+            "bias": (pose | {"qd": qd[i]}, expected.bias[i]),
+            "gravity": (pose, expected.g[i]),
+        }
+        start = {"z_start": z[i] + 0.003} if newton(subject) else {}
+        wanted["forward_kinematics"] = ({"q": q[i]} | start, z[i])
+        for name, (inputs, value) in wanted.items():
+            status, outputs = program.call(f"rob_{name}", **inputs)
+            assert status == OK, name
+            [found] = outputs.values()
+            wider = 10 if name == "forward_dynamics" else 1  # M⁻¹ of a torque with rounding
+            assert_close(found, value.ravel(), wider * share)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_all_functions_of_the_catalogue(name: str) -> None:
+    assert_same(program(name), subject(name), 1e-12)
+
+
+def test_single_precision() -> None:
+    assert_same(program("h4", SINGLE), subject("h4"), 1e-5)
+    assert "LREAL" not in text("h4", SINGLE)
+
+
+def test_further_functions() -> None:
+    chosen, further = subject("irb360-6-1600"), program("irb360-6-1600", DOUBLE, FURTHER)
+    z, q, qd, qdd = states(chosen, 2)
+    dynamics, forces = chosen.dynamics, ConstraintForces(chosen.robot)
+    F = forces.evaluate(z, qd, qdd, chosen.p)
+    Y = dynamics.regressor(q, qd, qdd, dynamics.carried(z, qd, qdd, chosen.p))
+    joints = dynamics.kinematics.passive_joints(z, qd)
+    assert joints.velocity is not None
+    for i in range(2):
+        moving = {"z": z[i], "qd": qd[i]}
+        status, outputs = further.call("rob_constraint_forces", **moving, qdd=qdd[i])
+        assert status == OK
+        assert_close(outputs["f"], F[i], 1e-12)
+        status, outputs = further.call("rob_regressor", **moving, qdd=qdd[i])
+        assert status == OK
+        assert_close(outputs["y"], Y[i].ravel(), 1e-12)
+        status, outputs = further.call("rob_passive_joints", **moving)
+        assert status == OK
+        assert_close(outputs["x"], joints.position[i], 1e-12)
+        assert_close(outputs["xd"], joints.velocity[i], 1e-12)
+    notes = text("irb360-6-1600", DOUBLE, FURTHER)
+    assert f"[0] {forces.names[0]}, {forces.units[0]} *)" in notes
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "h4"])
+def test_the_block_keeps_its_pose(name: str) -> None:
+    """Along a way from home; a cycle with a wrong input leaves torque and pose as they were."""
+    chosen, block = subject(name), program(name).units["rob_inverse_dynamics"]()
+    z, _, qd, qdd = states(chosen, 1)
+    way = chosen.home + np.linspace(0, 1, 30)[:, None] * (z[0] - chosen.home)
+    q = chosen.dynamics.kinematics.inverse(way)
+    expected = model(chosen, way, np.tile(qd, (30, 1)), np.tile(qdd, (30, 1))).tau
+    moving = {"qd": list(qd[0]), "qdd": list(qdd[0])}
+    for i in range(30):
+        _, outputs = block(q=list(q[i]), **moving)
+        assert outputs["status"] == OK
+        assert_close(np.array(outputs["tau"]), expected[i], 1e-12)
+        assert_close(np.array(outputs["z"]), way[i], 1e-12)
+        _, spoilt = block(q=list(q[i] * np.nan), **moving)
+        assert spoilt["status"] == BAD_INPUT
+        assert (spoilt["tau"], spoilt["z"]) == (outputs["tau"], outputs["z"])
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1.1e6])
+def test_no_input_that_is_no_number_passes(wrong: float) -> None:
+    chosen, run = subject("h4"), program("h4")
+    z, q, qd, qdd = (x[0] for x in states(chosen, 1))
+    at = {"z": z, "q": q, "qd": qd, "qdd": qdd, "tau": qdd, "z_start": z}
+    for name, inputs in {
+        "inverse_kinematics": "z",
+        "forward_kinematics": "q z_start",
+        "inverse_dynamics_at": "z qd qdd",
+        "forward_dynamics": "z qd tau",
+        "jacobian": "z",
+        "bias": "z qd",
+    }.items():
+        good = {key: at[key] for key in inputs.split()}
+        for k, key in enumerate(good):
+            spoilt = good[key].copy()
+            spoilt[k] = wrong
+            status, outputs = run.call(f"rob_{name}", **good | {key: spoilt})
+            assert status == BAD_INPUT
+            assert all((out == 0).all() for out in outputs.values())
+
+
+@pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["LREAL", "REAL"])
+@pytest.mark.parametrize("name", ["clavel-delta3", "h4"])
+def test_nothing_stops_the_controller(name: str, precision: Precision) -> None:
+    """Poses and drives anywhere: no division by zero, no root of what is negative, no overflow."""
+    run, chosen, rng = program(name, precision), subject(name), np.random.default_rng(0)
+    dof, met = chosen.dynamics.dof, set[int]()
+    for k in range(150):
+        size = (0.3, 1.0, 30.0, 1e4, 1e6)[k % 5] if k else 0.0
+        z, v, a = size * rng.uniform(-1, 1, (3, dof))
+        start = {"z_start": z} if newton(chosen) else {}
+        for inputs in (
+            {"rob_inverse_kinematics": {"z": z}},
+            {"rob_forward_kinematics": {"q": v} | start},
+            {"rob_inverse_dynamics_at": {"z": z, "qd": v, "qdd": a}},
+            {"rob_forward_dynamics": {"z": z, "qd": v, "tau": a}},
+        ):
+            [(function, arrays)] = inputs.items()
+            status, outputs = run.call(function, **arrays)
+            met.add(status)
+            assert status == OK or all((out == 0).all() for out in outputs.values())
+    assert {OK, OUT_OF_REACH, SINGULAR} <= met
+    assert met & {NOT_CLOSED, OTHER_MODE}
+
+
+def test_text_is_what_controllers_read() -> None:
+    written = text("h4", DOUBLE, FURTHER)
+    assert written.isascii()
+    assert max(map(len, written.splitlines())) <= 110
+    for forbidden in ("//", "**", "ATAN2(", "__", "SEL(", "\t"):
+        assert forbidden not in written
+    for unit in re.findall(r"^FUNCTION.*?^END_FUNCTION", written, re.MULTILINE | re.DOTALL):
+        declared = re.findall(r"^ +([a-vx-z]\w*) : ", unit, re.MULTILINE | re.IGNORECASE)
+        declared += re.findall(r"\bw\d+\b", unit[: unit.rindex("END_VAR")])
+        names = [name.lower() for name in declared]
+        assert len(names) == len(set(names))  # letters' case does not tell names apart
+
+
+def test_another_parser_reads_it_too() -> None:
+    """blark's grammar is TwinCAT's. It is slow, so every form of a line is there once."""
+    blark = pytest.importorskip("blark.parse", reason="blark is not installed")
+    seen, lines = set[str](), []
+    whole = text("h4")
+    units = re.findall(r"^FUNCTION.*?^END_FUNCTION\w*$", whole, re.MULTILINE | re.DOTALL)
+    start = whole[: whole.index("FUNCTION")].splitlines()
+    some = "\n".join([*start[:25], *start[-5:], *units[:2], units[3], units[5]])
+    for line in some.splitlines():
+        form = re.sub(r"\bw\d+", "w", re.sub(r"\(?-?\d+\.\d+(E-?\d+)?\)?", "0.0", line))
+        form = re.sub(r"\[\d+\]", "[0]", form)
+        step = re.match(r" *(w|found|IF .* END_IF;$)", form) and "[i" not in form
+        if not step or form not in seen:
+            lines.append(line)
+        seen.add(form)
+    parsed = blark.parse_source_code("\n".join(lines))
+    kinds = [type(item).__name__ for item in parsed.transform().items]
+    assert kinds == ["GlobalVariableDeclarations", *3 * ["Function"], "FunctionBlock"]
+
+
+def test_what_is_imported_is_the_same_text() -> None:
+    """PLCopen's XML: the same units, variables, starts and statements."""
+    found = plc_program(subject("h4"), "rob")
+    root, space = ET.fromstring(found.xml), "{http://www.plcopen.org/xml/tc6_0200}"
+    names = []
+    for pou in root.iter(f"{space}pou"):
+        name, result = pou.get("name"), pou.find(f".//{space}returnType")
+        kind = "FUNCTION" if pou.get("pouType") == "function" else "FUNCTION_BLOCK"
+        head = f"{kind} {name}" + ("" if result is None else f" : {result[0].tag[len(space) :]}")
+        [body] = pou.findall(f"{space}body/{space}ST/")
+        unit = found.text[found.text.index(f"\n{head}\n") :].partition(f"END_{kind}\n")[0]
+        assert unit.endswith(f"END_VAR\n{body.text}\n")
+        declared = [one.get("name") for one in pou.iter(f"{space}variable")]
+        texts = unit[: unit.rindex("END_VAR")]
+        assert all(re.search(rf"\b{one}\b", texts) for one in declared)
+        assert len(declared) == len(re.findall(r"^ +\w+ : |\bw\d+\b", texts, re.MULTILINE))
+        names.append(str(name).lower())
+    assert names == list(program("h4").units)
+    [listed] = root.iter(f"{space}globalVars")
+    for one in listed.iter(f"{space}variable"):
+        values = [float(v.get("value", "")) for v in one.iter(f"{space}simpleValue")]
+        assert values == np.ravel(program("h4").constants[str(one.get("name")).lower()]).tolist()
+
+
+def test_every_operation_of_a_kernel_that_structured_text_has() -> None:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    one = [ca.sin, ca.cos, ca.asin, ca.acos, ca.atan, ca.exp, ca.log, ca.sqrt, ca.fabs, ca.sign]
+    two = [ca.atan2, ca.power, ca.fmin, ca.fmax, ca.copysign, ca.logic_and, ca.logic_or]
+    two += [ca.lt, ca.le, ca.eq, ca.ne]
+    values = [f(a) for f in one] + [f(a, b) for f in two]
+    values += [
+        ca.if_else(a > b, a, b),
+        1 / a,
+        -a,
+        a * a,
+        a + a,
+        a**2.5,
+        a**3,
+        ca.logic_not(b),
+        a / b,
+    ]
+    output = ca.vertcat(*values)
+    inputs, dialect = [Array("a", a), Array("b", b)], StructuredText(DOUBLE, "rob_atan2")
+    found = body(inputs, "out", output, dialect)
+    head = text("clavel-delta3").partition("(* q(z). *)")[0]
+    lines = [
+        "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "b : ARRAY [0..0] OF LREAL;",
+        "END_VAR", "VAR_OUTPUT", f"out : ARRAY [0..{output.numel() - 1}] OF LREAL;", "END_VAR",
+        "VAR", f"{', '.join(found.slots)} : LREAL;", "END_VAR", *found.lines, "END_FUNCTION",
+    ]  # fmt: skip
+    run, function = Program(head + "\n".join(lines)), ca.Function("f", [a, b], [output])
+    for x, y in ([0.3, 0.7], [0.7, 0.3], [0.25, 0.25], [0.5, -0.4]):
+        expected = np.array(function(x, y)).ravel()
+        found_values = run.call("f", a=[x], b=[y])[1]["out"]
+        np.testing.assert_allclose(found_values, expected, rtol=1e-15)
+    with pytest.raises(DeltaidError, match="no function for CasADi's"):
+        body([Array("a", a)], "out", ca.erf(a), dialect)
+
+
+@pytest.mark.parametrize("prefix", ["", "3d", "a b", "_x", "x_", "a__b", "a" * 21])
+def test_names_that_structured_text_cannot_have(prefix: str) -> None:
+    with pytest.raises(DeltaidError, match="cannot begin the names"):
+        structured_text(subject("linear-delta"), prefix)
+
+
+def test_a_title_cannot_end_the_comment() -> None:
+    chosen = subject("linear-delta")
+    robot = chosen.robot.model_copy(update={"title": "*) x := 1; (* ü ((*)"})
+    Program(structured_text(Model(robot, chosen.p, "a.yaml"), "rob"))  # which has no errors

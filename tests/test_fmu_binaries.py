@@ -1,0 +1,175 @@
+"""Libraries of units for other systems: that they are there, and what they show and ask for."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import struct
+import zipfile
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import fmpy
+import lief
+import pytest
+
+from command import run
+from deltaid.export import fmu_binaries
+from deltaid.export.fmu import fmu
+from deltaid.export.fmu_binaries import SYSTEMS, Compiler, System, found_compiler, universal
+from exports import needs_compiler, subject
+from units import content
+
+needs_zig = pytest.mark.skipif(
+    find_spec("ziglang") is None, reason="Zig's compiler is not here: pip install ziglang"
+)
+# The functions of FMI 2, by the standard's own header.
+HEADER = (Path(fmpy.__file__).parent / "c-code" / "fmi2Functions.h").read_text(encoding="utf-8")
+FUNCTIONS = set(re.findall(r"^\s*FMI2_Export fmi2\w+TYPE\s+(fmi2\w+);", HEADER, re.M))
+# Nothing else is asked of a system, but for what a Mac's loader brings.
+KNOWN = {
+    "atan2", "ceil", "cos", "sin", "sqrt", "tanh", "memcpy", "memset", "strcmp", "strcpy", "strlen",
+    "dyld_stub_binder", "memset_pattern16", "calloc", "free", "malloc",
+}  # fmt: skip
+
+
+@cache
+def made() -> zipfile.ZipFile:
+    """A unit of the smallest kind with all libraries."""
+    export = fmu(subject("linear-delta"), "unit", forward=False)
+    assert export.warnings == ()
+    return zipfile.ZipFile(io.BytesIO(export.content))
+
+
+@needs_zig
+@pytest.mark.parametrize(
+    ("path", "kind", "machine"),
+    [
+        ("linux64/unit.so", lief.ELF.Binary, "X86_64"),
+        ("aarch64-linux/unit.so", lief.ELF.Binary, "AARCH64"),
+        ("win64/unit.dll", lief.PE.Binary, "AMD64"),
+        ("aarch64-darwin/unit.dylib", lief.MachO.Binary, "ARM64"),
+    ],
+)
+def test_a_library_has_the_functions_of_the_standard(path: str, kind: type, machine: str) -> None:
+    found = lief.parse(made().read(f"binaries/{path}"))
+    assert isinstance(found, kind)
+    check(found, machine)
+
+
+def check(found: object, machine: str) -> None:
+    """All functions of FMI are shown, nothing unknown is asked for."""
+    header = found.header
+    told = getattr(header, "machine_type", None) or getattr(header, "machine", None)
+    assert str(told or header.cpu_type).endswith(machine)
+    mac = isinstance(found, lief.MachO.Binary)
+    shown = {f.name.removeprefix("_") if mac else f.name for f in found.exported_functions}
+    assert shown >= FUNCTIONS
+    assert len(FUNCTIONS) > 40
+    assert not {name for name in shown - FUNCTIONS if not name.startswith("_")}
+    asked = {f.name.removeprefix("_") if mac else f.name for f in found.imported_functions}
+    assert asked <= KNOWN
+    if mac:
+        assert found.has_code_signature == (machine == "ARM64")  # Apple's processors insist on it
+
+
+@needs_zig
+def test_a_library_for_both_kinds_of_mac() -> None:
+    fat = made().read("binaries/darwin64/unit.dylib")
+    both = lief.MachO.parse(list(fat))
+    assert [str(part.header.cpu_type).rpartition(".")[2] for part in both] == ["X86_64", "ARM64"]
+    for part, machine in zip(both, ("X86_64", "ARM64"), strict=True):
+        check(part, machine)
+    arm = made().read("binaries/aarch64-darwin/unit.dylib")
+    offset, size = struct.unpack_from(">II", fat, 8 + 20 + 8)
+    assert fat[offset : offset + size] == arm
+
+
+@needs_zig
+def test_libraries_need_no_newer_system() -> None:
+    """The C library of 2012 will do."""
+    for path in ("linux64", "aarch64-linux"):
+        found = lief.parse(made().read(f"binaries/{path}/unit.so"))
+        versions = {
+            tuple(map(int, aux.name.removeprefix("GLIBC_").split(".")))
+            for needed in found.symbols_version_requirement
+            for aux in needed.get_auxiliary_symbols()
+        }
+        assert versions
+        assert max(versions) <= (2, 17)
+
+
+@needs_zig
+def test_the_same_library_for_windows_again() -> None:
+    """Its head has a time of its own."""
+    compiler, library = found_compiler(), made().read("binaries/win64/unit.dll")
+    assert compiler
+    sources = {
+        name.removeprefix("sources/"): made().read(name).decode()
+        for name in made().namelist()
+        if name.startswith("sources/")
+    }
+    assert compiler.library(SYSTEMS[1], "unit", sources) == library
+
+
+@needs_zig
+@needs_compiler
+def test_the_library_of_zig_computes_what_that_of_this_machine_does(tmp_path: Path) -> None:
+    path = tmp_path / "zig.fmu"
+    path.write_bytes(made().fp.getvalue())
+    other = tmp_path / "own.fmu"
+    other.write_bytes(content(subject("linear-delta"), "fmu-inverse"))
+    start = {"q1": 0.1, "qd1": 0.5, "qdd2": 1.0}
+    outs = [
+        fmpy.simulate_fmu(str(file), stop_time=0.01, start_values=start, fmi_type="CoSimulation")
+        for file in (path, other)
+    ]
+    for name in ("tau1", "tau2", "tau3", "z"):
+        assert outs[0][name] == pytest.approx(outs[1][name], rel=1e-12)
+
+
+def test_folders_of_either_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a system fails, the others are there, and the warning names it."""
+
+    def library(_: Compiler, system: System, name: str, sources: dict[str, str]) -> bytes:
+        if system.folder == "x86_64-windows":
+            raise OSError("no such option")
+        return struct.pack("<IIII", 0xFEEDFACF, 7, 3, len(system.folder))
+
+    monkeypatch.setattr(Compiler, "library", library)
+    compiler = Compiler(("zig", "cc"), SYSTEMS, is_zig=True)
+    for version, x86, mac in (("2", "linux64", "darwin64"), ("3", "x86_64-linux", "x86_64-darwin")):
+        files, warning = fmu_binaries.binaries("a", {}, version, compiler)
+        assert set(files) == {
+            f"binaries/{x86}/a.so", f"binaries/{mac}/a.dylib",
+            "binaries/aarch64-darwin/a.dylib", "binaries/aarch64-linux/a.so",
+        }  # fmt: skip
+        assert "macOS ARM, Linux ARM, and from its sources on Windows x86-64" in warning
+        assert "no such option" in warning
+
+
+def test_parts_of_a_universal_library_begin_at_pages() -> None:
+    parts = [struct.pack("<III", 0xFEEDFACF, kind, 3) + b"x" * 20000 for kind in (7, 12)]
+    fat = universal(parts)
+    for i, part in enumerate(parts):
+        kind, _, offset, size, power = struct.unpack_from(">IIIII", fat, 8 + 20 * i)
+        assert (kind, offset % (1 << power)) == ((7, 12)[i], 0)
+        assert fat[offset : offset + size] == part
+
+
+def test_without_any_compiler_the_sources_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda *_: None)
+    monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)
+    path = tmp_path / "a.fmu"
+    outcome = run("export", "linear-delta", "--to", "fmu", "--fmi", "3", "-o", path, width=400)
+    assert outcome.code == 0
+    assert "no C compiler was found" in outcome.err
+    with zipfile.ZipFile(path) as archive:
+        assert set(archive.namelist()) == {
+            "modelDescription.xml", "sources/a.h", "sources/a.c", "sources/fmi3.c",
+            "sources/buildDescription.xml",
+        }  # fmt: skip

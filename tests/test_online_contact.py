@@ -1,0 +1,143 @@
+"""What a residual says of pushes, against noise drawn by the thousand."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scipy.signal import lfilter
+
+from deltaid.errors import DeltaidError
+from deltaid.online.contact import Residual, contact, least_force, threshold
+
+S = np.array([[0.5, 0.1, 0.0, 0.02], [0.1, 0.4, -0.1, 0.0], [0.0, -0.1, 0.6, 0.03],
+              [0.02, 0.0, 0.03, 0.05]])  # fmt: skip
+# ∂(platform point)/∂q of a robot with a drive that turns its tool only.
+T = np.array([[0.3, -0.1, -0.2, 0.0], [0.05, 0.25, -0.3, 0.0], [-0.2, -0.15, -0.25, 0.0]])
+U = 6.0
+
+
+def judged(
+    rho: ArrayLike,
+    bound: ArrayLike = (0, 0, 0, 0),
+    before: float = 0.0,
+    lifted: ArrayLike | None = None,
+    light: float = 0.0,
+    heavy: float = 0.0,
+) -> dict[str, np.ndarray]:
+    """A residual judged in numbers."""
+    untold = {}
+    if lifted is not None:
+        column = ca.SX(ca.DM(np.array(lifted)))
+        untold = {"lifted": column, "light": ca.SX(light), "heavy": ca.SX(heavy)}
+    residual = Residual(
+        ca.SX(ca.DM(np.array(rho))),
+        ca.SX(ca.DM(S)),
+        ca.SX(ca.DM(np.array(bound))),
+        ca.SX(ca.DM(T)),
+        **untold,
+    )
+    found = contact(residual, ca.SX(before), U)
+    names = ("size", "found", "limb", "force", "effort", "information")
+    f = ca.Function("f", [], [getattr(found, name) for name in names])
+    return dict(zip(names, (np.array(x).squeeze() for x in f.call([])), strict=True))
+
+
+@pytest.mark.parametrize("dof", [1, 3, 4])
+@pytest.mark.parametrize("corner", [30.0, 100.0])
+def test_false_alarms_are_as_many_as_stated(dof: int, corner: float) -> None:
+    rng, rate, hours = np.random.default_rng(dof), 1000.0, 1.0
+    a = np.exp(-corner / rate)
+    noise = rng.standard_normal((dof, round(3600 * hours * rate))) * np.sqrt(1 - a * a)
+    size = np.sqrt(sum(lfilter([1.0], [1.0, -a], row) ** 2 for row in noise))
+    above = size > threshold(200.0, corner, dof)
+    starts = np.flatnonzero(above[1:] & ~above[:-1])
+    alarms = 1 + np.sum(np.diff(starts) > 2 * rate / corner)  # those of one excursion count once
+    assert 0.2 * 200 * hours < alarms < 1.1 * 200 * hours  # samples miss short excursions
+
+
+def test_more_drives_and_fewer_alarms_need_more() -> None:
+    assert threshold(1.0, 100.0, 3) < threshold(1.0, 100.0, 4)
+    assert threshold(10.0, 100.0, 3) < threshold(1.0, 100.0, 3) < threshold(1.0, 200.0, 3)
+    with pytest.raises(DeltaidError, match="an hour"):
+        threshold(0.0, 100.0, 3)
+
+
+def test_push_at_the_platform() -> None:
+    force = np.array([20.0, -30.0, 10.0])
+    found = judged(-T.T @ force)
+    assert found["found"] == 1
+    assert found["limb"] == 0
+    np.testing.assert_allclose(found["force"], force, rtol=1e-9)
+    np.testing.assert_allclose(found["effort"], T.T @ force, rtol=1e-9)
+
+
+@pytest.mark.parametrize("drive", range(4))
+def test_push_at_a_limb(drive: int) -> None:
+    rho = 12.0 * np.eye(4)[drive]
+    found = judged(rho)
+    assert found["found"] == 1
+    assert found["limb"] == drive + 1
+    assert found["effort"][drive] == pytest.approx(-12.0)
+
+
+def test_size_is_mahalanobis_distance() -> None:
+    rho = np.array([0.3, -0.2, 0.5, 0.1])
+    assert judged(rho)["size"] == pytest.approx(np.sqrt(rho @ np.linalg.solve(S, rho)) / U)
+
+
+def test_no_contact_has_no_place_and_no_force() -> None:
+    found = judged([0.1, 0.2, -0.1, 0.0])
+    assert found["found"] == 0
+    assert found["limb"] == -1
+    np.testing.assert_array_equal(found["force"], 0)
+
+
+def test_friction_at_rest_is_no_contact() -> None:
+    rho = np.array([8.0, -8.0, 8.0, 0.1])
+    assert judged(rho)["found"] == 1
+    held = judged(rho, bound=(6.5, 6.5, 6.5, 0.5))
+    assert held["found"] == 0
+    assert held["size"] == 0
+    more = judged(2 * rho, bound=(6.5, 6.5, 6.5, 0.5))
+    assert more["found"] == 1
+    np.testing.assert_allclose(more["effort"][:3], -np.sign(rho[:3]) * (16 - 1.3 * 6.5))
+
+
+def test_contact_holds_until_it_is_well_below_the_threshold() -> None:
+    rho = np.sqrt(S[0, 0]) * 0.7 * U * np.array([1.0, 0, 0, 0])
+    assert judged(rho)["found"] == 0
+    assert judged(rho, before=1.0)["found"] == 1
+    assert judged(0.5 * rho, before=1.0)["found"] == 0
+
+
+def test_what_a_load_explains_is_no_contact_where_nobody_tells() -> None:
+    kilogram = T.T @ np.array([0.0, 0.0, -9.81]) + np.array([0.3, 0.1, -0.2, 0.0])
+    assert judged(2.0 * kilogram)["found"] == 1
+    assert judged(2.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 0
+    assert judged(9.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 1
+    assert judged(-4.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 1
+    aside = -T.T @ np.array([40.0, 0.0, 0.0])
+    assert judged(aside, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 1
+
+
+def test_least_force_is_found_in_95_of_100_cases() -> None:
+    rng, u = np.random.default_rng(1), threshold(1.0, 100.0, 4)
+    A = T @ np.linalg.solve(S, T.T)
+    (best,), (worst,) = least_force(A[None], u)
+    _, vectors = np.linalg.eigh(A)
+    assert best < worst
+    for force, n in ((best, vectors[:, 2]), (worst, vectors[:, 0])):
+        rho = T.T @ (force * n) + rng.multivariate_normal(np.zeros(4), S, size=20000)
+        found = np.einsum("ki,ij,kj->k", rho, np.linalg.inv(S), rho) > u * u
+        assert 0.95 <= found.mean() < 0.98  # noise aside of n adds to χ as well
+
+
+@pytest.mark.parametrize("drive", range(3))
+def test_place_does_not_suffer_from_a_load_that_nobody_told(drive: int) -> None:
+    kilogram = T.T @ np.array([0.0, 0.0, -9.81])
+    found = judged(20.0 * np.eye(4)[drive], lifted=kilogram, light=0.0, heavy=3.0)
+    assert found["found"] == 1
+    assert found["limb"] == drive + 1
+    aside = judged(-T.T @ np.array([40.0, 20.0, 0.0]), lifted=kilogram, light=0.0, heavy=3.0)
+    assert aside["limb"] == 0
+    np.testing.assert_allclose(aside["force"][:2], (40.0, 20.0), rtol=0.2)

@@ -1,0 +1,133 @@
+"""Loads estimated while a robot runs: found, weighed, consistent, and always finite."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from deltaid.online.entries import LoadEntries
+from deltaid.robot.inertia import consistency
+from online_runs import LOAD, outputs, robot, running
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "h4"])
+def test_a_load_that_the_gripper_tells_is_weighed(name: str) -> None:
+    model, graph = robot(name)
+    run = running(model, 600, slice(200, 500), noise=0.1)
+    y = outputs(graph, run, run.held)
+    assert np.all(y["status"][5:] == 0)  # Newton's steps begin at home
+    assert np.array_equal(y["held"][:, 0] > 0, run.held)
+    mass, std = y["load"][:, 0], y["load_std"][:, 0]
+    late = slice(400, 500)
+    assert np.abs(mass[late] - LOAD[0]).max() < max(3 * std[late].max(), 0.02)
+    assert std[late].max() < 0.15
+    assert np.all(y["load"][~run.held] == 0)
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600"])
+def test_a_load_is_found_and_its_release_too(name: str) -> None:
+    model, graph = robot(name)
+    run = running(model, 900, slice(300, 600), noise=0.1)
+    held = outputs(graph, run)["held"][:, 0] > 0
+    assert not held[:300].any()
+    assert held[400:600].all()
+    assert not held[700:].any()
+
+
+def test_moments_of_a_load_show_where_it_turns() -> None:
+    model, graph = robot("irb360-6-1600")
+    run = running(model, 1200, slice(200, 1200), noise=0.05)
+    y = outputs(graph, run, run.held)
+    shown = LOAD[[0, 1, 2, 6]]
+    assert np.all(np.abs(y["load"][-1] - shown) < 4 * y["load_std"][-1])
+    assert np.abs(y["load"][-1, 1:3] - shown[1:3]).max() < 0.01
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600"])
+def test_every_cycle_gives_a_load_that_exists(name: str) -> None:
+    model, graph = robot(name)
+    rng = np.random.default_rng(1)
+    for load in (LOAD, 0.02 * LOAD):
+        run = running(model, 400, slice(100, 400), load=load)
+        wild = replace(run, tau=run.tau + 5 * rng.standard_normal(run.tau.shape))
+        y = outputs(graph, wild, run.held)
+        entries = y["load"][run.held]
+        assert entries[:, 0].min() > 0
+        if entries.shape[1] == 4:
+            m, x, y_, turned = entries.T
+            assert np.all(turned > (x**2 + y_**2) / m)
+            assert np.all(np.hypot(x, y_) <= 0.15 * m * (1 + 1e-9))
+
+
+def test_a_wild_load_of_ten_entries_becomes_one_that_exists() -> None:
+    x, P = ca.SX.sym("x", 10), ca.SX.sym("P", 10, 10)
+    entries = LoadEntries("P", tuple(range(10)), None)
+    near = ca.Function("f", [x, P], [entries.consistent(x, P, entries.scales(2.0, 0.1), 0.1)])
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        root = rng.standard_normal((10, 10))
+        found = np.array(near(rng.standard_normal(10), root @ root.T)).ravel()
+        assert consistency(found) > 0
+    known = LOAD / np.array(entries.scales(2.0, 0.1))
+    kept = np.array(near(known, 1e-8 * np.eye(10))).ravel()
+    assert np.allclose(kept, LOAD, atol=1e-5)
+
+
+def test_bad_cycles_say_so_and_leave_estimates_alone() -> None:
+    model, graph = robot("clavel-delta3")
+    run = running(model, 500, slice(100, 500), noise=0.1)
+    q, qd, tau = run.q.copy(), run.qd.copy(), run.tau.copy()
+    q[300] = np.nan
+    qd[310, 1] = np.inf
+    tau[320, 0] = -np.inf
+    q[330:340] = (3.0, -3.0, 3.0)
+    y = outputs(graph, replace(run, q=q, qd=qd, tau=tau), run.held)
+    bad = np.zeros(500, dtype=bool)
+    bad[[300, 310, 320, *range(330, 340)]] = True
+    assert np.array_equal(y["status"][:, 0] == 1, bad)
+    assert np.isfinite(y["state"]).all()
+    assert y["held"][bad].all()
+    assert np.abs(y["load"][330:340] - y["load"][329]).max() < 1e-6
+    assert abs(y["load"][-1, 0] - 1.0) < 0.1
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600"])
+def test_at_rest_nothing_is_learnt_and_nothing_grows(name: str) -> None:
+    """Friction at rest may take any torque within its bounds."""
+    model, graph = robot(name)
+    run = running(model, 3000, slice(0, 0))
+    still = replace(run, q=run.q[:1].repeat(3000, 0), qd=0 * run.qd)
+    g = model.dynamics.terms(run.q[:1], 0 * run.qd[:1]).g
+    tau = g + 0.3 * np.random.default_rng(0).standard_normal((1, g.shape[1]))
+    y = outputs(graph, replace(still, tau=tau.repeat(3000, 0)))
+    assert np.isfinite(y["state"]).all()
+    assert not y["held"].any()
+    friction, first = y["friction"], y["friction"][0]
+    assert np.abs(friction / first - 1).max() < 0.05
+
+
+def test_torques_at_their_limits_say_little() -> None:
+    model, graph = robot("irb360-6-1600")
+    run = running(model, 300, slice(0, 0))
+    limit = model.robot.drive_limits["drive1"].effort
+    assert limit is not None
+    tau = run.tau.copy()
+    tau[150:180, 0] = limit
+    y = outputs(graph, replace(run, tau=tau))
+    assert np.isfinite(y["state"]).all()
+    assert y["held"][150:180].sum() == 0
+
+
+def test_covariances_stay_between_nothing_and_the_prior() -> None:
+    model, graph = robot("irb360-6-1600")
+    run = running(model, 700, slice(200, 500), noise=0.3)
+    y = outputs(graph, run, run.held)
+    n = graph.state.places["x"].stop - graph.state.places["x"].start
+    for k in (0, 199, 201, 350, 499, 501, 699):
+        P = np.zeros((n, n))
+        P[np.triu_indices(n)] = y["state"][k, graph.state.places["P"]]
+        P = P + np.triu(P, 1).T
+        values = np.linalg.eigvalsh(P)
+        assert values[0] > -1e-9
+        assert np.diag(P).max() < 1 + 1e-9
