@@ -27,8 +27,9 @@ _ONSETS, _LIFE = 3, 0.15
 # Of the load held, what may be left after a release.
 _LEFT = 0.4
 # The variance of what a change begins with is larger than 1/C by this factor, and by the square of
-# this share of it: its onset is a guess.
-_WIDER, _ROUGH = 4.0, 0.1
+# this share of it: its onset is a guess, and of a load that is taken while the robot moves filters
+# show little at first. So it is nearly free as well, by this share of the mass's prior variance.
+_WIDER, _ROUGH, _FREE = 4.0, 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +238,8 @@ def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estima
     along = ca.densify(first - others) * ca.sqrt(variance)
     x = estimate.x * (1 - mine * found.changed) - others * seen.size + first * mass
     kept = 1 - mine * found.changed
-    fresh = ca.vertcat(found.told, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
+    own = found.told + _FREE * found.seen
+    fresh = ca.vertcat(own, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
     fresh = fresh * (found.changed * found.held)
     P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

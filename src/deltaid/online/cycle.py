@@ -73,6 +73,6 @@ def step_graph(
     kept = {one.field.name: one.following for part in parts for one in part.kept}
     lasts = kept.get("contact_time", ca.SX(0))
     contact = ca.if_else(ca.logic_and(lasts > 0, lasts < _LONGEST), 1.0, 0.0)
-    x, y = ca.substitute([graph.following, graph.y], [touched], [contact])
-    x, y = ca.substitute([x, y], [anew], [found.told])
+    x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
+    x, y = ca.substitute([x, y], [touched], [contact])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)
