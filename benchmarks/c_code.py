@@ -34,6 +34,7 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pinocchio as pin
+from _mujoco_bare import bare
 from _timing import machine
 
 from deltaid.dynamics.parameters import prior_parameters
@@ -209,7 +210,7 @@ def tree_states(
 
 def mujoco_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float:
     """Best mean time [µs] of mj_forward."""
-    model = mujoco.MjModel.from_xml_string(mjcf(subject.without_friction()))
+    model = mujoco.MjModel.from_xml_string(bare(mjcf(subject.without_friction())))
     data = mujoco.MjData(model)
     names = [model.joint(j).name for j in range(model.njnt)]
     positions, rates = tree_states(subject, states, names)

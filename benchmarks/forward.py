@@ -35,6 +35,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import mujoco
 import numpy as np
 import pinocchio as pin
+from _mujoco_bare import bare
 from _pinocchio_delta import DRIVES, Array, PinocchioDelta
 from _timing import machine, measure
 from c_code import mujoco_forward
@@ -128,7 +129,7 @@ def _mujoco(robot: RobotDescription, z: Array, qd: Array, tau: Array) -> dict[st
     p = prior_parameters(robot)
     p[parameter_layout(robot).friction] = 0.0
     subject = Model(robot, p, ROBOT)
-    model = mujoco.MjModel.from_xml_string(mjcf(subject))
+    model = mujoco.MjModel.from_xml_string(bare(mjcf(subject)))
     data = mujoco.MjData(model)
     rows = {"MuJoCo, mj_forward": 1e-6 * mujoco_forward(subject, (z, z, qd, z, tau))}
 

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import deltaid
 from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
@@ -244,3 +245,9 @@ def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:
     model.write_text(run("robots", "clavel-delta3").out)
     told = refused("export", model, "--to", "npz", "-o", model, folder=tmp_path)
     assert "would overwrite an input" in told
+
+
+def test_functions_of_jax_without_jax(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltaid.libraries.find_spec", lambda name: None)
+    with pytest.raises(DeltaidError, match="needs JAX, which is not installed"):
+        deltaid.jax_functions("clavel-delta3")

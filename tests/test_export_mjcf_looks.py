@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import mujoco
 import numpy as np
 import pytest
 
 from composed import Make
+from deltaid.export.mjcf import mjcf
 from deltaid.forces.constraint_forces import ConstraintForces
 from exports import COMPOSED, model, states, subject, the, title, tree_motion
 from test_export_mjcf import Simulation
@@ -73,3 +76,19 @@ def test_pictures_show_the_robot() -> None:
             x, y, z = camera.xmat.reshape(3, 3).T @ (data.geom(geom).xpos - camera.xpos)
             assert z < 0  # it looks along its own -z
             assert np.hypot(x, y) < np.tan(np.deg2rad(20)) * -z
+
+
+@pytest.mark.parametrize("case", ["irb360-6-1600", "i4/second", *COMPOSED], ids=title)
+def test_bodies_of_several_joints_stand_in_their_parents_frame(case: str | Make) -> None:
+    """Drake makes a body of each joint, and has all but the last in the parent's frame."""
+    root = ElementTree.fromstring(mjcf(the(case)))
+    several = [body for body in root.iter("body") if len(body.findall("joint")) > 1]
+    assert several
+    for body in several:
+        moved = body.get("pos") is not None
+        before_last = body.findall("joint")[:-1]
+        assert not moved or all(joint.get("type") == "slide" for joint in before_last)
+        assert np.fromstring(body.get("quat", "1 0 0 0"), sep=" ") == pytest.approx([1, 0, 0, 0])
+    for body in root.iter("body"):
+        massless = body.find("inertial") is None
+        assert not massless or not body.findall("joint")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from xml.etree import ElementTree as ET
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ from deltaid.errors import DeltaidError
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.st_statements import StructuredText
 from deltaid.export.straight_line import Array, body
-from deltaid.export.structured_text import structured_text
+from deltaid.export.structured_text import plc_program, structured_text
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from exports import model, states, subject
@@ -193,6 +194,30 @@ def test_another_parser_reads_it_too() -> None:
     parsed = blark.parse_source_code("\n".join(lines))
     kinds = [type(item).__name__ for item in parsed.transform().items]
     assert kinds == ["GlobalVariableDeclarations", *3 * ["Function"], "FunctionBlock"]
+
+
+def test_what_is_imported_is_the_same_text() -> None:
+    """PLCopen's XML: the same units, variables, starts and statements."""
+    found = plc_program(subject("h4"), "rob")
+    root, space = ET.fromstring(found.xml), "{http://www.plcopen.org/xml/tc6_0200}"
+    names = []
+    for pou in root.iter(f"{space}pou"):
+        name, result = pou.get("name"), pou.find(f".//{space}returnType")
+        kind = "FUNCTION" if pou.get("pouType") == "function" else "FUNCTION_BLOCK"
+        head = f"{kind} {name}" + ("" if result is None else f" : {result[0].tag[len(space) :]}")
+        [body] = pou.findall(f"{space}body/{space}ST/")
+        unit = found.text[found.text.index(f"\n{head}\n") :].partition(f"END_{kind}\n")[0]
+        assert unit.endswith(f"END_VAR\n{body.text}\n")
+        declared = [one.get("name") for one in pou.iter(f"{space}variable")]
+        texts = unit[: unit.rindex("END_VAR")]
+        assert all(re.search(rf"\b{one}\b", texts) for one in declared)
+        assert len(declared) == len(re.findall(r"^ +\w+ : |\bw\d+\b", texts, re.MULTILINE))
+        names.append(str(name).lower())
+    assert names == list(program("h4").units)
+    [listed] = root.iter(f"{space}globalVars")
+    for one in listed.iter(f"{space}variable"):
+        values = [float(v.get("value", "")) for v in one.iter(f"{space}simpleValue")]
+        assert values == np.ravel(program("h4").constants[str(one.get("name")).lower()]).tolist()
 
 
 def test_every_operation_of_a_kernel_that_structured_text_has() -> None:

@@ -150,7 +150,8 @@ def test_torques_that_are_held_act_until_the_next_cycle() -> None:
     model, _ = robot("clavel-delta3")
     fine = running(model, 2401, slice(400, 2401), rate=4000.0)
     mean = np.stack([fine.tau[k : k + 2400].reshape(600, 4, 3).mean(1) for k in (0, 1)]).mean(0)
-    run = type(fine)(*(x[:2400:4] for x in (fine.z, fine.q, fine.qd)), mean, fine.held[:2400:4])
+    z, q, qd, held = (x[:2400:4] for x in (fine.z, fine.q, fine.qd, fine.held))
+    run = type(fine)(z, q, qd, mean, held)
     found = {}
     for torque in ("held", "sampled"):
         settings = OnlineSettings(

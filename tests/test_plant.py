@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -168,6 +170,7 @@ def test_gears_that_cannot_wind_up_are_told() -> None:
 
 def test_stiff_gears_are_no_gears(robot: Model, motion: MotionTrajectory) -> None:
     stiff = load(robot.robot.changed(gear_stiffness=1e6))
+    motion = replace(motion, duration=0.2)
     law, known = ComputedTorque(60.0), ControlModel(robot.robot, robot.p)
     rigid = track(robot, law, known, motion, Drives())
     elastic = track(Plant(stiff, elastic=True, damping=0.1), law, known, motion, Drives())

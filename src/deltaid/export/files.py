@@ -16,7 +16,7 @@ from deltaid.export.mjcf import mjcf
 from deltaid.export.online_cycle import NO_CONTACT
 from deltaid.export.options import FmiVersion, TargetName
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
-from deltaid.export.structured_text import structured_text
+from deltaid.export.structured_text import plc_program
 from deltaid.export.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.forces.constraint_forces import ConstraintForces
@@ -97,8 +97,8 @@ def _c(subject: Model, stem: str, code: Code) -> Export:
 
 
 def _st(subject: Model, stem: str, code: Code) -> Export:
-    text = structured_text(subject, stem, code.precision, code.functions, code.online)
-    return Export({".st": text}, code.warnings(subject))
+    program = plc_program(subject, stem, code.precision, code.functions, code.online)
+    return Export({".st": program.text, ".plcopen.xml": program.xml}, code.warnings(subject))
 
 
 def _casadi(subject: Model, stem: str) -> Export:
@@ -127,7 +127,7 @@ PLAIN = Code(DOUBLE, (), OnlineSettings())
 
 TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
-    "st": Target((".st",), partial(_st, code=PLAIN), code=_st),
+    "st": Target((".st", ".plcopen.xml"), partial(_st, code=PLAIN), code=_st),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
     "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
     "casadi": Target((".casadi",), _casadi),

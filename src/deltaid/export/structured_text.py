@@ -7,21 +7,51 @@ robot are refused at the door, and nothing is divided or rooted unseen.
 """
 
 import re
+from dataclasses import dataclass
 
 from deltaid.errors import DeltaidError
 from deltaid.export.further_functions import further_cycles, further_functions
 from deltaid.export.model_functions import model_functions
 from deltaid.export.parameter_table import parameter_table
+from deltaid.export.plcopen import plcopen_xml
 from deltaid.export.precision import DOUBLE, Precision
 from deltaid.export.st_cycle import cycle_units, start_of
 from deltaid.export.st_helpers import helpers
 from deltaid.export.st_statements import plain
-from deltaid.export.st_units import Variable, comments, constants
+from deltaid.export.st_units import Unit, Variable, comments, constants
 from deltaid.export.st_writer import Writer
 from deltaid.model.model import Model
 from deltaid.online.settings import OnlineSettings
 
 DEFAULT = OnlineSettings()
+
+
+@dataclass(frozen=True)
+class PlcProgram:
+    """Functions and function blocks of a model.
+
+    Attributes:
+        prefix: what all names begin with.
+        notes: comments at the head.
+        listed: global constants.
+        units: functions and blocks, those that are called first.
+    """
+
+    prefix: str
+    notes: tuple[str, ...]
+    listed: tuple[Variable, ...]
+    units: tuple[Unit, ...]
+
+    @property
+    def text(self) -> str:
+        """As one file of structured text."""
+        units = [unit.text() for unit in self.units]
+        return "\n".join([*comments(self.notes), "", constants(self.listed), *units])
+
+    @property
+    def xml(self) -> str:
+        """As a file that development systems import."""
+        return plcopen_xml(self.prefix, "\n".join(self.notes), self.listed, self.units)
 
 
 def structured_text(
@@ -31,6 +61,17 @@ def structured_text(
     further: tuple[str, ...] = (),
     online: OnlineSettings = DEFAULT,
 ) -> str:
+    """`plc_program` as one file of structured text."""
+    return plc_program(subject, prefix, precision, further, online).text
+
+
+def plc_program(
+    subject: Model,
+    prefix: str,
+    precision: Precision = DOUBLE,
+    further: tuple[str, ...] = (),
+    online: OnlineSettings = DEFAULT,
+) -> PlcProgram:
     """The units of a model; their names are PREFIX_….
 
     Args:
@@ -56,8 +97,6 @@ def structured_text(
     cycles = further_cycles(subject, further, online)
     units = [*helpers(prefix, precision), *map(writer.unit, functions)]
     units += [unit for cycle in cycles for unit in cycle_units(writer, cycle)]
-    notes = [subject.provenance, *_conventions(subject, precision)]
-    head = "\n".join(comments(notes))
     values = tuple(plain(precision, x) for x in subject.p if x)
     parameters = Variable(
         f"{prefix}_p",
@@ -67,8 +106,12 @@ def structured_text(
         tuple(f"{name}, {unit}" for name, unit, _ in table.rows),
     )
     starts = [start_of(writer, cycle) for cycle in cycles]
-    listed = constants([*writer.statuses(), writer.home(f"{prefix}_home"), parameters, *starts])
-    return "\n".join([head, "", listed, *(unit.text() for unit in units)])
+    return PlcProgram(
+        prefix,
+        (subject.provenance, *_conventions(subject, precision)),
+        (*writer.statuses(), writer.home(f"{prefix}_home"), parameters, *starts),
+        tuple(units),
+    )
 
 
 def _conventions(subject: Model, precision: Precision) -> list[str]:

@@ -44,7 +44,7 @@ _HOLDS = 0.5
 # How sure a force is found that counts as one that can be told.
 _SURE = 0.95
 # A limb explains a residual if what it leaves is below this quantile of noise, or this share of χ².
-_EXPLAINED, _SHARE = 0.99, 0.002
+_EXPLAINED, _SHARE = 0.7, 0.002
 # False alarms an hour that may be asked for.
 FALSE_ALARMS = (1e-6, 1e3)
 

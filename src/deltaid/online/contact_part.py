@@ -17,6 +17,9 @@ from deltaid.robot.description import RobotDescription
 _ASIDE = 0.2
 # A contact's time is counted up to here [s].
 _FOREVER = 1e6
+# While something pushes the robot, and filters remember it [s], nothing is learnt, for so long
+# at most [s]: what stays is no push but something the model lacks, and estimates take it up.
+_REMEMBERED, _LONGEST = 0.03, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +109,15 @@ def contact_part(
     residual = residual_of(robot, mechanism, e, settings)
     seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), settings.threshold, e.live)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
+    rests = ca.SX.sym("contact_rests")
+    pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
+    waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     moves, dof = residual.levers.shape
     unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
-    kept = Kept(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts)
+    kept = (
+        Kept(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts),
+        Kept(Field("contact_rests", 1, "for which nothing is learnt yet", "s"), rests, waits),
+    )
     given = (
         Given(Field("contact", 1, "1 while there is a contact"), seen.found),
         Given(Field("contact_size", 1, "size of the residual, 1 at the threshold"), seen.size),
@@ -127,7 +136,7 @@ def contact_part(
             ca.vec(seen.information),
         ),
     )
-    return seen, Part((kept,), given)
+    return seen, Part(kept, given)
 
 
 def contact_of(cycle: Cycle) -> Part:

@@ -13,10 +13,6 @@ from deltaid.online.load import Estimates, estimates
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals, signals
 
-# While something pushes the robot nothing is learnt, for so long at most [s]: what stays is no push
-# but something that the model lacks, and estimates take it up.
-_LONGEST = 1.0
-
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
@@ -71,8 +67,7 @@ def step_graph(
     ]
     graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
     kept = {one.field.name: one.following for part in parts for one in part.kept}
-    lasts = kept.get("contact_time", ca.SX(0))
-    contact = ca.if_else(ca.logic_and(lasts > 0, lasts < _LONGEST), 1.0, 0.0)
+    contact = ca.if_else(kept.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
     x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
     x, y = ca.substitute([x, y], [touched], [contact])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

@@ -143,6 +143,7 @@ def _each(
         raise DeltaidError(
             f"has {len(given)} numbers, and the robot has {len(model.robot.drives)} drives",
             where=name,
+            cure="give one for each drive",
         )
     return np.array(given)
 

@@ -26,7 +26,7 @@ def _load(one: HeldLoad) -> tuple[str, ...]:
     return (
         f"{one.start:.3f}",
         end,
-        number(mass.value, 3),
+        f"{mass.value:.3f}",
         between(mass.low, mass.high),
         soon,
         centre,
