@@ -186,7 +186,7 @@ def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Esti
     what was measured, and the next cycle would throw them about.
 
     Args:
-        calm: 1 unless the load may have changed; what that does is taken back as it was, not bounded.
+        calm: 1 unless the load may have changed: what that did is taken back as it was.
     """
     x, P = ca.SX(estimate.x), estimate.P
     for k, low, high in zip(range(at.start, at.stop), *bounds, strict=True):
