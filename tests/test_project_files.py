@@ -81,7 +81,7 @@ def test_no_other_file_names_an_address() -> None:
 ELSEWHERE = {
     "build", "twine",
     "drake", "h5py", "jax", "matplotlib", "nicegui", "pandas", "rosbags", "viser", "viser==1.1.1",
-    "zstandard",
+    "ziglang", "zstandard",
 }  # fmt: skip
 
 
