@@ -188,7 +188,8 @@ def series(robots: int) -> None:
         start, totals = time.time(), np.zeros(4, dtype=int)
         clean = 0.0
         for first in range(0, count, 50):
-            rng = np.random.default_rng([7, CASES.index(case), first])
+            # Constants of the method were chosen with other seeds than this.
+            rng = np.random.default_rng([17, CASES.index(case), first])
             fleet = drawn(own, min(50, count - first), rng)
             looks, R = alarms(own, fleet, every)
             threshold = DRIVES / DriftSettings().false_alarms
@@ -224,11 +225,11 @@ def files(robots: int) -> None:
     """Factor files of a fleet, drawn, and the whole way from there."""
     robot, start = load_robot("clavel-delta3"), time.time()
     kind = drawn_type(robot, motions=4, loaded=2)
-    drives, case = len(robot.drives), replace(CASES[0], drifting=0.1)
+    drives, case = len(robot.drives), CASES[0]
     totals, clean, tools, late = np.zeros(4, dtype=int), 0.0, [0, 0, 0], list[float]()
     inside = np.zeros((2, 2), dtype=int)
     for k in range(robots):
-        fleet = drawn(case, 1, np.random.default_rng([11, k]), drives)
+        fleet = drawn(case, 1, np.random.default_rng([21, k]), drives)
         friction, own, model = _recorded(kind, fleet, k)
         at = [int(one.time.toordinal() - _START.toordinal()) for one in own]
         looks, hit, last = [], [], None
@@ -267,7 +268,7 @@ def files(robots: int) -> None:
 
 
 _START = datetime(2026, 1, 1)
-_FILES = """The first row of the other table by factor files, with three drives, 10 % of which
+_FILES = """The first row of the other table by factor files, with three drives, 5 % of which
 drift: robots of one type with bodies and friction of their own, a recording of 12 s a day on one of
 several motions with 2 % of torque noise, a third of them with a load in cycles whose mass nobody
 tells, tool changes of 0.1 to 0.3 kg that nobody told. The model is that of the first three weeks.

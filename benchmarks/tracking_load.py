@@ -8,7 +8,8 @@ A robot whose truth is known is identified from one recording with 2 % torque no
 the shortest time that the robot's limits allow with the load; it comes at rest at one end and goes
 at rest at the other. Drives are sampled at 1 kHz, with encoder steps and a current loop of 500 Hz.
 Feed-forward with the identified model and PD; what differs is what it is told of the load, and
-when. Leaves `tables/tracking_load.md`, which `docs/simulation.md` explains.
+when; or it is told nothing but that the gripper holds, and `deltaid.Online` estimates the rest.
+Leaves `tables/tracking_load.md`, which `docs/simulation.md` explains.
 """
 
 import argparse
@@ -25,13 +26,16 @@ from _table import leave
 
 from deltaid.control.comparison import gains
 from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import Controller, Measured
 from deltaid.control.infeasible import of_motion
 from deltaid.control.plant import Held, Plant, point_mass
 from deltaid.control.tracking import Drives, Knowledge, Tracking, track
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.trajectory import Desired, MotionTrajectory
 from deltaid.identification.demo import demonstrate
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model, load
+from deltaid.online.online import Online
+from deltaid.online.settings import OnlineSettings
 from deltaid.robot.load import load_robot
 
 UP, ACROSS, REST, CYCLES, LATE, OFF = 0.025, 0.305, 0.1, 2, 0.2, 0.1
@@ -43,6 +47,7 @@ HEAD = (
     "no load",
     "load, not told",
     "told 0.2 s late",
+    "estimated online",
     "told at once, 10 % off",
     "told at once",
 )
@@ -119,6 +124,33 @@ def told(model: ControlModel, picks: Picks, mass: float, late: float = 0.0) -> K
     return at
 
 
+class Estimating:
+    """A controller whose model holds what `deltaid.Online` takes the load for.
+
+    Each cycle it gets the last one's positions, velocities and torques that were asked for, and
+    whether the gripper holds; so it knows nothing of a load when that is picked, and learns.
+    """
+
+    def __init__(self, law: Controller, model: Model, picks: Picks, rate: float) -> None:
+        self._law, self._picks, self._period = law, picks, 1 / rate
+        settings = OnlineSettings(rate=rate, torque="held", largest_mass=5.0)
+        self._online, self._cycle = Online(model, settings), 0
+        self._last: tuple[np.ndarray, ...] | None = None
+
+    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+        """The law's, with the load as it is estimated now."""
+        time = self._cycle * self._period
+        gripper = any(held.start <= time < held.end for held in self._picks.held(0.0))
+        self._cycle += 1
+        if self._last is not None:
+            now = self._online.step(*self._last, gripper=gripper)
+            if now.held and now.mass > 0:
+                model = model.holding(float(now.mass))
+        tau = self._law.torque(model, measured, desired)
+        self._last = measured.q[0], measured.qd[0], tau[0]
+        return tau
+
+
 def errors(result: Tracking, picks: Picks) -> str:
     """rms while a load is held, the largest, and where the load is let go."""
     if result.ended is not None:
@@ -152,13 +184,18 @@ def main() -> None:
             for bandwidth in map(float, chosen.bandwidths.split(",")):
                 law = gains("pd-feedforward", model, trajectory, bandwidth)
                 drives = Drives(current_loop=500.0)
-                runs = [(Plant(truth), model), (plant, model)]
-                runs += [(plant, told(model, picks, mass, LATE))]
-                runs += [(plant, told(model, picks, (1 + OFF) * mass))]
-                runs += [(plant, told(model, picks, mass))]
+                online = Estimating(law, found, picks, drives.rate)
+                runs: list[tuple[Plant, Controller, Knowledge]] = [
+                    (Plant(truth), law, model),
+                    (plant, law, model),
+                    (plant, law, told(model, picks, mass, LATE)),
+                    (plant, online, model),
+                    (plant, law, told(model, picks, (1 + OFF) * mass)),
+                    (plant, law, told(model, picks, mass)),
+                ]
                 cells = [
-                    errors(track(moved, law, known, trajectory, drives), picks)
-                    for moved, known in runs
+                    errors(track(moved, by, known, trajectory, drives), picks)
+                    for moved, by, known in runs
                 ]
                 row = (name, f"{mass:g}", f"{picks.way:.2f}", f"{bandwidth:g}", *cells)
                 rows.append(row)

@@ -204,7 +204,7 @@ def test_a_plant_of_another_geometry_is_followed_too(folder: Path, tmp_path: Pat
     assert 5e-4 < answer["platform_rms"] < 3e-3
 
 
-def test_a_payload_and_its_uncertainty(folder: Path) -> None:
+def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
     """A load that is known costs next to nothing, and what is not known of it shows at its ends."""
     command = ("simulate", ROBOT, folder / "short.csv", "--controller", "pd-feedforward")
     load = ("--payload", "1.5±0.2", "--current-loop", 300)
@@ -217,7 +217,9 @@ def test_a_payload_and_its_uncertainty(folder: Path) -> None:
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]
     ends = [end["platform_rms"] for end in known["payload"]["ends"]]
     assert min(ends) > 1.5 * known["platform_rms"]
-    text = run(*command, *load, "--payload-known").out
+    text = run(*command, *load, "--payload-known", "--report", tmp_path / "a.html").out
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "current loops of 300 Hz. With a load of 1.5 kg, of which the controller knows" in page
     assert "with a load of 1.5 kg, of which the controller knows 1.5 kg" in text
     assert "with 1.9 kg (two standard deviations off)" in text
 

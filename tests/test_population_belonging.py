@@ -1,9 +1,15 @@
 """Rows of random robots: who is looked at is left out; slopes are those of differences."""
 
 import numpy as np
+import pytest
 
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.identification.reduction import build_reduction
 from deltaid.population.belonging import left_out
+from deltaid.population.coordinates import KINDS, VAGUE, Coordinates, _kind
 from deltaid.population.mixed import Mean, Rows, mean, slope
+from deltaid.population.spreads import fitted_spreads
+from deltaid.robot.load import load_robot
 
 
 def drawn(seed: int = 3) -> tuple[Rows, np.ndarray, np.ndarray, np.ndarray]:
@@ -69,3 +75,44 @@ def test_the_slope_is_that_of_the_evidence() -> None:
     for k, step in enumerate(1e-5 * np.eye(2)):
         by_differences = (at(log + step).evidence - at(log - step).evidence) / 2e-5
         np.testing.assert_allclose(found[k], by_differences, rtol=1e-5)
+
+
+@pytest.mark.parametrize("told", [60.0, 12.0, 4.0])
+def test_spreads_are_the_most_likely_ones(told: float) -> None:
+    """Of rows that show little the prior of spreads decides."""
+    robot, rng = load_robot("clavel-delta3"), np.random.default_rng(8)
+    reduction = build_reduction(robot, np.arange(len(parameter_layout(robot).names)), (), 0.5)
+    kinds = tuple(_kind(one) for one in reduction.variables)
+    coordinates = Coordinates(robot, reduction, kinds, (), reduction.scale, 0.5)
+    centre, size = np.log([KINDS[kind] for kind in coordinates.present]), len(kinds)
+    truth = centre + rng.uniform(0.5, 1.5, len(centre))
+    std = np.exp(truth)[coordinates.kind_of()]
+    H = told * rng.standard_normal((12, size + 2, size))
+    u = coordinates.prior + std * rng.standard_normal((12, size))
+    b = np.einsum("rnu,ru->rn", H, u) + rng.standard_normal(H.shape[:2])
+    rows = Rows.of([np.column_stack([h, np.zeros(len(h)), y]) for h, y in zip(H, b, strict=True)])
+    found = fitted_spreads(rows, coordinates)
+
+    def posterior(log: np.ndarray) -> float:
+        variance = np.exp(2 * log)[coordinates.kind_of()]
+        evidence = mean(rows, variance, coordinates.precision, coordinates.prior).evidence
+        return evidence - 0.5 * float(np.sum(((log - centre) / VAGUE) ** 2))
+
+    step = 0.02 * np.eye(len(centre))
+    for k, e in enumerate(step):
+        up, at, down = (posterior(found.log + x) for x in (e, np.zeros_like(e), -e))
+        assert up < at > down
+        assert abs(up - down) < 0.1 * (2 * at - up - down)
+        others = [np.zeros_like(e), *np.delete(step, k, axis=0)]
+        assert all(posterior(found.log + x) <= at + 1e-6 for x in others)
+    H = np.array(
+        [
+            [
+                (posterior(found.log + a + c) - posterior(found.log + a - c)
+                 - posterior(found.log - a + c) + posterior(found.log - a - c)) / (4 * 0.02**2)
+                for a in step
+            ]
+            for c in step
+        ]
+    )  # fmt: skip
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(-H), rtol=0.05, atol=2e-3)

@@ -98,12 +98,14 @@ def compare_controllers(
 
             say(f"writing {report}")
             names = f"{Path(model).name} on {Path(plant).name} along {trajectory.name}"
-            page = comparison_page(known.robot, runs, names, drives, bandwidth, problems)
+            said = ["gears wind up, with the encoders on the motors"] * elastic_gears
+            said += [f"the robot holds a load of {held.mass:.4g} kg"] if held else []
+            page = comparison_page(known.robot, runs, names, drives, bandwidth, problems, said)
             write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
-        settings |= payload_dictionary(held, False, ())
+        settings |= {"elastic_gears": elastic_gears} | payload_dictionary(held, False, ())
         told = {"infeasible": [asdict(problem) for problem in problems]}
         print_json(settings | told | {"runs": [_as_dictionary(run) for run in runs]})
     else:

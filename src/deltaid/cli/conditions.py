@@ -116,14 +116,18 @@ def payload_dictionary(
     return {"payload": {"mass": payload.mass, "std": payload.std, "known": known, "ends": at}}
 
 
-def payload_lines(
-    payload: "Payload | None", known: bool, ends: "Sequence[tuple[float, Tracking]]"
+def condition_lines(
+    payload: "Payload | None",
+    known: bool,
+    ends: "Sequence[tuple[float, Tracking]]",
+    elastic_gears: bool,
 ) -> list[str]:
-    """What is held, in words."""
+    """What is held, and whether gears wind up, in words."""
+    lines = ["gears wind up, with the encoders on the motors"] * elastic_gears
     if payload is None:
-        return []
+        return lines
     told = f"{payload.mass:.4g} kg" if known else "nothing"
-    lines = [f"with a load of {payload.mass:.4g} kg, of which the controller knows {told}"]
+    lines.append(f"with a load of {payload.mass:.4g} kg, of which the controller knows {told}")
     for mass, result in ends:
         lost = "" if result.ended is None else f", and lost after {result.ended:.3g} s"
         lines.append(

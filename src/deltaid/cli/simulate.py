@@ -11,10 +11,10 @@ from deltaid.cli.conditions import (
     ElasticGears,
     PayloadKnown,
     PayloadText,
+    condition_lines,
     drives_dictionary,
     drives_of,
     payload_dictionary,
-    payload_lines,
     payload_of,
 )
 from deltaid.cli.options import output_file
@@ -128,6 +128,7 @@ def simulate(
             (mass, track(moved.carrying(mass), law, known, motion, drives))
             for mass in (held.ends if held else ())
         ]
+        conditions = condition_lines(held, payload_known, ends, elastic_gears)
         if output is not None:
             with written_whole(output) as file:
                 file.write(as_table(result, sensed(moved.at(0.0), result)).write_csv())
@@ -138,18 +139,20 @@ def simulate(
             say(f"writing {report}")
             title = f"{controller} with {Path(model).name} on {Path(plant or model).name}"
             title = f"{title} along {trajectory.name}"
-            page = tracking_page(runs_on.forward.robot, result, title, drives, bandwidth, problems)
+            robot = runs_on.forward.robot
+            page = tracking_page(robot, result, title, drives, bandwidth, problems, conditions)
             write_page(page, report)
     print_warnings(warnings)
     if as_json:
         settings = {"controller": controller, "model": model, "plant": plant or model}
         settings |= drives_dictionary(drives, bandwidth)
+        settings |= {"elastic_gears": elastic_gears}
         settings |= payload_dictionary(held, payload_known, ends)
         told = {"infeasible": [asdict(problem) for problem in problems]}
         print_json(settings | error_dictionary(result) | told)
     else:
         _print(subject.robot, result)
-        for text in payload_lines(held, payload_known, ends):
+        for text in conditions:
             console.print(text)
         for path in (output, report):
             if path is not None:

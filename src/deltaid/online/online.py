@@ -164,8 +164,9 @@ class Online(Named):
         if inputs.shape[1] != self.graph.inputs.size:
             raise DeltaidError(
                 f"a cycle has {inputs.shape[1]} numbers, and the robot needs "
-                f"{self.graph.inputs.size}: q, qd and tau of each drive, and the gripper",
+                f"{self.graph.inputs.size}",
                 where="online",
+                cure="give q, qd and tau of each drive, and the gripper",
             )
         self.state, outputs = self._kernel(self.state, inputs)
         return outputs

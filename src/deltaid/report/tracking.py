@@ -43,8 +43,13 @@ def tracking_page(
     drives: Drives,
     bandwidth: float,
     problems: Sequence[Problem] = (),
+    conditions: Sequence[str] = (),
 ) -> Page:
-    """One controller on one plant, which is `robot`; bandwidth in Hz."""
+    """One controller on one plant, which is `robot`; bandwidth in Hz.
+
+    Args:
+        conditions: what else holds of the plant and of what the controller knows, in words.
+    """
     own = [(title, style.IDENTIFIED, result)]
     return Page(
         title=robot.title or robot.name,
@@ -52,7 +57,8 @@ def tracking_page(
         facts=_facts(result),
         sections=(
             Section(
-                "Tracking", (*_errors(own), _drives(robot, result), _conditions(drives, bandwidth))
+                "Tracking",
+                (*_errors(own), _drives(robot, result), _conditions(drives, bandwidth, conditions)),
             ),
             Section("Torques", (_torques(robot, result), drive_table(robot, result))),
         ),
@@ -67,6 +73,7 @@ def comparison_page(
     drives: Drives,
     bandwidth: float,
     problems: Sequence[Problem] = (),
+    conditions: Sequence[str] = (),
 ) -> Page:
     """All controllers with all models on one plant; bandwidth in Hz.
 
@@ -85,7 +92,11 @@ def comparison_page(
         sections=(
             Section(
                 "What identification buys",
-                (_bars(runs), comparison_table(robot, runs), _conditions(drives, bandwidth)),
+                (
+                    _bars(runs),
+                    comparison_table(robot, runs),
+                    _conditions(drives, bandwidth, conditions),
+                ),
             ),
             *lines,
         ),
@@ -209,14 +220,18 @@ def _bars(runs: Sequence[Run]) -> Figure:
     )
 
 
-def _conditions(drives: Drives, bandwidth: float) -> Text:
-    """What the drives do, in a sentence."""
+def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
+    """What the drives do, in a sentence, and more of them."""
     step = f"steps of {drives.encoder_step:.3g} rad or m" if drives.encoder_step else "no steps"
     late = f"a delay of {drives.delay} samples" if drives.delay else "no delay"
-    return Text(
-        f"Feedback of {bandwidth:g} Hz, {drives.rate:g} samples a second, encoders with {step}, "
-        f"{late}."
+    loop = (
+        f", current loops of {drives.current_loop:g} Hz" if np.isfinite(drives.current_loop) else ""
     )
+    told = (
+        f"Feedback of {bandwidth:g} Hz, {drives.rate:g} samples a second, encoders with {step}, "
+        f"{late}{loop}"
+    )
+    return Text(". ".join([told, *(f"{text[:1].upper()}{text[1:]}" for text in more)]) + ".")
 
 
 def _errors(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
