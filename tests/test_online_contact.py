@@ -135,9 +135,11 @@ def test_least_force_is_found_in_95_of_100_cases() -> None:
 @pytest.mark.parametrize("drive", range(3))
 def test_place_does_not_suffer_from_a_load_that_nobody_told(drive: int) -> None:
     kilogram = T.T @ np.array([0.0, 0.0, -9.81])
-    found = judged(20.0 * np.eye(4)[drive], lifted=kilogram, light=0.0, heavy=3.0)
-    assert found["found"] == 1
-    assert found["limb"] == drive + 1
+    for mass in (0.0, 1.5):
+        rho = 20.0 * np.eye(4)[drive] + mass * kilogram
+        found = judged(rho, lifted=kilogram, light=0.0, heavy=3.0)
+        assert found["found"] == 1
+        assert found["limb"] == drive + 1
     aside = judged(-T.T @ np.array([40.0, 20.0, 0.0]), lifted=kilogram, light=0.0, heavy=3.0)
     assert aside["limb"] == 0
     np.testing.assert_allclose(aside["force"][:2], (40.0, 20.0), rtol=0.2)
