@@ -255,6 +255,22 @@ def test_every_operation_of_a_kernel_that_structured_text_has() -> None:
         body([Array("a", a)], "out", ca.erf(a), dialect)
 
 
+def test_what_is_not_chosen_stops_nothing() -> None:
+    """Both sides of a choice are computed; the one that is left is there because it cannot be."""
+    a, head = ca.SX.sym("a"), text("clavel-delta3").partition("(* q(z). *)")[0]
+    output = ca.vertcat(ca.if_else(a > 0, ca.sqrt(a) / a, 1 - a), ca.if_else(a > 0, a, -a))
+    found = body([Array("a", a)], "out", output, StructuredText(DOUBLE, "rob_atan2"))
+    lines = [
+        "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "END_VAR", "VAR_OUTPUT",
+        "out : ARRAY [0..1] OF LREAL;", "END_VAR", "VAR", f"{', '.join(found.slots)} : LREAL;",
+        "END_VAR", *found.lines, "END_FUNCTION",
+    ]  # fmt: skip
+    run = Program(head + "\n".join(lines))
+    for x in (0.0, -4.0, 4.0):
+        expected = [x**-0.5, x] if x > 0 else [1 - x, -x]
+        assert run.call("f", a=[x])[1]["out"] == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("prefix", ["", "3d", "a b", "_x", "x_", "a__b", "a" * 21])
 def test_names_that_structured_text_cannot_have(prefix: str) -> None:
     with pytest.raises(DeltaidError, match="cannot begin the names"):

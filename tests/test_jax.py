@@ -11,6 +11,7 @@ import pytest
 
 import deltaid
 from composed import Make
+from deltaid.errors import KinematicsError
 from deltaid.export.jax_functions import JaxFunctions
 from deltaid.robot.load import load_robot
 from exports import COMPOSED, disturbed, model, states, subject, the, title
@@ -111,6 +112,21 @@ def test_what_closes_no_loop_is_nan(delta: JaxFunctions) -> None:
     assert 0 < good.sum() < len(q)
     np.testing.assert_allclose(jax.vmap(delta.forward_kinematics)(q), want, atol=1e-12)
     assert np.isnan(delta.inverse_kinematics(np.array([5.0, 0.0, -1.0]))).any()
+
+
+def test_arrays_that_are_no_sample_are_told(delta: JaxFunctions) -> None:
+    """JAX reads an array's last entry beyond its end, and would say nothing."""
+    three, four = np.zeros(3), np.zeros(4)
+    with pytest.raises(KinematicsError, match=r"argument 1: has shape \(4,\).* shape \(3,\)"):
+        delta.inverse_dynamics(four, three, three)
+    with pytest.raises(KinematicsError, match="argument 3"):
+        delta.forward_dynamics_at(three, three, four)
+    with pytest.raises(KinematicsError, match="argument 4"):
+        delta.inverse_dynamics_at(three, three, three, delta.p[:-1])
+    with pytest.raises(KinematicsError, match=r"(?s)shape \(5, 3\).*jax\.vmap"):
+        delta.inverse_dynamics(*np.zeros((3, 5, 3)))
+    with pytest.raises(KinematicsError, match=r"(?s)takes 3 arrays.*q, qd, qdd"):
+        delta.inverse_dynamics(three, three)
 
 
 def test_every_operation_of_a_kernel() -> None:

@@ -6,7 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from deltaid.online.cycle import step_graph
 from deltaid.online.entries import LoadEntries
+from deltaid.online.settings import OnlineSettings
 from deltaid.robot.inertia import consistency
 from online_runs import LOAD, outputs, robot, running
 
@@ -131,3 +133,46 @@ def test_covariances_stay_between_nothing_and_the_prior() -> None:
         values = np.linalg.eigvalsh(P)
         assert values[0] > -1e-9
         assert np.diag(P).max() < 1 + 1e-9
+
+
+def test_noise_of_speeds_does_not_make_loads_lighter() -> None:
+    """Momentum and the load's columns have the same noise, as errors in variables have."""
+    model, _ = robot("clavel-delta3")
+    settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(1.0,) * 3, largest_mass=3.0)
+    graph, run = step_graph(model, settings), running(model, 900, slice(100, 900))
+    noise = 0.005 * np.random.default_rng(4).standard_normal(run.qd.shape)
+    y = outputs(graph, replace(run, qd=run.qd + noise), run.held)
+    assert np.abs(y["load"][-1, 0] - 1.0) < 0.03
+
+
+def test_torques_that_are_held_act_until_the_next_cycle() -> None:
+    """Along the motion's own torque, what is held for a cycle is its mean over that cycle."""
+    model, _ = robot("clavel-delta3")
+    fine = running(model, 2401, slice(400, 2401), rate=4000.0)
+    mean = np.stack([fine.tau[k : k + 2400].reshape(600, 4, 3).mean(1) for k in (0, 1)]).mean(0)
+    z, q, qd, held = (x[:2400:4] for x in (fine.z, fine.q, fine.qd, fine.held))
+    run = type(fine)(z, q, qd, mean, held)
+    found = {}
+    for torque in ("held", "sampled"):
+        settings = OnlineSettings(
+            noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, torque=torque
+        )
+        y = outputs(step_graph(model, settings), run, run.held)
+        found[torque] = np.abs(y["load"][300:, 0] - 1.0).max()
+    assert found["held"] < 0.01
+    assert found["sampled"] > 1.3 * found["held"]
+
+
+def test_what_a_change_did_to_other_estimates_is_taken_back() -> None:
+    """A load that is found late leaves the friction where it was."""
+    model, graph = robot("clavel-delta3")
+    run = running(model, 500, slice(300, 500), noise=0.05)
+    y = outputs(graph, run)
+    empty = outputs(graph, running(model, 500, slice(0, 0), noise=0.05))
+    found = int(np.argmax(y["held"][:, 0] > 0))
+    assert 300 < found < 400
+    size = model.p[model.layout.friction]
+    off = np.abs(y["friction"] - empty["friction"]) / size
+    assert off[found - 1].max() > 0.2
+    assert off[-1].max() < 0.15
+    assert abs(y["load"][-1, 0] - 1.0) < 0.1

@@ -127,7 +127,7 @@ class ExportedCycle:
         state, inputs, outputs: fields; each of the three is a struct.
         x, u: state and inputs, symbols.
         following, y: next state and outputs, whose last number is 0 where the cycle was good.
-        spoilt: next state where an input is no finite number.
+        spoilt, spoilt_y: next state and outputs where an input is no finite number.
     """
 
     name: str
@@ -140,3 +140,4 @@ class ExportedCycle:
     following: ca.SX
     y: ca.SX
     spoilt: ca.SX
+    spoilt_y: ca.SX

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.errors import KinematicsError
 from deltaid.export.model_functions import acceleration, bias
 from deltaid.libraries import require
 from deltaid.model.model import ModelLike, load
@@ -29,7 +30,8 @@ class JaxFunctions(Named):
 
     They are pure functions of arrays, so `jax.grad`, `jax.jacfwd`, `jax.vmap` and `jax.jit` take
     them. Numbers are float32 unless JAX is told otherwise (`jax.config.update("jax_enable_x64",
-    True)`). There are no exceptions: where a pose is out of reach, results are NaN.
+    True)`). Arrays that are not of one sample's shape raise a KinematicsError when a function is
+    traced; where a pose is out of reach, results are NaN.
 
     The last argument `p` may be left out and is then the model's own; given, results can be
     differentiated by it. Its order is that of `model.layout.names`.
@@ -88,12 +90,18 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
     torque = as_jax([e.z, e.qd, e.qdd, e.p], e.torque)
     speeding = as_jax([e.z, e.qd, tau, e.p], acceleration(subject, e, tau))
 
-    def own(function: Function, inputs: int) -> Function:
-        """Compiled; the model's parameters where they are left out behind so many inputs."""
+    def own(function: Function, *names: str) -> Function:
+        """Compiled; the model's parameters where they are left out behind the named arguments."""
         compiled: Any = jax.jit(function)
 
         def call(*args: Any, p: Any = subject.p) -> Any:
-            return compiled(*args, p) if len(args) == inputs else compiled(*args)
+            if len(args) not in (len(names), len(names) + 1):
+                raise KinematicsError(
+                    f"takes {len(names)} arrays and perhaps the parameters, but got {len(args)}",
+                    where="function of JAX",
+                    cure=f"give {', '.join(names)}, and p where it is not the model's own",
+                )
+            return compiled(*args, p) if len(args) == len(names) else compiled(*args)
 
         return call
 
@@ -104,11 +112,11 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
         inverse_kinematics=jax.jit(as_jax([m.z], m.q)),
         jacobian=jax.jit(as_jax([m.z], e.J)),
         task_velocity=jax.jit(as_jax([m.z, e.qd], e.T @ e.qd)),
-        inverse_dynamics=own(lambda q, qd, qdd, p: torque(z_of(q), qd, qdd, p), 3),
-        inverse_dynamics_at=own(torque, 3),
-        forward_dynamics=own(lambda q, qd, tau, p: speeding(z_of(q), qd, tau, p), 3),
-        forward_dynamics_at=own(speeding, 3),
-        mass_matrix=own(as_jax([e.z, e.p], e.M), 1),
-        bias=own(as_jax([e.z, e.qd, e.p], bias(subject, e)), 2),
-        gravity=own(as_jax([e.z, e.p], e.g), 1),
+        inverse_dynamics=own(lambda q, qd, qdd, p: torque(z_of(q), qd, qdd, p), "q", "qd", "qdd"),
+        inverse_dynamics_at=own(torque, "z", "qd", "qdd"),
+        forward_dynamics=own(lambda q, qd, tau, p: speeding(z_of(q), qd, tau, p), "q", "qd", "tau"),
+        forward_dynamics_at=own(speeding, "z", "qd", "tau"),
+        mass_matrix=own(as_jax([e.z, e.p], e.M), "z"),
+        bias=own(as_jax([e.z, e.qd, e.p], bias(subject, e)), "z", "qd"),
+        gravity=own(as_jax([e.z, e.p], e.g), "z"),
     )

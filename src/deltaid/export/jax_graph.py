@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from deltaid.errors import KinematicsError
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 
 Operation = Callable[..., jax.Array]
@@ -73,6 +74,8 @@ _OPERATIONS: dict[int, Operation] = {
 def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     """A function of vectors, one for each input, with the output as a matrix, or a vector.
 
+    The function raises a KinematicsError for arrays of other shapes, which JAX would not.
+
     Raises:
         NotImplementedError: the graph has an operation that no kernel has either.
     """
@@ -81,8 +84,11 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     graph = ca.Function("f", list(inputs), [ca.cse(ca.vec(dense))])
     steps = [_step(graph, k) for k in range(graph.n_instructions())]
 
+    sizes = [symbols.numel() for symbols in inputs]
+
     def function(*args: ArrayLike) -> jax.Array:
         given = [jnp.asarray(arg) for arg in args]
+        _require_shapes(given, sizes)
         kind = jnp.result_type(float, *given)
         value: dict[int, Any] = {}
         out: list[Any] = [0.0] * (rows * columns)
@@ -103,6 +109,17 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
         return stacked if columns == 1 else stacked.reshape(columns, rows).T
 
     return function
+
+
+def _require_shapes(given: list[jax.Array], sizes: list[int]) -> None:
+    """One vector of its length for each input; beyond an array's end JAX reads its last entry."""
+    for k, (array, size) in enumerate(zip(given, sizes, strict=True), start=1):
+        if array.shape != (size,):
+            raise KinematicsError(
+                f"has shape {array.shape}, but one sample is taken, here of shape ({size},)",
+                where=f"argument {k}",
+                cure="jax.vmap(function) takes many samples, one a row",
+            )
 
 
 def _step(graph: ca.Function, k: int) -> Step:

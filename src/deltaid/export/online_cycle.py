@@ -30,7 +30,7 @@ def online_cycle(subject: Model, settings: OnlineSettings) -> ExportedCycle:
     more = (contact_of,) if subject.identified is not None else ()
     graph = step_graph(subject, settings, more)
     none = ca.SX(ca.DM(np.full(graph.inputs.size, np.nan)))
-    [spoilt] = ca.substitute([graph.following], [graph.u], [none])
+    spoilt, spoilt_y = ca.substitute([graph.following, graph.y], [graph.u], [none])
     return ExportedCycle(
         "online",
         f"Payload, friction{' and contact' if more else ''} while the robot runs: one cycle of "
@@ -43,4 +43,5 @@ def online_cycle(subject: Model, settings: OnlineSettings) -> ExportedCycle:
         graph.following,
         graph.y,
         spoilt,
+        spoilt_y,
     )

@@ -66,13 +66,12 @@ def _block(writer: Writer, c: ExportedCycle) -> Unit:
         *(f"    {line}" for line in each(n, "state[i] := after[i];")),
         "ELSE",
         *(f"    {line}" for line in _spoilt(writer, c, scratch)),
-        *(f"    {line}" for line in each(c.outputs.size, "y[i] := 0.0;")),
         "END_IF;",
         *(line for field in given for line in _copied("y", c.outputs, field, False)),
     ]
     notes = [
         c.doc,
-        "A cycle that is not OK learns nothing; its outputs are zero.",
+        "A cycle that is not OK learns nothing; its outputs are what is known without it.",
         *(f"state[{c.state.places[f.name].start}]: {f.name}, {f.doc}" for f in c.state.fields),
     ]
     reset = Variable("reset", "BOOL", None, (), ("forget everything first",))
@@ -87,6 +86,7 @@ def _block(writer: Writer, c: ExportedCycle) -> Unit:
         (
             state,
             writer.array("after", n),
+            writer.array("bad", n + c.outputs.size),
             writer.array("u", c.inputs.size),
             writer.array("y", c.outputs.size),
             Variable("i", "INT"),
@@ -117,14 +117,14 @@ def _copied(vector: str, layout: Layout, field: Field, into: bool) -> list[str]:
 
 
 def _spoilt(writer: Writer, c: ExportedCycle, scratch: dict[str, None]) -> list[str]:
-    """What a bad cycle changes of the state, and nothing else."""
+    """What a bad cycle makes of the state, and gives."""
     values = ca.vertsplit(ca.densify(c.spoilt))
     changed = [i for i, value in enumerate(values) if not ca.is_equal(value, c.x[i], 1)]
-    if not changed:
-        return []
-    column = ca.vertcat(*(values[i] for i in changed))
-    lines = writer.computed([Array("state", c.x)], "after", column, scratch)
-    return [*lines, *(f"state[{i}] := after[{k}];" for k, i in enumerate(changed))]
+    column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
+    m = c.outputs.size
+    lines = writer.computed([Array("state", c.x)], "bad", column, scratch)
+    lines += each(m, "y[i] := bad[i];")
+    return [*lines, *(f"state[{i}] := bad[{m + k}];" for k, i in enumerate(changed))]
 
 
 def _all(n: int, statement: str) -> str:

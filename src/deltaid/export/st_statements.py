@@ -2,7 +2,9 @@
 
 Controllers may stop on a division by zero or the root of a negative number, where C goes on with
 NaN. So what could do that is looked at before, and the function returns, with the status that it
-holds by then. There is no expression with more than one operation, and no function that the
+holds by then. What matters only where a choice of the graph takes it becomes zero there instead:
+choices are in a graph to stay away from what cannot be computed, and both sides of one are always
+computed here. There is no expression with more than one operation, and no function that the
 standard has not had from its first edition on (ATAN2 is a function of the file's own).
 """
 
@@ -78,7 +80,7 @@ class StructuredText(Dialect):
     def set(self, target: str, text: str) -> list[str]:
         return [f"{target} := {text};"]
 
-    def operation(self, target: str, op: int, args: list[str]) -> list[str]:
+    def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
         named = {
             "w": target,
             "a": args[0],
@@ -98,8 +100,11 @@ class StructuredText(Dialect):
         if op in _GUARDED:
             bad, result = (part.format(**named) for part in _GUARDED[op])
             known = args[-1][0] in "(0123456789"  # a constant, which is not zero
-            guard = [] if known else [f"IF {bad} THEN RETURN; END_IF;"]
-            return [*guard, f"{target} := {result};"]
+            if known:
+                return self.set(target, result)
+            if not needed:
+                return [f"IF {bad} THEN {target} := 0.0; ELSE {target} := {result}; END_IF;"]
+            return [f"IF {bad} THEN RETURN; END_IF;", f"{target} := {result};"]
         if op == ca.OP_ATAN2:
             return self.set(target, f"{self.atan2}({args[0]}, {args[-1]})")
         if op in _POWERS:

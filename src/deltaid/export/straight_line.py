@@ -59,8 +59,12 @@ class Dialect(ABC):
         """The statements by which a variable gets a value."""
 
     @abstractmethod
-    def operation(self, target: str, op: int, args: list[str]) -> list[str]:
-        """The statements by which a variable gets the result of an operation."""
+    def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
+        """The statements by which a variable gets the result of an operation.
+
+        Args:
+            needed: whether the result matters whatever the graph's choices are.
+        """
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ def body(inputs: Sequence[Array], out: str, expression: ca.SX, dialect: Dialect)
     lines: list[str] = []
     used: set[str] = set()
     slots: set[int] = set()
+    needed = _needed(f)
     for k in range(f.n_instructions()):
         op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
         if op == ca.OP_CONST:
@@ -97,10 +102,25 @@ def body(inputs: Sequence[Array], out: str, expression: ca.SX, dialect: Dialect)
             lines += dialect.set(f"{out}[{written[1]}]", value[read[0]])
         else:
             target = f"w{written[0]}"
-            lines += dialect.operation(target, op, [value[i] for i in read])
+            lines += dialect.operation(target, op, [value[i] for i in read], needed[k])
             slots.add(written[0])
             value[written[0]] = target
     return Body(lines, used, [f"w{k}" for k in sorted(slots)])
+
+
+def _needed(f: ca.Function) -> list[bool]:
+    """Of each instruction whether its result matters whatever is chosen, from the last one on."""
+    found, slots = [False] * f.n_instructions(), dict[int, bool]()
+    for k in reversed(range(f.n_instructions())):
+        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op in (ca.OP_CONST, ca.OP_INPUT):
+            slots.pop(written[0], None)
+            continue
+        found[k] = op == ca.OP_OUTPUT or slots.pop(written[0], False)
+        chosen = read[:1] if op == ca.OP_IF_ELSE_ZERO else read
+        for slot in chosen:
+            slots[slot] = slots.get(slot, False) or found[k]
+    return found
 
 
 def straight_line(
@@ -154,7 +174,7 @@ class _C(Dialect):
     def set(self, target: str, text: str) -> list[str]:
         return [f"    {target} = {text};"]
 
-    def operation(self, target: str, op: int, args: list[str]) -> list[str]:
+    def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
         return self.set(target, self._expression(op, args))
 
     def _expression(self, op: int, args: list[str]) -> str:

@@ -25,10 +25,13 @@ from deltaid.online.layout import Field
 # How many times of onset are kept, and how long each [s].
 _ONSETS, _LIFE = 3, 0.15
 # Of the load held, what may be left after a release.
-_LEFT = 0.4
+_LEFT = 0.6
+# A load that may be none, and is surely less than this share of the largest, is none.
+_SMALL = 0.05
 # The variance of what a change begins with is larger than 1/C by this factor, and by the square of
-# this share of it: its onset is a guess.
-_WIDER, _ROUGH = 4.0, 0.1
+# this share of it: its onset is a guess, and of a load that is taken while the robot moves filters
+# show little at first. So it is nearly free as well, by this share of the mass's prior variance.
+_WIDER, _ROUGH, _FREE = 4.0, 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +204,8 @@ def change(
     alerted = ca.if_else(ca.logic_or(more, less), alert + rules.period, 0)
     sure = alerted > rules.confirmed
     more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
-    nothing = ca.logic_and(ca.logic_and(held, silent), mass + 2 * spread < least)
+    small = ca.logic_and(mass < 2 * spread, mass + 2 * spread < ca.fmax(least, _SMALL))
+    nothing = ca.logic_and(ca.logic_and(held, silent), small)
     left = ca.logic_and(less, mass + size > ca.fmax(_LEFT * mass, least))
     now = ca.if_else(ca.logic_or(nothing, less), left, ca.logic_or(held, more))
     now = ca.if_else(by_gripper, wanted, ca.if_else(silent, now, held))
@@ -237,7 +241,8 @@ def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estima
     along = ca.densify(first - others) * ca.sqrt(variance)
     x = estimate.x * (1 - mine * found.changed) - others * seen.size + first * mass
     kept = 1 - mine * found.changed
-    fresh = ca.vertcat(found.told, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
+    own = found.told + _FREE * found.seen
+    fresh = ca.vertcat(own, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
     fresh = fresh * (found.changed * found.held)
     P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

@@ -68,6 +68,6 @@ def step_graph(
     graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
     kept = {one.field.name: one.following for part in parts for one in part.kept}
     contact = ca.if_else(kept.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
-    x, y = ca.substitute([graph.following, graph.y], [touched], [contact])
-    x, y = ca.substitute([x, y], [anew], [found.told])
+    x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
+    x, y = ca.substitute([x, y], [touched], [contact])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

@@ -117,7 +117,7 @@ def estimates(
     size = behind.x[of_drives] ** 2 + ca.diag(behind.P)[of_drives] - 1
     calm = weight * (ca.fabs(seen.score) < 0.5 * settings.alarm)
     grown = level * (1 + period / _LEVEL * calm * ca.fmin(size, _LARGEST_STEP))
-    behind = after(_bounded(behind, s.at_friction, bounds), seen, found, n_load)
+    behind = after(_bounded(behind, s.at_friction, bounds, calm), seen, found, n_load)
     at = slice(0, n_load)
     load = known.entries.consistent(
         behind.x[at], behind.P[at, at], known.load_scales, settings.extent
@@ -178,15 +178,18 @@ def _memory(settings: OnlineSettings) -> tuple[float, ...]:
     return _LOAD, _MODEL, settings.friction_time, _UNMODELLED
 
 
-def _bounded(estimate: Estimate, at: slice, bounds: Bounds) -> Estimate:
+def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Estimate:
     """With friction within its bounds.
 
     What hangs together with a coefficient moves with it, x + P_k (bound − x_k) / P_kk: that is the
     likeliest estimate at the bound. If the coefficient moved alone, the others would no longer fit
     what was measured, and the next cycle would throw them about.
+
+    Args:
+        calm: 1 unless the load may have changed: what that did is taken back as it was.
     """
     x, P = ca.SX(estimate.x), estimate.P
     for k, low, high in zip(range(at.start, at.stop), *bounds, strict=True):
-        beyond = ca.fmin(ca.fmax(x[k], low), high) - x[k]
+        beyond = calm * (ca.fmin(ca.fmax(x[k], low), high) - x[k])
         x = x + P[:, k] * (beyond / ca.fmax(P[k, k], 1e-12))
     return Estimate(x, P)
