@@ -81,7 +81,9 @@ class OnlineSettings:
         if self.torque not in ("sampled", "held"):
             raise DeltaidError(f"must be 'sampled' or 'held', not {self.torque!r}", where="torque")
         if self.speed not in ("measured", "differenced"):
-            raise DeltaidError(f"must be 'measured' or 'differenced', not {self.speed!r}", where="speed")
+            raise DeltaidError(
+                f"must be 'measured' or 'differenced', not {self.speed!r}", where="speed"
+            )
 
     def _positive(self, name: str, value: float) -> None:
         if not 0 < value < 1e9:
