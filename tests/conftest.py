@@ -33,7 +33,7 @@ _CHECKED = [f"deltaid.{name}" for name in (*_PARTS, "kernel.batch")]
 # In each test a function is checked in its first calls and not in the thousandth of a loop. A
 # function within a function is made anew in every call of the outer one, and making its check takes
 # a millisecond: so its calls count together, and its check is made when it is called.
-_ENOUGH = 3
+_ENOUGH = 2
 _CALLS: Counter[object] = Counter()
 _jaxtyped = jaxtyping.jaxtyped
 

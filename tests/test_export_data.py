@@ -126,7 +126,10 @@ def test_too_few_parameters() -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_command_writes_a_file_or_into_a_folder(target: str, tmp_path: Path) -> None:
+def test_command_writes_a_file_or_into_a_folder(
+    target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)  # other systems have a test
     for output in (tmp_path, tmp_path / f"mine{TARGETS[target].suffixes[0]}"):
         outcome = run("export", "linear-delta", "--to", target, "-o", output)
         assert outcome.code == 0, outcome.err
