@@ -18,8 +18,10 @@ class Recurrence:
     """x_{k+1}, y_k = f(x_k, u_k) for one sample after the other.
 
     Args:
-        state, inputs: symbols x and u.
-        following, outputs: expressions of both, dense columns.
+        state: symbols x.
+        inputs: symbols u.
+        following: x_{k+1} of both, a dense column.
+        outputs: y_k of both, a dense column.
     """
 
     def __init__(self, state: ca.SX, inputs: ca.SX, following: ca.SX, outputs: ca.SX) -> None:

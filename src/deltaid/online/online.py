@@ -122,7 +122,8 @@ class Online(Named):
         """One cycle.
 
         Args:
-            q, qd: measured drive coordinates and velocities; None where these are differenced.
+            q: measured drive coordinates.
+            qd: velocities; None where these are differenced.
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
         """
@@ -140,7 +141,9 @@ class Online(Named):
         """Many cycles, one a row, from where the last one ended.
 
         Args:
-            q, qd, tau: as of `step`.
+            q: as of `step`, as the next two.
+            qd: velocities.
+            tau: torques.
             gripper: 1 holds, 0 empty, -1 not told.
         """
         told = np.full(len(q), _NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
