@@ -73,11 +73,10 @@ class Onset:
 
     def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
         """This one, or another one."""
-        pick = lambda a, b: ca.if_else(condition, a, b)  # noqa: E731
         return Onset(
-            pick(self.moved, other.moved),
-            pick(self.evidence, other.evidence),
-            pick(self.information, other.information),
+            ca.if_else(condition, self.moved, other.moved),
+            ca.if_else(condition, self.evidence, other.evidence),
+            ca.if_else(condition, self.information, other.information),
         )
 
 

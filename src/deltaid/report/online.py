@@ -9,6 +9,7 @@ from deltaid.online.found import Series, Watched
 from deltaid.report import style
 from deltaid.report.numbers import number
 from deltaid.report.online_tables import (
+    at_most,
     friction_table,
     loads_table,
     told_lines,
@@ -123,7 +124,7 @@ def _size(watched: Watched) -> Figure:
     return Figure(
         figure,
         "What neither model nor load explains of the torques, as a share of the threshold (dotted) "
-        f"of {watched.false_alarms:g} false alarms an hour.",
+        f"for {at_most(watched)}.",
     )
 
 

@@ -66,12 +66,18 @@ def friction_table(watched: Watched) -> Table:
     return Table(("friction", "model", "now", "95 %", "unit"), rows, title="Friction, followed")
 
 
+def at_most(watched: Watched) -> str:
+    """The rate of false alarms that was asked for."""
+    ending = "s" * (watched.false_alarms != 1)
+    return f"at most {watched.false_alarms:g} false alarm{ending} an hour"
+
+
 def told_lines(watched: Watched) -> tuple[str, ...]:
     """What could be told at all, and how long a cycle took."""
-    alarms = f"{watched.false_alarms:g} false alarm{'s' * (watched.false_alarms != 1)} an hour"
     lines = [
         f"smallest force on the platform that is told: {number(watched.best, 2)} N along the best "
-        f"direction, {number(watched.worst, 2)} N along the worst (95 % of cases, at most {alarms})"
+        f"direction, {number(watched.worst, 2)} N along the worst (95 % of cases, "
+        f"{at_most(watched)})"
     ]
     if not watched.told:
         lines.append(UNTOLD)

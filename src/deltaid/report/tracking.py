@@ -1,20 +1,23 @@
 """The pages of `deltaid simulate` and `deltaid compare-controllers`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import plotly.graph_objects as go
-from jaxtyping import Float
-from plotly.subplots import make_subplots
 
 from deltaid.control.comparison import Run
 from deltaid.control.infeasible import Problem
 from deltaid.control.tracking import Drives, Tracking
-from deltaid.dynamics.limits import effort_limits
 from deltaid.report import style
 from deltaid.report.numbers import percent
-from deltaid.report.page import Fact, Figure, Page, Section, Text
+from deltaid.report.page import Fact, Page, Section, Text
 from deltaid.report.summary import Grade, Summary
+from deltaid.report.tracking_figures import (
+    COLOURS,
+    drive_figure,
+    error_bars,
+    error_figures,
+    torque_figure,
+)
 from deltaid.report.tracking_tables import (
     NO_MODEL,
     comparison_table,
@@ -22,18 +25,6 @@ from deltaid.report.tracking_tables import (
     infeasible_lines,
 )
 from deltaid.robot.description import RobotDescription
-
-# Points a line is drawn with.
-_POINTS = 4000
-_MODELS = {
-    "": style.LIMIT,
-    "prior": style.PRIOR,
-    "base parameters": style.MEASURED,
-    "identified": style.IDENTIFIED,
-}
-
-Signal = Float[np.ndarray, " samples"]
-Points = Float[np.ndarray, " points"]
 
 
 def tracking_page(
@@ -58,9 +49,13 @@ def tracking_page(
         sections=(
             Section(
                 "Tracking",
-                (*_errors(own), _drives(robot, result), _conditions(drives, bandwidth, conditions)),
+                (
+                    *error_figures(own),
+                    drive_figure(robot, result),
+                    _conditions(drives, bandwidth, conditions),
+                ),
             ),
-            Section("Torques", (_torques(robot, result), drive_table(robot, result))),
+            Section("Torques", (torque_figure(robot, result), drive_table(robot, result))),
         ),
         verdict=_followed(result, problems),
     )
@@ -82,7 +77,7 @@ def comparison_page(
     """
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
     lines = [
-        Section(controller, _errors(_of_controller(controller, done)))
+        Section(controller, error_figures(_of_controller(controller, done)))
         for controller in dict.fromkeys(run.controller for run, _ in done)
     ]
     return Page(
@@ -93,7 +88,7 @@ def comparison_page(
             Section(
                 "What identification buys",
                 (
-                    _bars(runs),
+                    error_bars(runs),
                     comparison_table(robot, runs),
                     _conditions(drives, bandwidth, conditions),
                 ),
@@ -189,35 +184,10 @@ def _of_controller(
     controller: str, done: Sequence[tuple[Run, Tracking]]
 ) -> list[tuple[str, str, Tracking]]:
     return [
-        (run.model or NO_MODEL, _MODELS[run.model], tracking)
+        (run.model or NO_MODEL, COLOURS[run.model], tracking)
         for run, tracking in done
         if run.controller == controller
     ]
-
-
-def _bars(runs: Sequence[Run]) -> Figure:
-    """Error of the platform for each controller and model."""
-    figure = go.Figure()
-    for model in dict.fromkeys(run.model for run in runs):
-        own = [r for r in runs if r.model == model and r.tracking is not None]
-        errors = [1e3 * r.tracking.error.platform_rms for r in own if r.tracking is not None]
-        figure.add_bar(
-            x=[run.controller for run in own],
-            y=errors,
-            name=model or NO_MODEL,
-            marker={"color": _MODELS[model], "line": {"width": 0}},
-            text=[f"{error:.2g}" if error < 99.5 else f"{error:.0f}" for error in errors],
-            textposition="outside",
-            cliponaxis=False,
-            hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
-        )
-    figure.update_yaxes(type="log", title_text="platform error, rms [mm]", dtick=1)
-    figure.update_layout(barmode="group", height=420, bargap=0.25)
-    return Figure(
-        figure,
-        "Distance of the platform point from where it should be, root mean square, with a "
-        "logarithmic scale. All are tuned alike, so what differs is what they know of the robot.",
-    )
 
 
 def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
@@ -232,101 +202,3 @@ def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
         f"{late}{loop}"
     )
     return Text(". ".join([told, *(f"{text[:1].upper()}{text[1:]}" for text in more)]) + ".")
-
-
-def _errors(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
-    """Distance of the platform from where it should be, and error of the tool's turn, over time."""
-    platform = [(name, color, run.time, 1e3 * run.platform_error) for name, color, run in runs]
-    caption = "Distance of the platform point from where it should be."
-    figures = [_over_time(platform, "platform error", "mm", caption)]
-    turns = [
-        (name, color, run.time, np.rad2deg(run.turn_error))
-        for name, color, run in runs
-        if run.turn_error is not None
-    ]
-    if turns:
-        caption = "Turn ψ of the tool, actual less desired."
-        figures.append(_over_time(turns, "error of the turn", "°", caption))
-    return tuple(figures)
-
-
-def _over_time(
-    lines: Sequence[tuple[str, str, Signal, Signal]], what: str, unit: str, caption: str
-) -> Figure:
-    figure = go.Figure()
-    for name, color, times, errors in lines:
-        time, error = _peaks(times, errors)
-        figure.add_scatter(
-            x=time,
-            y=error,
-            name=style.label(name),
-            mode="lines",
-            line={"color": color, "width": 1.3},
-            showlegend=len(lines) > 1,
-            hovertemplate=f"%{{y:.3g}} {unit} at %{{x:.4g}} s<extra></extra>",
-        )
-    figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text=f"{what} [{unit}]", rangemode="tozero")
-    figure.update_layout(height=340)
-    return Figure(figure, caption)
-
-
-def _drives(robot: RobotDescription, result: Tracking) -> Figure:
-    """q − q_d of each drive."""
-    units = {d: "mm" if robot.is_linear(d) else "°" for d in robot.drives}
-    figure = _stack(robot, lambda drive: f"{drive} [{units[drive]}]")
-    for i, drive in enumerate(robot.drives):
-        scale = 1e3 if robot.is_linear(robot.drives[i]) else np.rad2deg(1.0)
-        time, error = _peaks(result.time, scale * result.drive_error[:, i])
-        _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {units[drive]}")
-    return Figure(figure, "Error of each drive, actual less desired coordinate.")
-
-
-def _torques(robot: RobotDescription, result: Tracking) -> Figure:
-    """Torques that were applied, with the drives' limits where they come near."""
-    units = robot.drive_units
-    figure = _stack(robot, lambda drive: f"{drive} [{units[drive].force}]")
-    for i, (drive, limit) in enumerate(zip(robot.drives, effort_limits(robot), strict=True)):
-        tau = result.tau[:, i]
-        time, shown = _peaks(result.time, tau)
-        _line(figure, i, time, shown, style.MEASURED, f"{drive} %{{y:.4g}} {units[drive].force}")
-        if np.nanmax(np.abs(tau)) > 0.5 * limit:
-            for edge in (-limit, limit):
-                line = {"color": style.LIMIT, "dash": "dot", "width": 1}
-                figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
-    return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
-
-
-def _stack(robot: RobotDescription, title: Callable[[str], str]) -> go.Figure:
-    """One panel a drive with one time axis."""
-    n = len(robot.drives)
-    figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.12 / n)
-    for i, drive in enumerate(robot.drives):
-        figure.update_yaxes(title_text=title(drive), row=i + 1, col=1)
-    figure.update_xaxes(title_text="time [s]", row=n, col=1)
-    figure.update_layout(height=170 * n + 80)
-    return figure
-
-
-def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, hover: str) -> None:
-    figure.add_scatter(
-        x=time,
-        y=values,
-        mode="lines",
-        showlegend=False,
-        line={"color": color, "width": 1.2},
-        hovertemplate=hover + " at %{x:.4g} s<extra></extra>",
-        row=i + 1,
-        col=1,
-    )
-
-
-def _peaks(time: Signal, values: Signal) -> tuple[Points, Points]:
-    """At most `_POINTS` samples: of each stretch the one of largest size."""
-    step = -(-len(time) // _POINTS)
-    if step == 1:
-        return time.astype(np.float32), values.astype(np.float32)
-    whole = len(time) // step
-    size = np.nan_to_num(np.abs(values[: whole * step]), nan=-1.0).reshape(whole, step)
-    at = np.arange(whole) * step + size.argmax(axis=1)
-    return time[at].astype(np.float32), values[at].astype(np.float32)
