@@ -15,6 +15,9 @@ from deltaid.online.momentum import Momentum, build_momentum, filtered_torque
 from deltaid.online.pose import pose
 from deltaid.online.settings import OnlineSettings
 
+# Friction by what gears carry that a model may lack, as a share of that.
+_CARRIED = 0.03
+
 
 @dataclass(frozen=True, eq=False)
 class Signals:
@@ -31,9 +34,10 @@ class Signals:
         smooth_residual, smooth_columns: both through the same filter once more. Noise of speeds, of
             which ρ and columns have the same and which would make loads look lighter, falls there
             with the frequency.
-        at_load, at_directions, at_friction: where they stand among the columns.
+        at_load, at_directions, at_friction, at_lacked: where they stand among the columns.
         dry: filtered size of the torque that no speed tells, friction near rest and torques at
             their limits; δ.
+        slow: filtered 1 / (1 + (q̇/v)²), drive by drive: near 1 where a drive is slow.
         momentum: the equations behind it.
     """
 
@@ -51,7 +55,9 @@ class Signals:
     at_load: slice
     at_directions: slice
     at_friction: slice
+    at_lacked: slice
     dry: ca.SX
+    slow: ca.SX
     momentum: Momentum
 
 
@@ -92,6 +98,8 @@ def signals(
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
     parts = along(found.z, qd, load)
+    lacked = _lacked(known, settings, qd, load)
+    parts = [ca.horzcat(parts[0], ca.SX(*lacked.shape)), ca.horzcat(parts[1], lacked), parts[2]]
     finite = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
     good = ca.logic_and(all_finite(inputs.vector(u)), ca.logic_and(found.closed, finite))
     of_momentum, rest, dry = (only_if(good, part) for part in parts)
@@ -105,6 +113,8 @@ def signals(
     torque = of_torque.output(torque_before, tau)
     dry = dry + _beyond(model, tau)
     dry_now = lines.output(dry_before, dry)
+    slow_before, slow = ca.SX.sym("slow", dof), 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
+    slow_now = lines.output(slow_before, slow)
     both = only_if(live, ca.horzcat(torque - f.output[:, 0], f.output[:, 1:]))
     smooth_shape = both.sparsity()
     smooth_before = ca.SX.sym("smooth", smooth_shape.nnz())
@@ -126,6 +136,7 @@ def signals(
             begins,
         ),
         _filter("dry", dry_before, lines.keep(dry_now, dry), lines.keep(dry, dry), begins),
+        _filter("slow", slow_before, lines.keep(slow_now, slow), lines.keep(slow, slow), begins),
     ]
     return Signals(
         inputs, u, good, live, z, qd, tau,
@@ -136,7 +147,9 @@ def signals(
         at_load=slice(0, int(at[1]) - 1),
         at_directions=slice(int(at[1]) - 1, int(at[2]) - 1),
         at_friction=slice(int(at[2]) - 1, int(at[3]) - 1),
+        at_lacked=slice(int(at[3]) - 1, int(at[3]) - 1 + lacked.shape[1]),
         dry=dry_now,
+        slow=slow_now,
         momentum=momentum,
     ), Part(tuple(kept), ())  # fmt: skip
 
@@ -193,6 +206,14 @@ def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[
     friction = unit[:, list(known.followed)] * known.friction_std
     D = np.column_stack([model.p, load, known.directions, friction])
     return momentum, ca.sparsify(ca.DM(D))
+
+
+def _lacked(known: Knowledge, settings: OnlineSettings, qd: ca.SX, load: ca.SX) -> ca.SX:
+    """Friction that many gears have and few models: more of it at low speed, and with what gears
+    carry; each the same share of all drives."""
+    sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
+    falling = known.unmodelled_slow * sign * ca.exp(-((qd / ca.SX(known.slow_speed)) ** 2))
+    return ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
 
 
 def _entries(matrix: ca.SX, shape: ca.Sparsity) -> ca.SX:
