@@ -31,7 +31,7 @@ Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 # How fast [s] the size of torques that the model has not is learnt, within which bounds, and the
 # most by which one cycle counts.
-_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.85, 20.0), 10.0
+_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
 # Torques whose direction no speed tells stay for so long [s].
