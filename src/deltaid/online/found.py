@@ -161,6 +161,11 @@ class Watched:
     series: Series
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """All that speaks against what was found."""
+        return (self.doubt,) if self.doubt else ()
+
+    @property
     def doubt(self) -> str:
         """Why contacts may be none, in words; empty where nothing speaks for it."""
         slight = sum(one.size < _SLIGHT for one in self.touches)

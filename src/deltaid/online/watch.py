@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,7 @@ from deltaid.online.found import FollowedFriction, Series, Watched
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.rows import Replay, Rows
 from deltaid.online.settings import OnlineSettings
+from deltaid.online.waiting import waits
 
 # [m/s²].
 _GRAVITY = 9.81
@@ -32,7 +33,8 @@ def watch(
     """Run a recording through.
 
     Args:
-        settings: those of rate and noise of speeds follow from the recording.
+        settings: those of rate and noise of speeds follow from the recording, and lags where they
+            are left open.
 
     Raises:
         DescriptionError: the model has no intervals, so nothing says what is a contact.
@@ -45,8 +47,7 @@ def watch(
             where=model.source,
             cure="identify a model from a recording first, `deltaid identify`",
         )
-    speed = "measured" if replay.has_velocity else "differenced"
-    settings = replace(settings, rate=replay.rate, speed=speed, speed_noise=replay.speed_noise)
+    settings = replay.settings(settings)
     online = Online(model, settings, more=(contact_of,))
     run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
     for rows in replay.rows():
@@ -68,6 +69,8 @@ class _Run:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
+        settings = self.online.settings
+        self.late = waits(self.online.model, settings).whole * settings.period
         self.loads = Loads(self.online, self.told)
         self.touches = Touches(self.online.model.robot)
         dof = self.online.model.dynamics.dof
@@ -86,9 +89,10 @@ class _Run:
         self.seconds += time.process_time() - begin
         self.cycles += len(rows.time)
         self.bad += int(np.sum(~found.good))
-        self.loads.add(rows.time, found)
-        self.touches.add(rows.time, found)
-        self.series.append(self._thinned(rows.time, found))
+        at = rows.time - self.late
+        self.loads.add(at, found)
+        self.touches.add(at, found)
+        self.series.append(self._thinned(at, found))
 
     def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> Series:
         """Every so-manieth cycle; of the residual the one of largest size since."""
