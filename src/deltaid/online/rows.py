@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.errors import RecordingError
-from deltaid.identification.as_identified import delays_of, model_filtered
+from deltaid.check.words import percent
+from deltaid.errors import Doubt, RecordingError
+from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.speeds import Speeds, speeds_of
+from deltaid.online.wired import judged_wiring
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
@@ -29,6 +31,8 @@ NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 _LEAST_RATE = 100.0
 # Why torques are not those that moved the robot.
 POWERLESS: tuple[Reason, ...] = ("stale rows", "on brakes", "emergency stop")
+# A recording must be so long [s], and no more of its rows may repeat the one before.
+_LEAST_TIME, _MOST_STALE = 0.5, 0.2
 # Rows of a block, so that all that cycles give of it has room.
 _BLOCK = 20_000
 
@@ -64,6 +68,7 @@ class Replay:
         speeds: what is known of its velocities.
         masks: what is no motion under power of the drives, or is not what happened.
         ends: the number at which each drive's torque channel ends; infinite if it does not.
+        doubts: what is doubtful about it, the log's own warnings first.
     """
 
     log: Log
@@ -71,6 +76,7 @@ class Replay:
     speeds: Speeds
     masks: tuple[Mask, ...]
     ends: tuple[float, ...]
+    doubts: tuple[Doubt, ...]
 
     @property
     def rate(self) -> float:
@@ -143,6 +149,7 @@ def open_replay(
     log: RecordingLike,
     mapping: ColumnMapping | None = None,
     gripper: str | None = None,
+    delay: tuple[float, ...] | None = None,
 ) -> Replay:
     """A recording as a model's drives would run it.
 
@@ -150,10 +157,11 @@ def open_replay(
         log: a file, or a recording in memory.
         mapping: of its columns.
         gripper: a column that is 1 while something is held, beside what the mapping says.
+        delay: by how much torques come late, drive by drive [s]; the model's if left out.
 
     Raises:
-        RecordingError: the recording cannot be used, is too slow, or gripper and mapping both say
-            when something is held.
+        RecordingError: the recording cannot be used, is too slow or too short, its columns are not
+            what they are taken for, or gripper and mapping both say when something is held.
     """
     mapping = mapping or ColumnMapping()
     if gripper is not None:
@@ -173,14 +181,44 @@ def open_replay(
             where=str(opened.path),
             cure="record at the controller's rate",
         )
-    delay = tuple(delays_of(model, opened).tolist())
-    recording = model_filtered(model, opened)  # without velocities, if the model did without
-    speeds = speeds_of(recording, kinematics)
-    own = tuple(mask for mask in opened.masks if mask.reason == "stale rows")
-    taken = replace(recording.log, masks=own)
+    _require_rows(opened)
+    delay = tuple(delays_of(model, opened).tolist()) if delay is None else delay
+    speeds = speeds_of(opened, model)
+    ends = _ends(opened)
+    doubts = (
+        *opened.cut_at(None, 1).warnings,
+        *judged_wiring(model, log, mapping, str(opened.path)),
+        *speeds.doubts,
+    )
+    stale = tuple(mask for mask in opened.masks if mask.reason == "stale rows")
+    taken = replace(opened, masks=stale).cut_at(None, 1)
     if speeds.differenced:
         taken = replace(taken, columns=replace(taken.columns, velocity=(), acceleration=()))
-    return Replay(taken, delay, speeds, opened.masks, _ends(opened))
+    return Replay(taken, delay, speeds, opened.masks, ends, doubts)
+
+
+def _require_rows(log: Log) -> None:
+    """Refuse a recording in which nothing can show.
+
+    Raises:
+        RecordingError: it is too short, or most of its rows are of no use.
+    """
+    seconds = log.samples / log.rate
+    if seconds < _LEAST_TIME:
+        raise RecordingError(
+            f"has {log.samples} rows, {seconds:.2g} s, and no load shows within {_LEAST_TIME:g} s",
+            where=str(log.path),
+            cure="give a whole recording",
+        )
+    stale = [mask for mask in log.masks if mask.reason == "stale rows"]
+    share = float(np.max(1.0 - kept(stale, 1, log.samples)))
+    if share > _MOST_STALE:
+        raise RecordingError(
+            f"{percent(share)} of its rows repeat the one before them while the robot moves",
+            where=str(log.path),
+            cure="it was logged faster than its values change: keep one row of each value, or "
+            "record at the rate of the drives",
+        )
 
 
 def _ends(log: Log) -> tuple[float, ...]:

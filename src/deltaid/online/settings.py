@@ -6,6 +6,8 @@ from typing import Literal
 from deltaid.errors import DeltaidError
 from deltaid.online.contact import threshold
 
+# From the gripper's signal to the load [s], at most.
+LONGEST_GRIP = 10.0
 # Cycles in the time constant of the filter, at least, where it is chosen by the rate.
 _CYCLES = 5.0
 
@@ -78,9 +80,10 @@ class OnlineSettings:
             raise DeltaidError(
                 f"must lie between 0 and 1, and is {self.friction_range:g}", where="friction_range"
             )
-        if not 0 <= self.grip_time < 1e3:
+        if not 0 <= self.grip_time <= LONGEST_GRIP:
             raise DeltaidError(
-                f"must lie between 0 and 1000 s, and is {self.grip_time:g}", where="grip_time"
+                f"must lie between 0 and {LONGEST_GRIP:g} s, and is {self.grip_time:g}",
+                where="grip_time",
             )
         if self.corner > self.rate:
             raise DeltaidError(

@@ -27,6 +27,7 @@ class Signals:
         live: 1 where this cycle is good and those before were, so that filters have a past.
         z, qd, tau: pose, speeds, and torques on the joints' side.
         gripper: what it told at that time.
+        torque: filtered torque, as measured.
         residual: ρ, filtered torque that the model without any load does not explain.
         columns: filtered torques of a load's entries, of the model's own directions and of the
             followed friction, for one unit of each (`Knowledge`); δ × n.
@@ -47,6 +48,7 @@ class Signals:
     qd: ca.SX
     tau: ca.SX
     gripper: ca.SX
+    torque: ca.SX
     residual: ca.SX
     columns: ca.SX
     smooth_residual: ca.SX
@@ -134,6 +136,7 @@ def signals(
     ]
     return Signals(
         inputs, u, good, live, z, qd, tau, waited.u["gripper"],
+        torque=only_if(live, torque),
         residual=both[:, 0],
         columns=both[:, 1:],
         smooth_residual=smooth[:, 0],

@@ -11,11 +11,13 @@ from deltaid.errors import DescriptionError
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force
 from deltaid.online.contact_part import contact_of
+from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touches
 from deltaid.online.found import FollowedFriction, Series, Watched
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.rows import Replay, Rows
 from deltaid.online.settings import OnlineSettings
+from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.online.waiting import waits
 
 # [m/s²].
@@ -48,7 +50,7 @@ def watch(
             cure="identify a model from a recording first, `deltaid identify`",
         )
     settings = replay.settings(settings)
-    online = Online(model, settings, more=(contact_of,))
+    online = Online(model, settings, more=(contact_of, measured_of))
     run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
     for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
@@ -73,6 +75,9 @@ class _Run:
         self.late = waits(self.online.model, settings).whole * settings.period
         self.loads = Loads(self.online, self.told)
         self.touches = Touches(self.online.model.robot)
+        self.suspicion = Suspicion(
+            settings.period, settings.torque_ends or (np.inf,) * len(self.online.model.robot.drives)
+        )
         dof = self.online.model.dynamics.dof
         q = np.zeros((1, dof))  # compiles
         self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
@@ -92,6 +97,7 @@ class _Run:
         at = rows.time - self.late
         self.loads.add(at, found)
         self.touches.add(at, found)
+        self.suspicion.add(rows, found)
         self.series.append(self._thinned(at, found))
 
     def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> Series:
@@ -129,6 +135,7 @@ class _Run:
         online = self.online
         series = _joined(self.series)
         finite = np.isfinite(series.worst)
+        loads, touches = self.loads.found(), self.touches.found()
         return Watched(
             robot=online.model.robot,
             log=replay.log.path.name,
@@ -137,13 +144,16 @@ class _Run:
             rate=replay.rate,
             told=replay.is_told,
             false_alarms=online.settings.false_alarms,
-            loads=self.loads.found(),
-            touches=self.touches.found(),
+            loads=loads,
+            touches=touches,
             friction=_friction(online),
             best=float(np.median(series.best[finite])),
             worst=float(np.median(series.worst[finite])),
             seconds=self.seconds / max(self.cycles, 1),
             series=series,
+            doubts=doubts(
+                online.model, replay, online.settings, self.suspicion.seen, loads, touches
+            ),
         )
 
 
