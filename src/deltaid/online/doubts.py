@@ -19,9 +19,9 @@ from deltaid.online.suspicion import Seen
 _SLIGHT, _STRANGE = 2.0, 5
 # Share of the time in contact, and seconds of it, that are more than pushes.
 _ALWAYS, _LONG = 0.2, 1.0
-# Torques that are so far from the model's, and by so many deviations, are of another scale; those
-# of all drives are alike within the other.
-_GAIN, _CLEAR, _ALIKE = 0.06, 4.0, 0.04
+# One drive's torques that are so far from the model's, those of all drives that are, and by so many
+# deviations, are of another scale.
+_GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
 # A torque that stays the same for so long [s] while its drive moves is none.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
@@ -42,11 +42,17 @@ def doubts(
 ) -> tuple[Doubt, ...]:
     """All of them, the recording's own first."""
     of_rows = tuple(_of_rows(replay, settings, seen))
-    # Rows that tell nothing, and a gripper that tells the wrong thing, look like wrong torques.
+    # Rows that tell nothing, torques that are too small, and a gripper that tells something else:
+    # all look like loads that weigh nothing, or like a wrong model.
     blind = any(one.key in _BLIND for one in of_rows)
-    told = gripper_doubts(seen, loads, touches) if replay.is_told and not blind else ()
+    scale = () if blind else tuple(_of_scale(replay, seen))
+    told = ()
+    if replay.is_told and not blind and not (scale and seen.common[0] < 1):
+        told = gripper_doubts(seen, loads, touches)
     late = () if blind else judged_lag(model, replay, _delay(settings, replay), loads)
-    of_model = () if blind or told else _of_model(replay, seen, () if late else touches)
+    of_model = () if told else scale
+    if not (blind or told or scale):
+        of_model = tuple(_of_contacts(seen, () if late else touches))
     found = (*late, *told, *of_model) or tuple(_too_heavy(settings, loads))
     return (*replay.doubts, *of_rows, *found)
 
@@ -111,10 +117,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: Seen) -> Iterator[D
         )
 
 
-def _of_model(replay: Replay, seen: Seen, touches: Sequence[Touch]) -> Iterator[Doubt]:
-    if of_scale := tuple(_of_scale(replay, seen)):
-        yield from of_scale
-        return
+def _of_contacts(seen: Seen, touches: Sequence[Touch]) -> Iterator[Doubt]:
     share = seen.touched / max(seen.touched + seen.untouched, 1e-9)
     if share > _ALWAYS and seen.touched > _LONG:
         yield Doubt(
@@ -137,16 +140,17 @@ def _of_model(replay: Replay, seen: Seen, touches: Sequence[Touch]) -> Iterator[
 
 def _of_scale(replay: Replay, seen: Seen) -> Iterator[Doubt]:
     """Torques that are a multiple of the model's."""
-    off = np.abs(seen.gain - 1.0)
-    bad = np.flatnonzero((off > _GAIN) & (off > _CLEAR * seen.deviation)).tolist()
-    if not bad:
-        return
     names = [one.column for one in replay.log.columns.torque]
-    alike = len(bad) == len(names) and np.ptp(seen.gain) < _ALIKE * np.abs(seen.gain).max()
-    if alike:
-        which = f"all torques are {seen.gain.mean():.3g} times"
-    else:
+    common, deviation = seen.common
+    apart = np.abs(seen.gain - common) > _GAIN + _CLEAR * seen.deviation
+    off = np.abs(seen.gain - 1.0) > np.maximum(_GAIN, _CLEAR * seen.deviation)
+    if not apart.any() and abs(common - 1.0) > max(_COMMON, _CLEAR * deviation):
+        which = f"torques of all drives are {common:.3g} times"
+    elif off.any():
+        bad = np.flatnonzero(off).tolist()
         which = listed([f"{names[i]} is {seen.gain[i]:.3g} times" for i in bad])
+    else:
+        return
     yield Doubt(
         f"while nothing is held, {which} what the model says: loads and forces are wrong by as "
         "much",

@@ -24,6 +24,8 @@ _APART, _HARMLESS, _SHARE, _FEWEST = 0.3, 0.008, 0.5, 2
 _TOGETHER, _OF_CONTACTS = 0.06, 0.3
 # Contacts are found, and are over, so much late [s].
 _FOUND, _OVER = 0.004, 0.009
+# Signals are alike that differ by no more [s].
+_ALIKE = 0.012
 
 
 def gripper_doubts(
@@ -90,10 +92,12 @@ def _matches(
     touches: Sequence[Touch],
     how: Callable[[float, Touch], float | None],
 ) -> list[float]:
-    """By how much each signal is off, of those for which a contact says so."""
+    """By how much each signal is off, of those for which a contact says so, and alike."""
     each = ([how(at, touch) for touch in touches] for at in signals)
     told = ([one for one in found if one is not None] for found in each)
-    return [found[0] for found in told if found]
+    first = np.array([found[0] for found in told if found])
+    usual = float(np.median(first)) if first.size else 0.0
+    return first[np.abs(first - usual) <= np.hypot(_ALIKE, 0.1 * usual)].tolist()
 
 
 def _before(at: float, touch: Touch) -> float | None:

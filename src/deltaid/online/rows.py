@@ -6,6 +6,7 @@ Torques are as recorded: lags that the model's drives are known to have, the cyc
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,8 +30,8 @@ from deltaid.recording.opening import open_log
 NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 # Cycles a second that an observer can be run at.
 _LEAST_RATE = 100.0
-# Why torques are not those that moved the robot.
-POWERLESS: tuple[Reason, ...] = ("stale rows", "on brakes", "emergency stop")
+# Brakes hold for so long [s] at least: a robot that rests for a moment may need hardly any torque.
+_BRAKED, _BRAKES = 1.0, ("on brakes", "emergency stop")
 # A recording must be so long [s], and no more of its rows may repeat the one before.
 _LEAST_TIME, _MOST_STALE = 0.5, 0.2
 # Rows of a block, so that all that cycles give of it has room.
@@ -112,9 +113,26 @@ class Replay:
                     yield self._of(block[start : start + _BLOCK], begins)
                     begins = False
 
+    @cached_property
+    def powerless(self) -> tuple[Mask, ...]:
+        """Rows whose torques are not those that moved the robot: stale ones, and those on brakes
+        with the stop before."""
+        braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
+        ahead = {mask.first - 1 for mask in braked}
+        others = [
+            m
+            for m in self.masks
+            if m.reason == "stale rows" or (m.reason == "emergency stop" and m.last in ahead)
+        ]
+        return tuple(sorted((*braked, *others), key=lambda mask: mask.first))
+
     def share(self, *reasons: Reason) -> float:
         """Of the rows that are masked for some reasons."""
-        masks = [mask for mask in self.masks if mask.reason in reasons]
+        masks = [
+            mask
+            for mask in self.masks
+            if mask.reason in reasons and (mask.reason not in _BRAKES or mask in self.powerless)
+        ]
         return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
 
     def _of(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Rows:
@@ -124,7 +142,7 @@ class Replay:
         if c.loads:
             gripper = np.where(c.held(time, told).any(axis=0), HOLDS, EMPTY)
         tau = values[:, c.torque_places].copy()
-        tau[self._powerless(time)] = np.nan
+        tau[self._without_power(time)] = np.nan
         return Rows(
             begins,
             time,
@@ -134,13 +152,12 @@ class Replay:
             gripper,
         )
 
-    def _powerless(self, time: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
-        """Rows whose torques are not those that moved the robot."""
+    def _without_power(self, time: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
         around = 0.5 / self.rate
-        spans = [(m.start - around, m.end + around) for m in self.masks if m.reason in POWERLESS]
+        spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
         if not spans:
             return np.zeros(len(time), dtype=bool)
-        ends = joined_times(np.array(sorted(spans))).ravel()
+        ends = joined_times(np.array(spans)).ravel()
         return np.searchsorted(ends, time) % 2 == 1
 
 

@@ -1,12 +1,14 @@
 """What of a run speaks against model, recording or gripper's signal: sums over cycles.
 
-While nothing is held, the model's filtered torque m and the measured one τ are the same but for
-what the model has not, so τ = g m with g = 1, drive by drive. Stretches of a second are summed up,
-and how they scatter says how sure g is.
+While nothing is held, the model's filtered torque and the measured one τ are the same but for what
+the model has not. With m what bodies take of it and f the drives' friction, which may change,
+τ = g m + h f has g = 1, drive by drive. Stretches of a second are summed up, and how they scatter
+says how sure g is.
 """
 
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -16,14 +18,18 @@ from deltaid.online.layout import Field
 from deltaid.online.online import OnlineEstimate
 from deltaid.online.rows import EMPTY, HOLDS, Rows
 
+# No gain is known better than by so much, and filters remember a torque for so long [s].
+_SURE, _REMEMBERED = 0.004, 0.05
+
 
 def measured_of(cycle: Cycle) -> Part:
-    """The part of a cycle that gives the filtered torque, and how much more than thought the model
-    lacks."""
-    s = cycle.signals
+    """The part of a cycle that gives the filtered torque, and the friction in it."""
+    s, known = cycle.signals, cycle.known
+    share = cycle.model.p[list(known.followed)] / np.array(known.friction_std)
+    rubs = s.columns[:, s.at_friction] @ ca.DM(share)
     torque = Field("torque", s.qd.numel(), "filtered torque, as measured")
-    lacking = Field("lacking", s.qd.numel(), "size of torques that the model has not")
-    return Part((), (Given(torque, s.torque), Given(lacking, cycle.estimates.lacking)))
+    friction = Field("rubs", s.qd.numel(), "filtered friction of the drives, as the model has it")
+    return Part((), (Given(torque, s.torque), Given(friction, ca.densify(rubs))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +44,6 @@ class Seen:
         told: what the gripper ever told.
         stuck: for how long each drive's torque stayed the same at most while it moved [s], and
         stuck_at: when that began [s].
-        lacking: size of torques that the model has not, drive by drive, the mean.
     """
 
     gain: Float[np.ndarray, " drives"]
@@ -50,7 +55,12 @@ class Seen:
     told: frozenset[float]
     stuck: Float[np.ndarray, " drives"]
     stuck_at: Float[np.ndarray, " drives"]
-    lacking: Float[np.ndarray, " drives"]
+
+    @property
+    def common(self) -> tuple[float, float]:
+        """What all drives' torques are of the model's, and its deviation; NaN where unknown."""
+        weight = 1 / np.maximum(self.deviation, _SURE) ** 2
+        return float(self.gain @ weight / weight.sum()), float(1 / np.sqrt(weight.sum()))
 
 
 @dataclass
@@ -68,8 +78,6 @@ class Suspicion:
     _sums: list[np.ndarray] = field(default_factory=list[np.ndarray])
     _seconds: Float[np.ndarray, " four"] = field(default_factory=lambda: np.zeros(4))
     _told: set[float] = field(default_factory=set[float])
-    _lacking: np.ndarray | float = 0.0
-    _cycles: int = 0
 
     def __post_init__(self) -> None:
         self.drives = len(self.ends)
@@ -79,25 +87,28 @@ class Suspicion:
         """Some cycles more."""
         out = found.outputs
         live = found.good & (out["torque"] != 0).any(axis=1)
-        empty = live & ~found.held & (rows.gripper < HOLDS)
+        cut = np.any(np.abs(rows.tau) >= 0.999 * np.array(self.ends), axis=1)
+        remembered = max(1, round(_REMEMBERED / self.period))
+        cut = np.convolve(cut, np.ones(remembered))[: len(rows.time)] > 0.5
+        empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
         touched = live & (out["contact"][:, 0] > 0.5)
         told = live & (rows.gripper == EMPTY)
         parts = touched, live & ~touched, touched & told, told
         self._seconds += self.period * np.array([np.sum(one) for one in parts])
         self._told.update(np.unique(rows.gripper).tolist())
-        self._lacking = self._lacking + out["lacking"].sum(axis=0)
-        self._cycles += len(live)
-        self._compare(out["torque"], found.residual, empty)
+        self._compare(out["torque"], found.residual, out["rubs"], empty)
         self._look_for_stuck(rows)
 
     def _compare(
         self,
         torque: Float[np.ndarray, "rows drives"],
         residual: Float[np.ndarray, "rows drives"],
+        friction: Float[np.ndarray, "rows drives"],
         empty: Bool[np.ndarray, " rows"],
     ) -> None:
-        model = torque - residual
-        products = np.hstack([model**2, model * torque]) * empty[:, None]
+        m, f = torque - residual - friction, friction
+        products = np.stack([m * m, m * f, f * f, m * torque, f * torque], axis=1)
+        products *= empty[:, None, None]
         starts = np.arange(0, len(products), max(1, round(1 / self.period)))
         self._sums.append(np.add.reduceat(products, starts, axis=0))
 
@@ -119,12 +130,8 @@ class Suspicion:
     @property
     def seen(self) -> Seen:
         """All of them."""
-        parts = np.concatenate(self._sums) if self._sums else np.zeros((0, 2 * self.drives))
-        power, both = parts[:, : self.drives], parts[:, self.drives :]
-        total = power.sum(axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = both.sum(axis=0) / total
-            deviation = np.sqrt(np.sum((both - gain * power) ** 2, axis=0)) / total
+        none = np.zeros((0, 5, self.drives))
+        gain, deviation = _gain(np.concatenate([none, *self._sums]))
         touched, untouched, touched_empty, empty = self._seconds.tolist()
         return Seen(
             gain,
@@ -136,5 +143,19 @@ class Suspicion:
             frozenset(self._told),
             self._stuck,
             self._at,
-            np.asarray(self._lacking / max(self._cycles, 1)),
         )
+
+
+def _gain(
+    parts: Float[np.ndarray, "parts five drives"],
+) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
+    """g of each drive, and how sure it is by what each part says."""
+    mm, mf, ff, mt, ft = parts.sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alone = mm * ff - mf**2  # what m is without f, times ff
+        gain = (mt * ff - ft * mf) / alone
+        friction = (ft * mm - mt * mf) / alone
+        left_m = parts[:, 3] - gain * parts[:, 0] - friction * parts[:, 1]
+        left_f = parts[:, 4] - gain * parts[:, 1] - friction * parts[:, 2]
+        score = (left_m * ff - left_f * mf) / alone
+    return gain, np.sqrt(np.sum(score**2, axis=0))
