@@ -8,7 +8,8 @@ import polars as pl
 import pytest
 
 from deltaid.errors import RecordingError
-from deltaid.online.found import Entry, HeldLoad, Touch, Watched
+from deltaid.online.found import Entry, HeldLoad, Watched
+from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.gripping import gripper_doubts
 from deltaid.online.rows import EMPTY, HOLDS, Replay, open_replay
 from deltaid.online.settings import OnlineSettings
@@ -108,7 +109,8 @@ def test_a_gripper_that_tells_early(made: Picked) -> None:
     early = np.roll(made.table["gripper"].to_numpy(), -50)
     table = changed(made, {"gripper": early})
     (doubt,) = watched(made, table).doubts
-    assert "ms earlier than the load shows" in doubt
+    assert "the gripper tells 50 ms before loads are taken, and left" in doubt
+    assert "--grip-time 0.05" in doubt
     told = open_replay(made.model, table, gripper="gripper")
     mended = watch(made.model, told, OnlineSettings(largest_mass=2.0, grip_time=0.05))
     assert_as_it_was(mended)
@@ -123,40 +125,52 @@ def assert_as_it_was(found: Watched) -> None:
 
 NOTHING = Seen(
     gain=np.ones(3), deviation=np.full(3, 0.01), touched=1.0, untouched=99.0, touched_empty=0.0,
-    empty=50.0, told=frozenset({EMPTY, HOLDS}), stuck=np.zeros(3), stuck_at=np.zeros(3),
+    empty=50.0, told=frozenset({EMPTY, HOLDS}), taken=Offset(0.0, 9, 0), left=Offset(0.0, 9, 0),
+    stuck=np.zeros(3), stuck_at=np.zeros(3),
 )  # fmt: skip
 
 
-def load(start: float, end: float, mass: float = 1.0) -> HeldLoad:
+def load(mass: float = 1.0) -> HeldLoad:
     entry = Entry("m", "kg", mass, max(mass - 0.1, 0.0), mass + 0.1, shown=True)
-    return HeldLoad(start, end, None, (entry,))
+    return HeldLoad(1.0, 2.0, None, (entry,))
 
 
-def touch(start: float, end: float) -> Touch:
-    return Touch(start, end, "platform", (0.0, 0.0, -9.0), None, 2.0)
+def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
+    """Signals of loads that are held `off` later, with noise and pushes."""
+    found = GripTiming(1e-3, np.array([4.0, 1.0]))
+    t = 1e-3 * np.arange(1000 * count)
+    lifted = np.column_stack([np.sin(9 * t), np.cos(11 * t)]) * 3.0
+    told, held = t % 1 < 0.4, (t - off - 0.005) % 1 < 0.4
+    residual = held[:, None] * lifted * 0.8 + 0.1 * rng.standard_normal(lifted.shape)
+    residual[(t % 0.83 < 0.1)] += [0.0, 2.0]
+    for some in np.array_split(np.arange(len(t)), 7):
+        found.add(told[some].astype(float), residual[some], lifted[some])
+    found.broken()
+    return found
 
 
-LOADS = [load(a, a + 0.5) for a in (1.0, 2.0, 3.0)]
+@pytest.mark.parametrize("off", [0.06, 0.02, -0.03, -0.12])
+def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
+    found = timing(off, 20, np.random.default_rng(1))
+    assert found.taken.value == pytest.approx(off, abs=6e-3)
+    assert found.left.value == pytest.approx(off, abs=6e-3)
+    assert found.taken.signals + found.left.signals == 39
+    (doubt,) = gripper_doubts(replace(NOTHING, taken=found.taken, left=found.left), [load()], 0.0)
+    assert f" ms {'before' if off > 0 else 'after'} loads are taken, and left" in doubt
+    assert ("--grip-time" in doubt) == (off > 0)
 
 
-@pytest.mark.parametrize("late", [0.02, 0.1])
-def test_a_signal_that_is_late(late: float) -> None:
-    touches = [touch(at - late, at) for at in (1.0, 1.5, 2.0, 3.5)]
-    (doubt,) = gripper_doubts(NOTHING, LOADS, touches)
-    assert f"4 of 6 signals of the gripper come about {1e3 * late + 4:.0f} ms later" in doubt
-
-
-def test_pushes_at_any_time_are_no_fault_of_the_gripper() -> None:
-    pushed = [touch(at, at + 0.1) for at in (0.3, 1.23, 1.45, 2.33, 2.61, 3.17, 3.8)]
-    assert not gripper_doubts(NOTHING, LOADS, pushed)
+def test_signals_in_time_are_not_doubted() -> None:
+    found = timing(0.0, 20, np.random.default_rng(1))
+    assert (found.taken.value, found.left.value) == (0.0, 0.0)
+    known = replace(NOTHING, taken=Offset(0.051, 9, 8), left=Offset(0.049, 9, 8))
+    assert not gripper_doubts(known, [load()], 0.05)
 
 
 def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
-    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({EMPTY})), [], [])
+    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({EMPTY})), [], 0.0)
     assert "tells of empty from the first row to the last" in doubt
-    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), LOADS[:1], [])
+    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), [load()], 0.0)
     assert "something held from the first row" in doubt
-    (doubt,) = gripper_doubts(
-        NOTHING, [load(1.0, 2.0, 0.0), load(3.0, 4.0, 0.0), load(5.0, 6.0)], []
-    )
+    (doubt,) = gripper_doubts(NOTHING, [load(0.0), load(0.0), load()], 0.0)
     assert "closed without a part" in doubt

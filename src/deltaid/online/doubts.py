@@ -48,7 +48,7 @@ def doubts(
     scale = () if blind else tuple(_of_scale(replay, seen))
     told = ()
     if replay.is_told and not blind and not (scale and seen.common[0] < 1):
-        told = gripper_doubts(seen, loads, touches)
+        told = gripper_doubts(seen, loads, settings.grip_time)
     late = () if blind else judged_lag(model, replay, _delay(settings, replay), loads)
     of_model = () if told else scale
     if not (blind or told or scale):

@@ -1,38 +1,27 @@
-"""Whether the gripper's signal tells what is held, and when, by what torques show about it.
+"""Whether the gripper's signal tells what is held, and when, in words."""
 
-A load that is taken before the gripper tells of it looks like a contact until it does, one that is
-still held when the gripper tells that it is left, like a contact until it is: of the same length
-again and again. What is told before it is held is found as no load, and then as a contact.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
-
-import numpy as np
+from collections.abc import Iterator, Sequence
 
 from deltaid.errors import Doubt
-from deltaid.online.found import HeldLoad, Touch
+from deltaid.online.found import HeldLoad
 from deltaid.online.rows import EMPTY, HOLDS
 from deltaid.online.suspicion import Seen
 
 # Share of the time that the gripper calls empty with a contact, beyond which something is held.
 _TOUCHED = 0.2
-# How far apart signal and load may be [s], what is not told [s], and the share of all changes, and
-# their number, at which that shows.
-_APART, _HARMLESS, _SHARE, _FEWEST = 0.3, 0.008, 0.5, 2
-# A contact that ends within this [s] of a signal ends with it; and the share of all contacts that
-# must be of that kind.
-_TOGETHER, _OF_CONTACTS = 0.06, 0.3
-# Contacts are found, and are over, so much late [s].
-_FOUND, _OVER = 0.004, 0.009
-# Signals are alike that differ by no more [s].
-_ALIKE = 0.012
+# The share of all loads at which it shows that they weigh nothing.
+_SHARE = 0.5
+# Signals that are off by so much [s] are told, and those of both kinds are alike within the other.
+_OFF, _ALIKE = 0.008, 0.011
 
 
-def gripper_doubts(
-    seen: Seen, loads: Sequence[HeldLoad], touches: Sequence[Touch]
-) -> tuple[Doubt, ...]:
-    """All that speaks against the gripper's signal."""
-    return tuple(_constant(seen)) or tuple(_inverted(seen, loads)) or tuple(_apart(loads, touches))
+def gripper_doubts(seen: Seen, loads: Sequence[HeldLoad], grip_time: float) -> tuple[Doubt, ...]:
+    """All that speaks against the gripper's signal.
+
+    Args:
+        grip_time: from the signal to the load, as it is known [s].
+    """
+    return tuple(_constant(seen)) or tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
 
 
 def _constant(seen: Seen) -> Iterator[Doubt]:
@@ -65,49 +54,36 @@ def _inverted(seen: Seen, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
     )
 
 
-def _apart(loads: Sequence[HeldLoad], touches: Sequence[Touch]) -> Iterator[Doubt]:
-    """Signals that come earlier or later than what they tell of, by the same again and again."""
-    signals = [one.start for one in loads] + [one.end for one in loads if one.end is not None]
-    early, late = (_matches(signals, touches, how) for how in (_after, _before))
-    times, word = (early, "earlier") if len(early) > len(late) else (late, "later")
-    enough = max(_FEWEST, _SHARE * len(signals), _OF_CONTACTS * len(touches))
-    if len(times) < enough or np.median(times) < _HARMLESS:
+def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
+    """Signals that come before or after what they tell of."""
+    kinds = {"are taken": seen.taken, "are left": seen.left}
+    known = {word: one for word, one in kinds.items() if one.saying and one.value}
+    off = {word: one for word, one in known.items() if abs(one.value - grip_time) > _OFF}
+    if not off:
         return
-    apart = round(1e3 * float(np.median(times)))
+    values = [one.value for one in off.values()]
+    alike = len(off) == 2 and max(values) - min(values) < _ALIKE
+    if alike:
+        both = sum(values) / 2 - grip_time
+        said = f"{_in_words(both)} loads are taken, and left"
+    else:
+        said = " and ".join(f"{_in_words(o.value - grip_time)} loads {w}" for w, o in off.items())
+    signals = sum(one.signals for one in off.values())
+    saying = sum(one.saying for one in off.values())
+    early = min(values) > grip_time
     yield Doubt(
-        f"{len(times)} of {len(signals)} signals of the gripper come about {apart} ms {word} than "
-        "the load shows: contacts that are told about then are the load, and its mass is wrong for "
-        "some tenths of a second",
+        f"the gripper tells {said} ({saying} of {signals} signals show it): masses of the first "
+        "tenths of a second are wrong, later ones a little, and contacts about then may be the "
+        "load",
         cause="the signal is the command to the gripper, or parts are gripped before being lifted"
-        if word == "earlier"
+        if early
         else "the signal comes through a sensor or a bus that is slow",
-        cure=f"give the time from the signal to the load by --grip-time {1e-3 * apart:g}"
-        if word == "earlier"
-        else "record a signal that comes in time, or leave --gripper out",
+        cure=f"give the time from the signal to the load by --grip-time {sum(values) / 2:.2g}"
+        if alike and early
+        else "record a signal that comes with the load, or leave --gripper out",
     )
 
 
-def _matches(
-    signals: Sequence[float],
-    touches: Sequence[Touch],
-    how: Callable[[float, Touch], float | None],
-) -> list[float]:
-    """By how much each signal is off, of those for which a contact says so, and alike."""
-    each = ([how(at, touch) for touch in touches] for at in signals)
-    told = ([one for one in found if one is not None] for found in each)
-    first = np.array([found[0] for found in told if found])
-    usual = float(np.median(first)) if first.size else 0.0
-    return first[np.abs(first - usual) <= np.hypot(_ALIKE, 0.1 * usual)].tolist()
-
-
-def _before(at: float, touch: Touch) -> float | None:
-    """How long before a signal a contact began that ended with it."""
-    with_it = abs(touch.end - at) < _TOGETHER
-    return at - touch.start + _FOUND if with_it and at - _APART < touch.start < at else None
-
-
-def _after(at: float, touch: Touch) -> float | None:
-    """How long after a signal a contact ended, or began, that belongs to it."""
-    if at < touch.start < at + _HARMLESS and touch.end < at + _APART:  # left, and held still
-        return touch.end - _OVER - at
-    return touch.start - _FOUND - at if at + _HARMLESS < touch.start < at + _APART else None
+def _in_words(offset: float) -> str:
+    """'50 ms before'."""
+    return f"{1e3 * abs(offset):.0f} ms {'before' if offset > 0 else 'after'}"

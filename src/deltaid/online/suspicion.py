@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.online.cycle import Cycle
 from deltaid.online.graph import Given, Part
+from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.layout import Field
 from deltaid.online.online import OnlineEstimate
 from deltaid.online.rows import EMPTY, HOLDS, Rows
@@ -23,13 +24,16 @@ _SURE, _REMEMBERED = 0.004, 0.05
 
 
 def measured_of(cycle: Cycle) -> Part:
-    """The part of a cycle that gives the filtered torque, and the friction in it."""
+    """The part of a cycle that gives filtered torques: measured, of friction, and of a load."""
     s, known = cycle.signals, cycle.known
     share = cycle.model.p[list(known.followed)] / np.array(known.friction_std)
     rubs = s.columns[:, s.at_friction] @ ca.DM(share)
     torque = Field("torque", s.qd.numel(), "filtered torque, as measured")
     friction = Field("rubs", s.qd.numel(), "filtered friction of the drives, as the model has it")
-    return Part((), (Given(torque, s.torque), Given(friction, ca.densify(rubs))))
+    lifted = Field("lifted", s.qd.numel(), "filtered torque of one kilogram")
+    a_kilogram = s.columns[:, s.at_load][:, 0] / known.load_scales[0]
+    given = (Given(torque, s.torque), Given(friction, ca.densify(rubs)), Given(lifted, a_kilogram))
+    return Part((), given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,7 @@ class Seen:
         touched, untouched: seconds with and without a contact.
         touched_empty, empty: seconds with a contact, and all, while the gripper told of nothing.
         told: what the gripper ever told.
+        taken, left: by how much signals of the gripper come before the load.
         stuck: for how long each drive's torque stayed the same at most while it moved [s], and
         stuck_at: when that began [s].
     """
@@ -53,6 +58,8 @@ class Seen:
     touched_empty: float
     empty: float
     told: frozenset[float]
+    taken: Offset
+    left: Offset
     stuck: Float[np.ndarray, " drives"]
     stuck_at: Float[np.ndarray, " drives"]
 
@@ -70,22 +77,29 @@ class Suspicion:
     Attributes:
         period: of a cycle [s].
         ends: of each drive's torque channel [N m or N], as it reports.
+        lacking: what the model may lack of each drive's torque [N m or N].
     """
 
     period: float
     ends: tuple[float, ...]
+    lacking: Float[np.ndarray, " drives"]
     drives: int = field(init=False)
+    _timing: GripTiming = field(init=False)
     _sums: list[np.ndarray] = field(default_factory=list[np.ndarray])
     _seconds: Float[np.ndarray, " four"] = field(default_factory=lambda: np.zeros(4))
     _told: set[float] = field(default_factory=set[float])
 
     def __post_init__(self) -> None:
         self.drives = len(self.ends)
+        self._timing = GripTiming(self.period, 1 / self.lacking**2)
         self._stuck, self._at = np.zeros(self.drives), np.zeros(self.drives)
 
     def add(self, rows: Rows, found: OnlineEstimate) -> None:
         """Some cycles more."""
         out = found.outputs
+        if rows.begins:
+            self._timing.broken()
+        self._timing.add(rows.gripper, found.residual, out["lifted"])
         live = found.good & (out["torque"] != 0).any(axis=1)
         cut = np.any(np.abs(rows.tau) >= 0.999 * np.array(self.ends), axis=1)
         remembered = max(1, round(_REMEMBERED / self.period))
@@ -133,6 +147,7 @@ class Suspicion:
         none = np.zeros((0, 5, self.drives))
         gain, deviation = _gain(np.concatenate([none, *self._sums]))
         touched, untouched, touched_empty, empty = self._seconds.tolist()
+        self._timing.broken()
         return Seen(
             gain,
             deviation,
@@ -141,6 +156,8 @@ class Suspicion:
             touched_empty,
             empty,
             frozenset(self._told),
+            self._timing.taken,
+            self._timing.left,
             self._stuck,
             self._at,
         )

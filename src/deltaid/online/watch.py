@@ -75,9 +75,8 @@ class _Run:
         self.late = waits(self.online.model, settings).whole * settings.period
         self.loads = Loads(self.online, self.told)
         self.touches = Touches(self.online.model.robot)
-        self.suspicion = Suspicion(
-            settings.period, settings.torque_ends or (np.inf,) * len(self.online.model.robot.drives)
-        )
+        ends = settings.torque_ends or (np.inf,) * len(self.online.model.robot.drives)
+        self.suspicion = Suspicion(settings.period, ends, self.online.known.unmodelled)
         dof = self.online.model.dynamics.dof
         q = np.zeros((1, dof))  # compiles
         self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
