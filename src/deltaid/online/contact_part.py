@@ -163,7 +163,7 @@ def contact_of(cycle: Cycle) -> Part:
         dry=s.dry,
         mass=x[0],
         lifted=s.columns[:, s.at_load],
-        told=ca.if_else(s.u["gripper"] > -0.5, 1.0, 0.0),
+        told=ca.if_else(s.gripper > -0.5, 1.0, 0.0),
         lacking=e.lacking,
         live=s.live,
         M=M(s.z, loaded),

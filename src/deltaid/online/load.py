@@ -96,7 +96,7 @@ def estimates(
     before = Estimate(x, P).forgotten(ca.SX(stays), prior, ca.SX((kinds == 3).astype(float)))
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
-    gripper = s.u["gripper"]
+    gripper = s.gripper
     weight = s.live * (1 - touched) * (1 - waits(held, gripper))
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
     of_load = before.x[:n_load] / ca.fmax(before.x[0], _LEAST_SHARE)
