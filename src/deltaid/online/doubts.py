@@ -22,6 +22,8 @@ _ALWAYS, _LONG = 0.2, 1.0
 # One drive's torques that are so far from the model's, those of all drives that are, and by so many
 # deviations, are of another scale.
 _GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
+# Of a drive that does hardly more than rub, nothing is said: its gain is known worse than this.
+_KNOWN = 0.06
 # A torque that stays the same for so long [s] while its drive moves is none.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
@@ -49,7 +51,7 @@ def doubts(
     told = ()
     if replay.is_told and not blind and not (scale and seen.common[0] < 1):
         told = gripper_doubts(seen, loads, settings.grip_time)
-    late = () if blind else judged_lag(model, replay, _delay(settings, replay), loads)
+    late = () if blind or told else judged_lag(model, replay, _delay(settings, replay), loads)
     of_model = () if told else scale
     if not (blind or told or scale):
         of_model = tuple(_of_contacts(seen, () if late else touches))
@@ -144,6 +146,7 @@ def _of_scale(replay: Replay, seen: Seen) -> Iterator[Doubt]:
     common, deviation = seen.common
     apart = np.abs(seen.gain - common) > _GAIN + _CLEAR * seen.deviation
     off = np.abs(seen.gain - 1.0) > np.maximum(_GAIN, _CLEAR * seen.deviation)
+    off &= seen.deviation < _KNOWN
     if not apart.any() and abs(common - 1.0) > max(_COMMON, _CLEAR * deviation):
         which = f"torques of all drives are {common:.3g} times"
     elif off.any():
