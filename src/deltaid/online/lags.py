@@ -61,13 +61,15 @@ def judged_lag(
 
 def _told(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
     off: list[int] = np.flatnonzero(found != known).tolist()
-    if np.ptp(found) == 0 and np.ptp(known) == 0:
-        said, given = f"torques are {_in_words(found[0], half[0])}", f"{1e3 * found[0]:.2g}"
-        put_right = _in_words(known[0])
+    alike = np.ptp(found) == 0 and np.ptp(known) == 0
+    if alike:
+        said = f"torques are {_in_words(found[0], half[0])}"
     else:
         each = [f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off]
-        said, given = listed(each), ",".join(f"{1e3 * one:.2g}" for one in found)
-        put_right = listed([_in_words(known[i]) for i in off])
+        said = listed(each)
+    given = ",".join(f"{1e3 * one:.2g}" for one in (found[:1] if alike else found))
+    words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
+    put_right = listed(words) if known.any() else "no lag"
     return Doubt(
         f"{said} against positions, and {put_right} is put right: masses are wrong by a per cent "
         "or two for each ms between",
