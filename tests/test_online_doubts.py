@@ -15,6 +15,8 @@ from deltaid.online.rows import EMPTY, HOLDS, Replay, open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Seen
 from deltaid.online.watch import watch
+from deltaid.recording.carried import Load
+from deltaid.recording.mapping import ColumnMapping
 from picking import HELD, MASS, PUSHES, Picked, picked
 
 TORQUES = ("tau1", "tau2", "tau3")
@@ -105,6 +107,17 @@ def test_a_gripper_that_tells_the_other_way(made: Picked) -> None:
     assert "0 while something is held, and 1 while not" in doubt
 
 
+def test_loads_of_a_mapping(made: Picked) -> None:
+    """Numbers of a column, and spans of time, in place of `--gripper`."""
+    table = changed(made, {"gripper": 255 * pl.col("gripper")})
+    of_numbers = Load(column="gripper", when=255.0)
+    for one, rows in ((of_numbers, table), (Load(spans=HELD), made.table)):
+        replay = open_replay(made.model, rows, ColumnMapping(load=one))
+        found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
+        assert_as_it_was(found)
+        assert not found.doubts
+
+
 def test_a_gripper_that_tells_early(made: Picked) -> None:
     early = np.roll(made.table["gripper"].to_numpy(), -50)
     table = changed(made, {"gripper": early})
@@ -175,5 +188,7 @@ def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
     assert "tells of empty from the first row to the last" in doubt
     (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), [load()], 0.0)
     assert "something held from the first row" in doubt
+    always = replace(NOTHING, told=frozenset({HOLDS}))
+    assert not gripper_doubts(always, [load()], 0.0, is_column=False)
     (doubt,) = gripper_doubts(NOTHING, [load(0.0), load(0.0), load()], 0.0)
     assert "closed without a part" in doubt

@@ -55,7 +55,8 @@ def doubts(
     scale = () if blind else tuple(_of_scale(replay, seen))
     told = ()
     if replay.is_told and not blind and not (scale and not 1 < seen.common[0] < _FAR):
-        told = gripper_doubts(seen, loads, settings.grip_time)
+        by_column = any(load.column for load in replay.log.columns.loads)
+        told = gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
     late = () if blind or told else judged_lag(model, replay, _delay(settings, replay), loads)
     of_model = () if told else scale
     if not (blind or told or scale):

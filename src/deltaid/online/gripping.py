@@ -23,8 +23,10 @@ def gripper_doubts(seen: Seen, loads: Sequence[HeldLoad], grip_time: float) -> t
 
     Args:
         grip_time: from the signal to the load, as it is known [s].
+        is_column: whether a column tells, which should change.
     """
-    return tuple(_constant(seen)) or tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
+    constant = tuple(_constant(seen)) if is_column else ()
+    return constant or tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
 
 
 def _constant(seen: Seen) -> Iterator[Doubt]:
