@@ -20,9 +20,20 @@ from deltaid.export.digits import Care, Part
 from deltaid.export.fill import rendered
 from deltaid.export.pairs import pairs_of_c, split
 from deltaid.export.precision import SINGLE
+from deltaid.export.straight_line import Array, straight_line
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
-from exports import CC, floats, model, needs_compiler, subject, towards_singularities
+from deltaid.online.pose import pose
+from exports import (
+    CC,
+    compiled,
+    floats,
+    model,
+    needs_compiler,
+    states,
+    subject,
+    towards_singularities,
+)
 from support import assert_close
 
 SHARE, POSES = 1e-5, 24
@@ -88,6 +99,26 @@ def test_below_a_condition_of_100(name: str, tmp_path: Path) -> None:
     if further:
         assert_further(library, chosen, z)
     assert "double" not in (tmp_path / "delta.c").read_text().replace("double precision", "")
+
+
+@needs_compiler
+def test_the_online_cycle_closes_its_loops(tmp_path: Path) -> None:
+    """A pose that is found by iteration, millimetres away the cycle before."""
+    chosen = subject("par4")
+    mechanism, near = chosen.dynamics.kinematics.mechanism, ca.SX.sym("near", 4)
+    found = pose(mechanism, near, mechanism.q_symbols)
+    inputs = [Array("near", near), Array("q", mechanism.q_symbols)]
+    out = "out", ca.vertcat(found.z, found.closed)
+    text = straight_line("cycle", inputs, out, precision=SINGLE)
+    head = text.partition("{")[0].strip()  # as -Wmissing-prototypes would have it
+    (tmp_path / "pose.c").write_text(f"#include <math.h>\n{head};\n{text}\n")
+    cycle = ctypes.CDLL(str(compiled(tmp_path / "pose.c", tmp_path / "pose.so"))).cycle
+    z, q, *_ = states(chosen, 20)
+    for one, drives in zip(z, q, strict=True):
+        given = [np.float32(one + 0.003), np.float32(drives), np.empty(5, np.float32)]
+        cycle(*(ctypes.c_void_p(x.ctypes.data) for x in given))
+        assert given[2][4] == 1
+        assert_close(given[2][:4].astype(float), one, SHARE)
 
 
 PAIRS = """
