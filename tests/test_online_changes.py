@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from deltaid.online.changes import Change, Onset, after
 from deltaid.online.cycle import step_graph
 from deltaid.online.kalman import Estimate
 from deltaid.online.settings import OnlineSettings
-from online_runs import outputs, robot, running
+from online_runs import LOAD, outputs, robot, running
 
 ONE, NONE = ca.SX(1), ca.SX(0)
 
@@ -62,3 +64,14 @@ def test_a_gripper_that_takes_time_is_waited_for() -> None:
     held = outputs(graph, run, told)["held"][:, 0]
     assert not held[:149].any()
     assert held[151:].all()
+
+
+def test_a_load_of_which_a_part_is_put_down_is_still_held() -> None:
+    model, graph = robot("clavel-delta3")
+    whole, part = (running(model, 900, slice(200, 900), 0.05, x * LOAD) for x in (2.0, 1.4))
+    run = replace(whole, tau=np.where(np.arange(900)[:, None] < 550, whole.tau, part.tau))
+    y = outputs(graph, run)
+    assert y["held"][540, 0] == 1
+    assert y["load"][540, 0] == pytest.approx(2.0, abs=0.2)
+    assert y["held"][550:].all()
+    assert y["load"][-1, 0] == pytest.approx(1.4, abs=0.15)
