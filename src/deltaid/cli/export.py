@@ -46,7 +46,7 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, positive, print_warnings
+    from deltaid.cli.output import console, positive, print_warnings, progress
     from deltaid.errors import DeltaidError
     from deltaid.export.files import write_export
     from deltaid.model.model import load
@@ -64,15 +64,17 @@ def export(
             cure="add --with online, or leave it out",
         )
     online = OnlineSettings(rate=rate, corner=min(100.0, rate / 5)) if rate else None
-    written = write_export(
-        found,
-        to,
-        output,
-        (Path(model),),
-        single=single,
-        functions=functions,
-        online=online,
-        fmi=fmi,
-    )
+    with progress(False) as say:
+        written = write_export(
+            found,
+            to,
+            output,
+            (Path(model),),
+            single=single,
+            functions=functions,
+            online=online,
+            fmi=fmi,
+            progress=say,
+        )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")
