@@ -5,6 +5,7 @@ import gc
 import inspect
 import os
 import pkgutil
+import signal
 from collections import Counter
 from collections.abc import Iterator
 
@@ -24,6 +25,10 @@ def pytest_xdist_auto_num_workers() -> int:
 # the processes that tests start.
 os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
 threadpoolctl.threadpool_limits(1, user_api="blas")
+
+# What is started in the background ignores Ctrl-C, and so would the processes that tests interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # All but the writer of machine code: its methods run for every instruction of every graph and see
 # no arrays; checking them would take a third of the tests' time.
