@@ -35,15 +35,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 _PARTS = [part.name for part in pkgutil.iter_modules(deltaid.__path__) if part.name != "kernel"]
 _CHECKED = [f"deltaid.{name}" for name in (*_PARTS, "kernel.batch")]
 
-# In each test a function is checked in its first calls and not in the thousandth of a loop. A
-# function within a function is made anew in every call of the outer one, and making its check takes
-# a millisecond: so its calls count together, and its check is made when it is called.
-_ENOUGH = 2
+# Of the calls that a test file makes of a function the first, second, fourth, eighth … are checked:
+# its later tests count too, but not all thousands of a loop. A function within a function is made
+# anew in every call of the outer one, and making its check takes a millisecond: so its calls count
+# together, and its check is made when it is called.
 _CALLS: Counter[object] = Counter()
 _jaxtyped = jaxtyping.jaxtyped
 
 
-def _first_calls_checked(**options: object):
+def _some_calls_checked(**options: object):
     def decorate(part):
         if inspect.isclass(part):
             return _jaxtyped(part, **options)
@@ -52,8 +52,8 @@ def _first_calls_checked(**options: object):
         @functools.wraps(part)
         def call(*arguments, **keywords):
             nonlocal check
-            _CALLS[code] += 1
-            if _CALLS[code] > _ENOUGH:
+            _CALLS[code] = number = _CALLS[code] + 1
+            if number & (number - 1):  # no power of two
                 return part(*arguments, **keywords)
             check = check or _jaxtyped(part, **options)
             return check(*arguments, **keywords)
@@ -63,18 +63,20 @@ def _first_calls_checked(**options: object):
     return decorate
 
 
-jaxtyping.jaxtyped = _first_calls_checked
+jaxtyping.jaxtyped = _some_calls_checked
 jaxtyping.install_import_hook(_CHECKED, "beartype.beartype")
 
 
-@pytest.fixture(autouse=True)
-def _count_calls_anew() -> None:
-    _CALLS.clear()
+def pytest_collection_finish() -> None:
+    """What has been imported by now stays: the collections of garbage below pass it over."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
     """What a file keeps from test to test, robots with their compiled kernels, goes with it."""
+    _CALLS.clear()
     yield
     for kept in vars(request.module).values():
         if hasattr(kept, "cache_clear"):
