@@ -8,6 +8,8 @@ import pkgutil
 import signal
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 import jaxtyping
 import pytest
@@ -67,6 +69,14 @@ jaxtyping.jaxtyped = _some_calls_checked
 jaxtyping.install_import_hook(_CHECKED, "beartype.beartype")
 
 
+# Files with a long test come first: no worker begins one when the others have nothing left to do.
+_LONG = ("test_docs.py", "test_fleet.py", "test_reproduce.py", "test_studio_browser.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in _LONG)
+
+
 def pytest_collection_finish() -> None:
     """What has been imported by now stays: the collections of garbage below pass it over."""
     gc.collect()
@@ -92,6 +102,26 @@ def irb360() -> deltaid.Dynamics:
 @pytest.fixture(scope="session")
 def clavel() -> deltaid.Dynamics:
     return deltaid.Dynamics(deltaid.load_robot("clavel-delta3"))
+
+
+@pytest.fixture(scope="session")
+def demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `deltaid demo --keep` leaves, and the report of its fit, identify.html; only read it.
+
+    All workers share what the first of them has made.
+    """
+    from command import run
+
+    made, base = tmp_path_factory.mktemp("demo"), tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "demonstration"
+    if not shared.exists():
+        assert run("demo", "--keep", made).code == 0
+        robot, log, verify = (made / name for name in ("robot.yaml", "identify.csv", "verify.csv"))
+        page = made / "identify.html"
+        assert run("identify", robot, log, "--verify", verify, "--report", page).code == 0
+        with suppress(OSError):  # another worker was faster
+            made.rename(shared)
+    return shared
 
 
 @pytest.fixture(scope="session")
