@@ -148,7 +148,7 @@ def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
         with pytest.raises(DeltaidError, match="urdf is none"):
             write_export("linear-delta", "urdf", tmp_path / "r.urdf", **options)
     with pytest.raises(DeltaidError, match="no further function 'regresor'"):
-        write_export("linear-delta", "c", tmp_path / "r.c", functions=["regresor"])
+        write_export("linear-delta", "c", tmp_path / "r.c", functions="regressor, regresor")
     assert not list(tmp_path.iterdir())
     found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES)
     assert "single" in (tmp_path / "r.h").read_text()

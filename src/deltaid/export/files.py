@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 from deltaid.errors import DeltaidError, unknown
 from deltaid.export.arrays import npz_file
@@ -78,12 +79,14 @@ class Target:
         suffixes: ends of the names of its files, the one asked for first.
         build: its content for a subject and the name of the file without its end.
         addition: what follows the robot's name in a file's name that was not given.
+        longest: letters of the robot's name there, at most.
         code: the same for code, of which the user may choose precision and functions.
     """
 
     suffixes: tuple[str, ...]
     build: Callable[[Model, str], Export]
     addition: str = ""
+    longest: int = 30
     code: Callable[[Model, str, Code], Export] | None = None
 
     def export(self, subject: Model, stem: str, code: Code) -> Export:
@@ -127,7 +130,7 @@ PLAIN = Code(DOUBLE, (), OnlineSettings())
 
 TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
-    "st": Target((".st", ".plcopen.xml"), partial(_st, code=PLAIN), code=_st),
+    "st": Target((".st", ".plcopen.xml"), partial(_st, code=PLAIN), longest=20, code=_st),
     "fmu": Target((".fmu",), partial(_fmu, forward=True)),
     "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
     "casadi": Target((".casadi",), _casadi),
@@ -146,8 +149,7 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
     suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
     folder, output = str(output).endswith(("/", os.sep)), Path(output)
     if folder or output.is_dir():
-        name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
-        return output / f"{name}{addition}{suffix}"
+        return output / f"{_named_after(robot, TARGETS[target].longest)}{addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(
             f"must end in {suffix} for --to {target}, or be a folder",
@@ -155,6 +157,13 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
             cure=f"a folder that is not there yet ends in a slash: {output}/",
         )
     return output
+
+
+def _named_after(robot: str, longest: int) -> str:
+    """A name that code may begin with: letters, digits and single _, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
+    name = name if name[0].isalpha() else f"robot_{name}"
+    return name[:longest].rstrip("_")
 
 
 def write_export(
@@ -166,7 +175,7 @@ def write_export(
     single: bool = False,
     functions: Sequence[str] = (),
     online: OnlineSettings | None = None,
-    fmi: FmiVersion = "2",
+    fmi: str | int = "2",
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -177,7 +186,7 @@ def write_export(
         inputs: files that must not be overwritten.
         single: code in single precision (float, REAL).
         functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
-            `online`.
+            `online`; a list, or words with commas between them.
         online: what the function of that name is made for; 1000 cycles a second if None.
         fmi: version of the standard, of a unit.
 
@@ -193,7 +202,11 @@ def write_export(
             where="--single" if single else "--with",
             cure=f"leave it out, or choose {' or '.join(t for t in TARGETS if TARGETS[t].code)}",
         )
-    if fmi != "2" and TARGETS[target].suffixes != (".fmu",):
+    versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
+    if str(fmi) not in versions:
+        raise unknown(fmi, versions, "version of FMI", "write_export")
+    version = versions[str(fmi)]
+    if version != "2" and TARGETS[target].suffixes != (".fmu",):
         raise DeltaidError(
             f"FMI is of units, and {target} is none",
             where="--fmi",
@@ -205,9 +218,11 @@ def write_export(
     paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
     for part in paths:
         require_writable(part, inputs)
-    code = Code(SINGLE if single else DOUBLE, tuple(functions), online or OnlineSettings())
+    names = functions.split(",") if isinstance(functions, str) else functions
+    further = tuple(name.strip() for name in names if name.strip())
+    code = Code(SINGLE if single else DOUBLE, further, online or OnlineSettings())
     if TARGETS[target].suffixes == (".fmu",):
-        export = _fmu(subject, path.stem, forward=target == "fmu", version=fmi)
+        export = _fmu(subject, path.stem, forward=target == "fmu", version=version)
     else:
         export = TARGETS[target].export(subject, path.stem, code)
     with together():

@@ -98,7 +98,7 @@ class Compiler:
             work = Path(folder)
             files = dict(sources)
             if self.is_zig and system.suffix == ".dll":
-                files["start.c"] = _START_ON_WINDOWS
+                files["windows-start.c"] = _START_ON_WINDOWS
             for path, text in files.items():
                 (work / path).write_text(text, encoding="utf-8")
             files = [path for path in files if path.endswith(".c")]
