@@ -187,6 +187,8 @@ def test_command_refuses(tmp_path: Path) -> None:
     for (name, target, output), message in cases.items():
         told = refused("export", name, "--to", target, "-o", tmp_path / output, folder=tmp_path)
         assert message in told.replace("\n", " ")
+    told = refused("export", "clavel-delta3", "--to", "c", "-o", "", folder=tmp_path)
+    assert "--output: is an empty name" in told  # of a variable that was never set
     outcome = run("export", "clavel-delta3", "--to", "step", "-o", tmp_path / "a.c")
     assert outcome.code == 2
     assert "step" in outcome.err

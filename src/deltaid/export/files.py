@@ -144,8 +144,11 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
     """The file to write, where a folder may be given: one that is there, or a name with a slash.
 
     Raises:
-        DeltaidError: the file's name has another end than the target's.
+        DeltaidError: there is no name, or it has another end than the target's.
     """
+    if not str(output).strip():
+        cure = "give a file, or a folder with a slash at its end; ./ is this one"
+        raise DeltaidError("is an empty name", where="--output", cure=cure)
     suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
     folder, output = str(output).endswith(("/", os.sep)), Path(output)
     if folder or output.is_dir():
