@@ -23,7 +23,7 @@ from deltaid.export.fmu import fmu
 from deltaid.export.fmu_binaries import own_compiler
 from deltaid.export.mjcf import mjcf
 from deltaid.export.urdf import urdf
-from deltaid.model.model import Model
+from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
@@ -147,6 +147,18 @@ def test_a_folder_that_is_not_there_is_made(tmp_path: Path) -> None:
     outcome = run("export", "clavel-delta3", "--to", "npz", "-o", tmp_path / "other" / "my.npz")
     assert outcome.code == 0
     assert (tmp_path / "other" / "my.npz").is_file()
+
+
+def test_a_load_at_the_tool_and_what_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "loaded.npz"
+    asked = ("export", "irb360-6-1600", "--to", "npz", "-o", path, "--payload", "1.5")
+    assert run(*asked, "--without-friction").code == 0
+    bare, exported = load("irb360-6-1600"), np.load(path)
+    more = dict(zip(exported["names"].tolist(), exported["p"] - bare.p, strict=True))
+    assert {name for name, x in more.items() if x > 0} == {"EE.m"}
+    assert more["EE.m"] == pytest.approx(1.5)
+    assert not exported["p"][bare.layout.friction].any()
+    assert "with a load of 1.5 kg, without friction, from irb360" in str(exported["provenance"])
 
 
 def test_files_that_nobody_named_have_names_that_code_may_begin_with(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ OPTIONS = {
         "--rate", "--bandwidth", "--encoder", "--delay", "--payload", "--current-loop",
     ],
     "export clavel-delta3 --to c -o r.c --with online": [
-        "--rate", "--payload-max", "--false-alarms",
+        "--rate", "--payload-max", "--false-alarms", "--payload",
     ],
     "compare-controllers clavel-delta3 log.csv --plant clavel-delta3": [
         "--rate", "--bandwidth", "--encoder", "--delay",

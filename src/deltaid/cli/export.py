@@ -46,6 +46,9 @@ def export(
     false_alarms: Annotated[
         float | None, typer.Option(help="False alarms of contact an hour, of the same; 1.")
     ] = None,
+    payload: Annotated[
+        float | None, typer.Option(help="Mass that the tool holds all the time, kg.")
+    ] = None,
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
@@ -55,13 +58,17 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, print_warnings
+    from deltaid.cli.output import console, positive, print_warnings
+    from deltaid.control.plant import point_mass
     from deltaid.export.files import write_export
     from deltaid.model.model import load
 
     functions = [name.strip() for name in further.split(",") if name.strip()]
     online = _online(functions, rate, payload_max, false_alarms)
+    positive("--payload", payload, (1e-6, 1e3))
     found = load(model)
+    if payload is not None:
+        found = found.with_load(point_mass(payload))
     if without_friction:
         found = found.without_friction()
     written = write_export(
