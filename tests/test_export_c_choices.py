@@ -141,6 +141,9 @@ def test_robots_of_ones_own_have_no_joints_to_tell(tmp_path: Path) -> None:
     for name in ("constraint-forces", "passive-joints"):
         with pytest.raises(DeltaidError, match="mechanism of"):
             c_code(chosen, "heli", DOUBLE, (name,))
+    with pytest.raises(DeltaidError, match=r"(?s)no body EE or P .* one of arm, rod, half, tool"):
+        chosen.with_load(np.append(1.0, np.zeros(9)))
+    assert chosen.with_load(np.append(1.0, np.zeros(9)), "tool")["tool.m"] > chosen["tool.m"]
 
 
 def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:

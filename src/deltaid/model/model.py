@@ -171,15 +171,15 @@ class Model(Shown, Plotted, Tabled, Reported):
             body, ten = known[load].body, known[load].p
         else:
             ten = load
-        body = body or ("EE" if "EE" in self.layout.bodies else "P")
-        if body not in self.layout.bodies:
+        carrier = body or ("EE" if "EE" in self.layout.bodies else "P")
+        if carrier not in self.layout.bodies:
             raise DescriptionError(
-                f"has no body {body}",
+                f"has no body {body}" if body else "has no body EE or P that would carry a load",
                 where=self.source or self.robot.name,
-                cure=f"name one of {', '.join(self.layout.bodies)}",
+                cure=f"name what does, in Python: one of {', '.join(self.layout.bodies)}",
             )
         p = self.p.copy()
-        p[self.layout.body(body)] += ten
+        p[self.layout.body(carrier)] += ten
         return self._altered(p, f"with a load of {ten[0]:.6g} kg")
 
     def without_friction(self) -> "Model":
