@@ -8,6 +8,7 @@ import typer
 from deltaid.export.options import FURTHER, FmiVersion, TargetName
 
 if TYPE_CHECKING:
+    from deltaid.model.model import Model
     from deltaid.online.settings import OnlineSettings
 
 
@@ -47,7 +48,12 @@ def export(
         float | None, typer.Option(help="False alarms of contact an hour, of the same; 1.")
     ] = None,
     payload: Annotated[
-        float | None, typer.Option(help="Mass that the tool holds all the time, kg.")
+        str | None,
+        typer.Option(
+            help="What the tool holds all the time: a mass in kg, or a load that MODEL was "
+            "identified with, by its name.",
+            metavar="MASS or NAME",
+        ),
     ] = None,
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
@@ -58,17 +64,15 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, positive, print_warnings
-    from deltaid.control.plant import point_mass
+    from deltaid.cli.output import console, print_warnings
     from deltaid.export.files import write_export
     from deltaid.model.model import load
 
     functions = [name.strip() for name in further.split(",") if name.strip()]
     online = _online(functions, rate, payload_max, false_alarms)
-    positive("--payload", payload, (1e-6, 1e3))
     found = load(model)
     if payload is not None:
-        found = found.with_load(point_mass(payload))
+        found = _holding(found, payload)
     if without_friction:
         found = found.without_friction()
     written = write_export(
@@ -83,6 +87,29 @@ def export(
     )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")
+
+
+def _holding(model: "Model", payload: str) -> "Model":
+    """A model with what `--payload` says: a load by its name, or kilograms.
+
+    Raises:
+        DeltaidError: it is neither.
+    """
+    from deltaid.cli.output import positive
+    from deltaid.control.plant import point_mass
+    from deltaid.errors import DeltaidError
+
+    names = [load.name for load in model.identified.loads] if model.identified else []
+    if payload in names:
+        return model.with_load(payload)
+    try:
+        mass = float(payload)
+    except ValueError:
+        what = f"'{payload[:40]}' is no mass, and no load that the model was identified with"
+        cure = f"give kilograms, as 1.5{', or one of ' if names else ''}{', '.join(names)}"
+        raise DeltaidError(what, where="--payload", cure=cure) from None
+    positive("--payload", mass, (1e-6, 1e3))
+    return model.with_load(point_mass(mass))
 
 
 def _online(

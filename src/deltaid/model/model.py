@@ -160,14 +160,13 @@ class Model(Shown, Plotted, Tabled, Reported):
             body: what carries it; of a named one it is known, else EE, or P where there is no EE.
 
         Raises:
-            ValueError: the model has no load of that name.
+            UnknownNameError: the model was identified with no load of that name.
             DescriptionError: the robot has no such body, or a body with the load cannot exist.
         """
         if isinstance(load, str):
             known = {one.name: one for one in self.identified.loads} if self.identified else {}
             if load not in known:
-                has = ", ".join(known) or "none"
-                raise ValueError(f"the model has no load '{load}'; it has {has}")
+                raise unknown(load, known or ("none",), "load", self.source or self.robot.name)
             body, ten = known[load].body, known[load].p
         else:
             ten = load
