@@ -64,7 +64,7 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, print_warnings
+    from deltaid.cli.output import console, print_warnings, progress
     from deltaid.export.files import write_export
     from deltaid.model.model import load
 
@@ -75,16 +75,18 @@ def export(
         found = _holding(found, payload)
     if without_friction:
         found = found.without_friction()
-    written = write_export(
-        found,
-        to,
-        output,
-        (Path(model),),
-        single=single,
-        functions=functions,
-        online=online,
-        fmi=fmi,
-    )
+    with progress(False) as say:
+        written = write_export(
+            found,
+            to,
+            output,
+            (Path(model),),
+            single=single,
+            functions=functions,
+            online=online,
+            fmi=fmi,
+            progress=say,
+        )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")
 

@@ -27,6 +27,7 @@ from deltaid.export.options import FmiVersion
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.text import c_comment
 from deltaid.model.model import Model
+from deltaid.progress import Progress
 
 _NAMESPACE = uuid.UUID("7d0d8b4e-5f0e-4c43-9e0e-0d1b6a3a5c11")
 
@@ -46,17 +47,20 @@ def fmu(
     forward: bool,
     version: FmiVersion = "2",
     compiler: Compiler | None = None,
+    progress: Progress = lambda _: None,
 ) -> FmuExport:
     """A model as a unit; its model identifier is `name`.
 
     Args:
         compiler: what makes its libraries; default: what `found_compiler` finds.
+        progress: called before each library.
 
     Raises:
         DeltaidError: the name is no identifier of C.
     """
     sources, token = _sources(subject, name, forward=forward, version=version)
-    made, warning = binaries(name, sources, version, compiler or found_compiler())
+    compiler = compiler or found_compiler()
+    made, warning = binaries(name, sources, version, compiler, progress)
     variables = _variables(subject, forward=forward, version=version)
     files = tuple(path for path in sources if path.endswith(".c"))
     unit = Described(name, subject.provenance, token, files)
