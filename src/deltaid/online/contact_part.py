@@ -37,7 +37,7 @@ class Expected:
         told: 1 where the gripper tells what it holds.
         lacking: size of torques that the model has not.
         live: 1 where the residual has a past.
-        M: mass matrix.
+        M: mass matrix, with the load.
     """
 
     z: ca.SX
@@ -150,6 +150,10 @@ def contact_of(cycle: Cycle) -> Part:
     n = s.columns.shape[1]
     x, P = e.before.x[:n], e.before.P[:n, :n]
     M = ca.Function("M", [s.momentum.z, s.momentum.p], [s.momentum.M])
+    loaded = ca.SX(cycle.model.p)
+    first = cycle.model.layout.body(known.entries.body).start
+    for i, k in enumerate(known.entries.shown):
+        loaded[first + k] += known.load_scales[i] * x[i]
     speed_noise = np.zeros(dof) if settings.speed_noise is None else np.array(settings.speed_noise)
     expected = Expected(
         z=s.z,
@@ -159,10 +163,10 @@ def contact_of(cycle: Cycle) -> Part:
         dry=s.dry,
         mass=x[0],
         lifted=s.columns[:, s.at_load],
-        told=ca.if_else(s.u["gripper"] > -0.5, 1.0, 0.0),
+        told=ca.if_else(s.gripper > -0.5, 1.0, 0.0),
         lacking=e.lacking,
         live=s.live,
-        M=M(s.z, ca.SX(cycle.model.p)),
+        M=M(s.z, loaded),
     )
     of = ContactSettings(
         settings.false_alarms,

@@ -14,6 +14,10 @@ from deltaid.online.layout import Field, Layout
 from deltaid.online.momentum import Momentum, build_momentum, filtered_torque
 from deltaid.online.pose import pose
 from deltaid.online.settings import OnlineSettings
+from deltaid.online.waiting import Line, line, waits
+
+# Friction by what gears carry that a model may lack, as a share of that.
+_CARRIED = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +29,18 @@ class Signals:
         good: 1 where it can be used and the loops close.
         live: 1 where this cycle is good and those before were, so that filters have a past.
         z, qd, tau: pose, speeds, and torques on the joints' side.
+        gripper: what it told at that time.
+        torque: filtered torque, as measured.
         residual: ρ, filtered torque that the model without any load does not explain.
         columns: filtered torques of a load's entries, of the model's own directions and of the
             followed friction, for one unit of each (`Knowledge`); δ × n.
         smooth_residual, smooth_columns: both through the same filter once more. Noise of speeds, of
             which ρ and columns have the same and which would make loads look lighter, falls there
             with the frequency.
-        at_load, at_directions, at_friction: where they stand among the columns.
+        at_load, at_directions, at_friction, at_lacked: where they stand among the columns.
         dry: filtered size of the torque that no speed tells, friction near rest and torques at
             their limits; δ.
+        slow: filtered 1 / (1 + (q̇/v)²), drive by drive: near 1 where a drive is slow.
         momentum: the equations behind it.
     """
 
@@ -44,6 +51,8 @@ class Signals:
     z: ca.SX
     qd: ca.SX
     tau: ca.SX
+    gripper: ca.SX
+    torque: ca.SX
     residual: ca.SX
     columns: ca.SX
     smooth_residual: ca.SX
@@ -51,7 +60,9 @@ class Signals:
     at_load: slice
     at_directions: slice
     at_friction: slice
+    at_lacked: slice
     dry: ca.SX
+    slow: ca.SX
     momentum: Momentum
 
 
@@ -78,7 +89,9 @@ def signals(
     dof, mechanism = model.dynamics.dof, model.dynamics.kinematics.mechanism
     inputs = inputs_of(model, settings)
     u = inputs.symbols("in")
-    now = _instant(u, ca.SX(model.gains), settings)
+    finite, count = all_finite(inputs.vector(u)), ca.SX.sym("live")
+    waited = line(inputs, u, waits(model, settings).of(inputs), count > 0, finite)
+    now = _instant(waited, count, ca.SX(model.gains), settings)
     q, qd, tau = now.q, now.qd, now.tau
     near = ca.SX.sym("z", dof)
     found = pose(mechanism, near, q)
@@ -92,8 +105,10 @@ def signals(
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
     parts = along(found.z, qd, load)
-    finite = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
-    good = ca.logic_and(all_finite(inputs.vector(u)), ca.logic_and(found.closed, finite))
+    lacked = _lacked(known, settings, qd, load)
+    parts = [ca.horzcat(parts[0], ca.SX(*lacked.shape)), ca.horzcat(parts[1], lacked), parts[2]]
+    computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
+    good = ca.logic_and(finite, ca.logic_and(found.closed, computed))
     of_momentum, rest, dry = (only_if(good, part) for part in parts)
     qd, tau, z = only_if(good, qd), only_if(good, tau), chosen(good, found.z, ca.SX(model.home))
     live = ca.logic_and(now.live, good)
@@ -103,8 +118,10 @@ def signals(
     of_torque = Lowpass.held(K, period) if now.holds else lines
     torque_before, dry_before = ca.SX.sym("torque", dof), ca.SX.sym("dry", dof)
     torque = of_torque.output(torque_before, tau)
-    dry = dry + _beyond(model, tau)
+    dry = dry + _beyond(model, tau, settings)
     dry_now = lines.output(dry_before, dry)
+    slow_before, slow = ca.SX.sym("slow", dof), 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
+    slow_now = lines.output(slow_before, slow)
     both = only_if(live, ca.horzcat(torque - f.output[:, 0], f.output[:, 1:]))
     smooth_shape = both.sparsity()
     smooth_before = ca.SX.sym("smooth", smooth_shape.nnz())
@@ -112,7 +129,7 @@ def signals(
     begins = ca.logic_or(anew, ca.logic_not(live))
     at = np.cumsum([1, len(known.entries.shown), known.directions.shape[1], len(known.followed)])
     kept = [
-        _z(near, q, found.z, model),
+        _z(near, finite, found.z, model),
         *now.kept,
         _filter(
             "torque", torque_before, of_torque.keep(torque, tau), of_torque.before * tau, begins
@@ -126,9 +143,11 @@ def signals(
             begins,
         ),
         _filter("dry", dry_before, lines.keep(dry_now, dry), lines.keep(dry, dry), begins),
+        _filter("slow", slow_before, lines.keep(slow_now, slow), lines.keep(slow, slow), begins),
     ]
     return Signals(
-        inputs, u, good, live, z, qd, tau,
+        inputs, u, good, live, z, qd, tau, waited.u["gripper"],
+        torque=only_if(live, torque),
         residual=both[:, 0],
         columns=both[:, 1:],
         smooth_residual=smooth[:, 0],
@@ -136,7 +155,9 @@ def signals(
         at_load=slice(0, int(at[1]) - 1),
         at_directions=slice(int(at[1]) - 1, int(at[2]) - 1),
         at_friction=slice(int(at[2]) - 1, int(at[3]) - 1),
+        at_lacked=slice(int(at[3]) - 1, int(at[3]) - 1 + lacked.shape[1]),
         dry=dry_now,
+        slow=slow_now,
         momentum=momentum,
     ), Part(tuple(kept), ())  # fmt: skip
 
@@ -158,15 +179,20 @@ class _Instant:
     kept: tuple[Kept, ...]
 
 
-def _instant(u: dict[str, ca.SX], gains: ca.SX, settings: OnlineSettings) -> _Instant:
+def _instant(waited: Line, count: ca.SX, gains: ca.SX, settings: OnlineSettings) -> _Instant:
     """This cycle's, or the middle between the last one's and this one's.
 
     A torque that holds between two positions is that of the middle.
+
+    Args:
+        waited: what is read, of one instant.
+        count: good cycles in a row.
     """
-    count, q, tau = ca.SX.sym("live"), u["q"], gains * u["tau"]
-    held, needed = settings.torque == "held", 1 if settings.speed == "measured" else 2
+    u, q, tau = waited.u, waited.u["q"], gains * waited.u["tau"]
+    held = settings.torque == "held"
+    needed = waited.cycles + (1 if settings.speed == "measured" else 2)
     field = Field("live", 1, f"good cycles in a row, up to {needed}")
-    kept = [Kept(field, count, ca.fmin(count + 1, needed), ca.SX(0))]
+    kept = [Kept(field, count, ca.fmin(count + 1, needed), ca.SX(0)), *waited.kept]
     live = count >= needed
     if settings.speed == "measured":
         return _Instant(q, u["qd"], tau, live, held, tuple(kept))
@@ -195,6 +221,14 @@ def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[
     return momentum, ca.sparsify(ca.DM(D))
 
 
+def _lacked(known: Knowledge, settings: OnlineSettings, qd: ca.SX, load: ca.SX) -> ca.SX:
+    """Friction that many gears have and few models: more of it at low speed, and with what gears
+    carry; each the same share of all drives."""
+    sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
+    falling = known.unmodelled_slow * sign * ca.exp(-((qd / ca.SX(known.slow_speed)) ** 2))
+    return ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
+
+
 def _entries(matrix: ca.SX, shape: ca.Sparsity) -> ca.SX:
     return ca.project(matrix, shape).nz[:]
 
@@ -214,21 +248,24 @@ def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
     return x / (1 + share * ca.sign(x))
 
 
-def _beyond(model: Model, tau: ca.SX) -> ca.SX:
-    """Size of torques at their limits, where a report may not be what acts."""
-    limits = [model.robot.drive_limits.get(drive) for drive in model.robot.drives]
-    found = ca.SX.zeros(tau.numel())
-    for i, limit in enumerate(limits):
-        if limit is not None and limit.effort:
-            found[i] = limit.effort * (ca.fabs(tau[i]) >= 0.999 * limit.effort)
+def _beyond(model: Model, tau: ca.SX, settings: OnlineSettings) -> ca.SX:
+    """Size of torques at their limits, or at the end of their channel, where a report may not be
+    what acts."""
+    robot, found = model.robot, ca.SX.zeros(tau.numel())
+    ends = np.abs(model.gains) * np.array(settings.torque_ends or [np.inf] * len(robot.drives))
+    for i, drive in enumerate(robot.drives):
+        limit = robot.drive_limits.get(drive)
+        end = min(float(ends[i]), (limit and limit.effort) or np.inf)
+        if np.isfinite(end):
+            found[i] = end * (ca.fabs(tau[i]) >= 0.999 * end)
     return found
 
 
-def _z(near: ca.SX, q: ca.SX, z: ca.SX, model: Model) -> Kept:
+def _z(near: ca.SX, finite: ca.SX, z: ca.SX, model: Model) -> Kept:
     """The pose; where loops do not close yet it goes on from where it came, or from home."""
     home = ca.SX(model.home)
     field = Field("z", z.numel(), "pose [x, y, z, psi]", initial=tuple(model.home.tolist()))
-    onwards = chosen(all_finite(q), chosen(all_finite(z), z, home), near)
+    onwards = chosen(finite, chosen(all_finite(z), z, home), near)
     return Kept(field, near, z, onwards)
 
 
