@@ -89,7 +89,8 @@ def errors(exciter: Exciter, result: deltaid.Identification, truth: np.ndarray) 
     combination, prior = exciter.base.combination(), prior_parameters(dynamics.robot)
     spread = exciter.settings.prior_spread * parameter_scale(exciter.base.layout, prior)
     size = np.linalg.norm(combination * spread, axis=1)
-    free = np.any(combination[:, np.any(result.reduction.A != 0, axis=1)] != 0, axis=1)
+    A = result.problem.reduction.A[: combination.shape[1]]  # without what was fitted beside it
+    free = np.any(combination[:, np.any(A != 0, axis=1)] != 0, axis=1)
     base = (np.abs(combination @ (p - truth)) / size)[free]
     return [100 * on, 100 * off, 100 * float(worst), float(np.median(base)), float(base.max())]
 

@@ -220,7 +220,7 @@ def _check(
     print(f"  |J of conic − J of CVXPY| = {apart:.1e} γ; tolerances explain {allowed:.1e} γ")
     print(f"  J of the same x, CVXPY's expression against ours: {evaluated:.1e} γ")
     print(f"  conic's lower bound − lowest J of all: {(conic.bound - lowest) / gamma:.1e} γ")
-    metric, bad = objective.regularizer.name, []
+    metric, bad = problem.settings.regularizer, []
     if not apart <= allowed < np.inf:
         bad.append(f"{metric}: optima differ by {apart:.1e} γ, tolerances explain {allowed:.1e} γ")
     if not evaluated <= allowed < np.inf:
