@@ -76,6 +76,33 @@ def test_below_breakaway_nothing_moves(tmp_path: Path) -> None:
         assert (found.get(*names("qd", 3)) > 1e-4).any()
 
 
+def test_a_payload_that_comes_and_goes(tmp_path: Path) -> None:
+    """While it is held the unit is the loaded robot, and nothing jumps."""
+    chosen, dof, h = subject("irb360-6-1600"), 4, 1e-3
+    forward, z, zd = chosen.forward, chosen.home[None], np.zeros((1, 4))
+    with unit(chosen, "fmu", tmp_path) as found:
+        found.fmu.exitInitializationMode()
+        for part, mass in enumerate((0.0, 2.5, 0.0)):
+            p = chosen.with_load(np.append(mass, np.zeros(9))).p if mass else chosen.p
+            start = 0.03 * part
+            path = step_through(
+                forward, p, z, zd, 0.03,
+                lambda t, q, qd, start=start: swinging(chosen, start + t)[None], rate=1 / h,
+            )  # fmt: skip
+            z, zd = path.z[-1], path.zd[-1]
+            found.set(["payload"], np.array([mass]))
+            for k in range(30):
+                found.set(names("tau", dof), swinging(chosen, start + k * h))
+                found.fmu.doStep(start + k * h, h)
+            assert_close(found.get(*names("z", dof)), z[0], 1e-11)
+            _, qd = forward.drive_motion(z, zd)
+            assert_close(found.get(*names("qd", dof)), qd[0], 1e-10)
+        for wrong in (-0.1, np.nan, np.inf):
+            found.set(["payload"], np.array([wrong]))
+            with pytest.raises(Exception, match="fmi2DoStep"):
+                found.fmu.doStep(0.09, h)
+
+
 def test_a_state_can_be_saved_and_gone_back_to(tmp_path: Path) -> None:
     chosen = subject("linear-delta")
     with unit(chosen, "fmu", tmp_path) as found:
