@@ -12,8 +12,12 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 from deltaid.control.simulation import step_through
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
+from deltaid.robot.load import load_robot
 from exports import every_friction_term, model, needs_compiler, subject
+from sessions import ROOT
 from support import assert_close
 from units import names, unit, write
 
@@ -101,6 +105,24 @@ def test_a_payload_that_comes_and_goes(tmp_path: Path) -> None:
             found.set(["payload"], np.array([wrong]))
             with pytest.raises(Exception, match="fmi2DoStep"):
                 found.fmu.doStep(0.09, h)
+
+
+def test_a_mechanism_of_ones_own_without_a_platform_has_no_payload(tmp_path: Path) -> None:
+    folder = ROOT / "examples" / "planar_delta"
+    use_mechanism(folder / "mechanism.py")
+    robot = load_robot(folder / "robot.yaml")
+    chosen = Model(robot, prior_parameters(robot), "planar")
+    path = write(chosen, "fmu", tmp_path)
+    described = fmpy.read_model_description(str(path)).modelVariables
+    inputs = [variable.name for variable in described if variable.causality == "input"]
+    assert inputs == ["tau1", "tau2"]
+    fallen = fmpy.simulate_fmu(
+        str(path), fmi_type="CoSimulation", stop_time=0.05, output_interval=0.05
+    )
+    path_of_ours = step_through(
+        chosen.forward, chosen.p, chosen.home[None], np.zeros((1, 2)), 0.05, rate=20.0
+    )
+    assert [fallen["x"][-1], fallen["z"][-1]] == pytest.approx(path_of_ours.z[-1, 0], abs=1e-12)
 
 
 def test_a_state_can_be_saved_and_gone_back_to(tmp_path: Path) -> None:
