@@ -11,7 +11,6 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError
 from deltaid.identification import conic
 from deltaid.identification.conic import Conic
-from deltaid.identification.fit import METRICS
 from deltaid.identification.information import Information, active_columns, gather_samples
 from deltaid.identification.log_cholesky import LogCholesky, Unconstrained
 from deltaid.identification.log_cholesky_map import LogCholeskyMap
@@ -21,6 +20,7 @@ from deltaid.identification.objective import (
     default_gamma,
     noise_level,
 )
+from deltaid.identification.posing import METRICS
 from deltaid.identification.reduction import INTERIOR, build_reduction
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters

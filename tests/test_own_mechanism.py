@@ -12,11 +12,11 @@ from deltaid.errors import DescriptionError
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.conic import Conic
 from deltaid.identification.demo import mass_matrix_error
-from deltaid.identification.fit import pose
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.identification.information import active_columns, gather_samples
 from deltaid.identification.log_cholesky import LogCholesky
+from deltaid.identification.posing import pose
 from deltaid.identification.reduction import build_reduction
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
