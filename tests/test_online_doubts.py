@@ -82,6 +82,20 @@ def test_a_torque_that_stays(made: Picked) -> None:
     assert "column tau1 stays the same for 5 s from 5 s on" in found.doubts[0]
 
 
+def test_brakes_are_no_contact(made: Picked) -> None:
+    table, rng = made.table[:6000], np.random.default_rng(2)
+    on = np.arange(6000) >= 5200
+    stopped = {q: np.where(on, table[q][5200], table[q].to_numpy()) for q in ("q1", "q2", "q3")}
+    off = {
+        name: np.where(on, 0.02 * rng.standard_normal(6000), table[name].to_numpy())
+        for name in TORQUES
+    }
+    found = watched(made, table.with_columns(**stopped, **off))
+    assert "brakes hold the robot in 13 % of the rows" in found.doubts[0]
+    assert found.bad == 800
+    assert [round(one.start, 1) for one in found.touches] == [PUSHES[0][0]]
+
+
 def test_velocities_that_are_late_or_noisy_are_left_out(made: Picked) -> None:
     true, rng = rates(made), np.random.default_rng(0)
     fine = opened(made, changed(made, true))
