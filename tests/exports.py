@@ -85,6 +85,35 @@ def states(subject: Model, n: int, seed: int = 0, share: float = 0.7) -> tuple[n
     return z, q, 2.0 * rng.standard_normal(z.shape), 10.0 * rng.standard_normal(z.shape)
 
 
+def floats(x: np.ndarray) -> np.ndarray:
+    """Numbers of single precision."""
+    return x.astype(np.float32).astype(float)
+
+
+def towards_singularities(subject: Model, each: int) -> np.ndarray:
+    """Poses z of the workspace and beyond where the condition is 1 to 10, to 30 and to 100."""
+    kinematics, rng, n = subject.dynamics.kinematics, np.random.default_rng(5), 20_000
+    centre, half = subject.robot.workspace.inner_box
+    r = centre + 2.5 * half * rng.uniform(-1, 1, (n, 3))
+    turn = subject.robot.turn
+    psi = rng.uniform(turn.low, turn.high, (n, kinematics.dof - 3))
+    z = floats(np.hstack([r, psi]))
+    found, home = kinematics.regularity(z), kinematics.regularity(kinematics.home[None])
+    side = np.sign(found.determinant) == np.sign(home.determinant)
+    parts = [
+        z[side & (low <= found.condition) & (found.condition < high)][: 2 * each]
+        for low, high in ((1, 10), (10, 30), (30, 100))
+    ]
+    return np.vstack([part[[_reached(subject, row) for row in part]][:each] for part in parts])
+
+
+def _reached(subject: Model, z: np.ndarray) -> bool:
+    """Whether z is the pose that Python finds, of its drives' coordinates as floats."""
+    kinematics = subject.dynamics.kinematics
+    again, good = kinematics.forward_unchecked(floats(kinematics.inverse(z[None])))
+    return bool(good[0]) and np.abs(again[0] - z).max() < 1e-4
+
+
 def _in_range(subject: Model, q: np.ndarray) -> bool:
     for drive, x in zip(subject.robot.drives, q, strict=True):
         limits = subject.robot.drive_limits.get(drive)

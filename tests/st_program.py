@@ -42,7 +42,7 @@ class Program:
         assert not self.root.has_error
         self.single = ": REAL" in text
         self._number = np.float32 if self.single else float
-        self._scope: dict[str, Any] = {"number": self._number, "array": list}
+        self._scope: dict[str, Any] = {"number": self._number, "array": list, "copied": _copy}
         self._scope |= {name.lower(): f for name, f in (_REAL if self.single else _LREAL).items()}
         self.constants: dict[str, Any] = {}
         self.units: dict[str, Any] = {}
@@ -139,10 +139,10 @@ class Program:
             outputs = [a for a in _arguments(right) if "=>" in a.text.decode()] if call else []
             if not outputs:
                 return [f"{pad}{target} = {self._value(right)}"]
-            lines = [f"{pad}{target}, found = {self._value(right)}"]
+            lines = [f"{pad}{target}, given_ = {self._value(right)}"]
             for a in outputs:
                 inner, outer = (part.strip().lower() for part in a.text.decode().split("=>"))
-                lines.append(f"{pad}{outer} = found[{inner!r}]")
+                lines.append(f"{pad}{outer} = given_[{inner!r}]")
             return lines
         if node.type == "if_statement":
             return self._branches(node, depth)
@@ -195,7 +195,7 @@ class Program:
             if a.type != "named_argument":
                 given.append(self._value(a))
             elif ":=" in a.text.decode():
-                given.append(f"{_text(a, 'name')}=list({self._part(a, 'value')})")
+                given.append(f"{_text(a, 'name')}=copied({self._part(a, 'value')})")
         return f"{_text(node, 'function')}({', '.join(given)})"
 
 

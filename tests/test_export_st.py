@@ -17,7 +17,7 @@ from deltaid.export.straight_line import Array, body
 from deltaid.export.structured_text import plc_program, structured_text
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
-from exports import model, states, subject
+from exports import floats, model, states, subject, towards_singularities
 from st_program import Program
 from support import KINDS, assert_close
 
@@ -39,11 +39,11 @@ def newton(subject: Model) -> bool:
     return subject.dynamics.kinematics.mechanism.forward is None
 
 
-def assert_same(program: Program, subject: Model, share: float, n: int = 2) -> None:
+def assert_same(program: Program, subject: Model, share: float, at: tuple[np.ndarray, ...]) -> None:
     """Every function against the package."""
-    z, q, qd, qdd = states(subject, n)
+    z, q, qd, qdd = at
     expected, J = model(subject, z, qd, qdd), subject.dynamics.kinematics.jacobian(z)
-    for i in range(n):
+    for i in range(len(z)):
         pose = {"z": z[i]}
         wanted = {
             "inverse_kinematics": (pose, q[i]),
@@ -66,11 +66,16 @@ def assert_same(program: Program, subject: Model, share: float, n: int = 2) -> N
 
 @pytest.mark.parametrize("name", KINDS)
 def test_all_functions_of_the_catalogue(name: str) -> None:
-    assert_same(program(name), subject(name), 1e-12)
+    assert_same(program(name), subject(name), 1e-12, states(subject(name), 2))
 
 
 def test_single_precision() -> None:
-    assert_same(program("h4", SINGLE), subject("h4"), 1e-5)
+    """At the same floats, one pose in the workspace and one each to a condition of 30 and 100."""
+    chosen = Model(subject("h4").robot, floats(subject("h4").p), "h4")
+    z = towards_singularities(chosen, 1)
+    moving = floats(np.random.default_rng(0).standard_normal((2, *z.shape)))
+    q = chosen.dynamics.kinematics.inverse(z)
+    assert_same(program("h4", SINGLE), chosen, 1e-5, (z, q, *moving))
     assert "LREAL" not in text("h4", SINGLE)
 
 
@@ -238,7 +243,7 @@ def test_every_operation_of_a_kernel_that_structured_text_has() -> None:
         a / b,
     ]
     output = ca.vertcat(*values)
-    inputs, dialect = [Array("a", a), Array("b", b)], StructuredText(DOUBLE, "rob_atan2")
+    inputs, dialect = [Array("a", a), Array("b", b)], StructuredText(DOUBLE, "rob")
     found = body(inputs, "out", output, dialect)
     head = text("clavel-delta3").partition("(* q(z). *)")[0]
     lines = [
@@ -259,7 +264,7 @@ def test_what_is_not_chosen_stops_nothing() -> None:
     """Both sides of a choice are computed; the one that is left is there because it cannot be."""
     a, head = ca.SX.sym("a"), text("clavel-delta3").partition("(* q(z). *)")[0]
     output = ca.vertcat(ca.if_else(a > 0, ca.sqrt(a) / a, 1 - a), ca.if_else(a > 0, a, -a))
-    found = body([Array("a", a)], "out", output, StructuredText(DOUBLE, "rob_atan2"))
+    found = body([Array("a", a)], "out", output, StructuredText(DOUBLE, "rob"))
     lines = [
         "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "END_VAR", "VAR_OUTPUT",
         "out : ARRAY [0..1] OF LREAL;", "END_VAR", "VAR", f"{', '.join(found.slots)} : LREAL;",

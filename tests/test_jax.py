@@ -1,4 +1,4 @@
-"""A model as functions of JAX, where it is installed: same numbers, derivatives, many samples."""
+"""A model as functions of JAX, where it has a wheel: same numbers, derivatives, many samples."""
 
 from __future__ import annotations
 
@@ -112,6 +112,40 @@ def test_what_closes_no_loop_is_nan(delta: JaxFunctions) -> None:
     assert 0 < good.sum() < len(q)
     np.testing.assert_allclose(jax.vmap(delta.forward_kinematics)(q), want, atol=1e-12)
     assert np.isnan(delta.inverse_kinematics(np.array([5.0, 0.0, -1.0]))).any()
+
+
+def test_poses_found_by_iteration_are_on_the_branch_of_home() -> None:
+    """Of drives anywhere, whole turns of arms more or less: closed, in mode, nearest turn of ψ."""
+    chosen = subject("par4")
+    mechanism, home = chosen.dynamics.kinematics.mechanism, chosen.home
+    find = jax.jit(jax.vmap(deltaid.jax_functions(chosen).forward_kinematics))
+    z, q, *_ = states(chosen, 20)
+    rng = np.random.default_rng(0)
+    anywhere = np.tile(q, (200, 1)) + rng.uniform(-1, 1, (4000, 4))
+    turns = 2 * np.pi * rng.integers(-2, 3, q.shape)
+    found = np.asarray(find(np.vstack([q + turns, anywhere])))
+    assert_close(found[:20], z, 1e-11)
+    good = np.isfinite(found[20:, 0])
+    assert 0.05 < good.mean() < 0.95
+    sizes = ca.vertcat(
+        mechanism.closure, mechanism.modes, ca.det(ca.jacobian(mechanism.closure, mechanism.z))
+    )
+    judged = ca.Function("judged", [mechanism.z, mechanism.q_symbols], [sizes])
+    side = np.sign(float(judged(home, chosen.dynamics.kinematics.inverse(home))[8]))
+    poses, drives = found[20:][good], anywhere[good]
+    gaps, modes, slope = np.split(np.asarray(judged.map(len(poses))(poses.T, drives.T)), (4, 8))
+    assert np.abs(gaps).max() < 1e-11
+    assert modes.min() > -1e-8
+    assert (side * slope > 0).all()
+    assert mechanism.period is not None
+    assert np.abs(poses[:, 3] - home[3]).max() <= 0.5 * mechanism.period
+    jax.config.update("jax_enable_x64", False)
+    try:
+        single = np.asarray(jax.vmap(deltaid.jax_functions(chosen).forward_kinematics)(q))
+    finally:
+        jax.config.update("jax_enable_x64", True)
+    assert single.dtype == np.float32
+    assert_close(single.astype(float), z, 1e-4)
 
 
 def test_arrays_that_are_no_sample_are_told(delta: JaxFunctions) -> None:

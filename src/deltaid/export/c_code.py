@@ -11,12 +11,14 @@ import casadi as ca
 
 from deltaid.errors import DeltaidError
 from deltaid.export.c_functions import cycle_texts, function_texts
+from deltaid.export.digits import care_for
 from deltaid.export.fill import rendered
 from deltaid.export.functions import STATUSES
 from deltaid.export.further_functions import further_cycles, further_functions
 from deltaid.export.model_functions import acceleration, model_functions
+from deltaid.export.pairs import pairs_of_c
 from deltaid.export.parameter_table import ParameterTable, parameter_table
-from deltaid.export.precision import DOUBLE, Precision
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.straight_line import SIGN, Array, straight_line
 from deltaid.export.text import c_comment
 from deltaid.model.model import Model
@@ -39,11 +41,13 @@ class CCode:
 
 DEFAULT = OnlineSettings()
 
-# Headers of C99 and of an FMU, which a compiler told to look into the folder would not find.
+# Headers of C, of what these take in, and of an FMU, which a compiler told to look into the folder
+# would not find.
 _OTHER_HEADERS = (
     "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
     "locale", "math", "setjmp", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
-    "stdlib", "string", "tgmath", "time", "wchar", "wctype", "fmi2",
+    "stdlib", "string", "tgmath", "time", "wchar", "wctype", "stdalign", "stdatomic", "threads",
+    "uchar", "features", "alloca", "endian", "windows", "fmi2", "fmi3",
 )  # fmt: skip
 
 
@@ -65,13 +69,15 @@ def c_code(
             robot has not what a further function needs.
     """
     _require_name(prefix)
+    robot, dof = subject.robot, subject.dynamics.dof
     table = parameter_table(subject, f"{prefix}_p", precision)
     functions = [
         *model_functions(subject, table, precision),
         *further_functions(subject, table, further),
     ]
     cycles = further_cycles(subject, further, online)
-    robot, dof = subject.robot, subject.dynamics.dof
+    care = care_for(subject, table.array.name) if precision is SINGLE else None
+    texts = [function_texts(f, prefix, dof, precision, care) for f in functions]
     values = {
         "prefix": prefix,
         "guard": prefix.upper(),
@@ -86,7 +92,8 @@ def c_code(
         "statuses": STATUSES,
         "table": table.rows,
         "home": [precision.c_number(x) for x in subject.home],
-        "functions": [function_texts(f, prefix, dof, precision) for f in functions],
+        "functions": texts,
+        "pairs": pairs_of_c(str([entry["texts"] for entry in texts])),
         "cycles": [cycle_texts(c, precision) for c in cycles],
     }
     return CCode(prefix, rendered("model.h.jinja", **values), rendered("model.c.jinja", **values))

@@ -4,6 +4,7 @@ import textwrap
 
 import casadi as ca
 
+from deltaid.export.digits import Care
 from deltaid.export.functions import ExportedCycle, ExportedFunction, Newton
 from deltaid.export.precision import Precision
 from deltaid.export.straight_line import Array, straight_line, wrapped
@@ -12,7 +13,7 @@ from deltaid.online.layout import Field, Layout
 
 
 def function_texts(
-    f: ExportedFunction, prefix: str, dof: int, precision: Precision
+    f: ExportedFunction, prefix: str, dof: int, precision: Precision, care: Care | None
 ) -> dict[str, object]:
     """What the templates ask of a function."""
     real, size = precision.c_type, sum(output.size for output in f.outputs)
@@ -24,7 +25,7 @@ def function_texts(
     signature += [f"{real} {name}[{n}]" for name, n in outputs]
     declaration = f"int {prefix}_{f.name}({', '.join(signature)})"
     offsets = [sum(n for _, n in outputs[:k]) for k in range(len(outputs))]
-    handed = ["pose", *(name for name, _ in inputs if name != "q"), "tau"]
+    handed = ["pose", *(name for name, _ in inputs if name != "q" or f.closing), "tau"]
     return {
         "declaration": "\n".join(wrapped(declaration)),
         "comment": _comment(f),
@@ -34,7 +35,7 @@ def function_texts(
         "given": ", ".join(name for name, _ in inputs),
         "checked": [*inputs, *([(outputs[0])] if f.newton else [])],
         "newton": _newton(f, f.newton, precision) if f.newton else None,
-        "texts": [] if f.after else _straight(f, precision),
+        "texts": [] if f.after else _straight(f, precision, care),
         "size": f.everything.numel(),
         "results": size,
         "demands": _demands(f, size, precision),
@@ -53,17 +54,23 @@ def _newton(f: ExportedFunction, newton: Newton, precision: Precision) -> dict[s
     }
 
 
-def _straight(f: ExportedFunction, precision: Precision) -> list[str]:
+def _straight(f: ExportedFunction, precision: Precision, care: Care | None) -> list[str]:
     """The static functions that compute outputs and demands, and the steps to them."""
     inputs, steps = list(f.inputs), []
     if f.newton:
         inputs = [Array("x", f.newton.x), *inputs]
-        steps = [("step", ca.vertcat(f.newton.gap, f.newton.step))]
+        steps = [("step", f.newton.both, f.newton.parts)]
     return [
         straight_line(
-            f"{f.name}_{name}", inputs, ("out", value), linkage="static ", precision=precision
+            f"{f.name}_{name}",
+            inputs,
+            ("out", value),
+            linkage="static ",
+            precision=precision,
+            care=care,
+            parts=parts,
         )
-        for name, value in (*steps, ("at", f.everything))
+        for name, value, parts in (*steps, ("at", f.everything, f.parts))
     ]
 
 

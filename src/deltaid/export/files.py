@@ -3,9 +3,10 @@
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal, get_args
 
 from deltaid.errors import DeltaidError, unknown
 from deltaid.export.arrays import npz_file
@@ -22,6 +23,7 @@ from deltaid.files import require_writable, together, write_bytes
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
+from deltaid.progress import Progress, Watch, watched
 from deltaid.robot.body_inertia import why_not_physical
 
 
@@ -47,18 +49,27 @@ class Written:
 
 
 @dataclass(frozen=True)
-class Code:
-    """What a user chooses of code.
+class Choices:
+    """What a user chooses of a target that leaves a choice.
 
     Attributes:
-        precision: of its numbers.
-        functions: names of further functions.
+        single: whether code is in single precision.
+        functions: names of further functions of code.
         online: of the function of that name.
+        fmi: version of the standard, of a unit.
+        progress: called with each stage of what takes long.
     """
 
-    precision: Precision
-    functions: tuple[str, ...]
-    online: OnlineSettings
+    single: bool = False
+    functions: tuple[str, ...] = ()
+    online: OnlineSettings = field(default_factory=OnlineSettings)
+    fmi: FmiVersion = "2"
+    progress: Progress = lambda _: None
+
+    @property
+    def precision(self) -> Precision:
+        """Of the numbers of code."""
+        return SINGLE if self.single else DOUBLE
 
     def warnings(self, subject: Model) -> tuple[str, ...]:
         """What further functions cannot tell of this robot."""
@@ -70,66 +81,85 @@ class Code:
         return tuple(note for note in notes if note)
 
 
+Kind = Literal["code", "unit", "model"]
+
+
 @dataclass(frozen=True)
 class Target:
     """One form of a model.
 
     Attributes:
         suffixes: ends of the names of its files, the one asked for first.
-        build: its content for a subject and the name of the file without its end.
+        build: its content for a subject, the name of the file without its end, and choices.
+        kind: which choices there are: precision and functions of code, the version of a unit.
         addition: what follows the robot's name in a file's name that was not given.
-        code: the same for code, of which the user may choose precision and functions.
+        longest: letters of the robot's name there, at most.
     """
 
     suffixes: tuple[str, ...]
-    build: Callable[[Model, str], Export]
+    build: Callable[[Model, str, Choices], Export]
+    kind: Kind = "model"
     addition: str = ""
-    code: Callable[[Model, str, Code], Export] | None = None
+    longest: int = 30
 
-    def export(self, subject: Model, stem: str, code: Code) -> Export:
-        """The content; `code` says nothing to targets that are none."""
-        return self.build(subject, stem) if self.code is None else self.code(subject, stem, code)
+    def require(self, name: str, choices: Choices) -> None:
+        """Refuse choices that this target does not have.
+
+        Raises:
+            DeltaidError: there is one.
+        """
+        option = "--single" if choices.single else "--with"
+        if (choices.single or choices.functions) and self.kind != "code":
+            raise DeltaidError(
+                f"precision and further functions are of code, and {name} is none",
+                where=option,
+                cure=f"leave it out, or choose {' or '.join(_of_kind('code'))}",
+            )
+        if choices.fmi != "2" and self.kind != "unit":
+            raise DeltaidError(
+                f"FMI is of units, and {name} is none",
+                where="--fmi",
+                cure=f"leave it out, or choose {' or '.join(_of_kind('unit'))}",
+            )
 
 
-def _c(subject: Model, stem: str, code: Code) -> Export:
-    found = c_code(subject, stem, code.precision, code.functions, code.online)
-    return Export({".c": found.source, ".h": found.header}, code.warnings(subject))
+def _c(subject: Model, stem: str, choices: Choices) -> Export:
+    found = c_code(subject, stem, choices.precision, choices.functions, choices.online)
+    return Export({".c": found.source, ".h": found.header}, choices.warnings(subject))
 
 
-def _st(subject: Model, stem: str, code: Code) -> Export:
-    program = plc_program(subject, stem, code.precision, code.functions, code.online)
-    return Export({".st": program.text, ".plcopen.xml": program.xml}, code.warnings(subject))
+def _st(subject: Model, stem: str, choices: Choices) -> Export:
+    program = plc_program(subject, stem, choices.precision, choices.functions, choices.online)
+    return Export({".st": program.text, ".plcopen.xml": program.xml}, choices.warnings(subject))
 
 
-def _casadi(subject: Model, stem: str) -> Export:
+def _unit(subject: Model, stem: str, choices: Choices, *, forward: bool) -> Export:
+    unit = fmu(subject, stem, forward=forward, version=choices.fmi, progress=choices.progress)
+    return Export({".fmu": unit.content}, unit.warnings)
+
+
+def _casadi(subject: Model, stem: str, choices: Choices) -> Export:
     return Export({".casadi": casadi_file(subject)})
 
 
-def _mjcf(subject: Model, stem: str) -> Export:
+def _mjcf(subject: Model, stem: str, choices: Choices) -> Export:
     return Export({".xml": mjcf(subject)})
 
 
-def _npz(subject: Model, stem: str) -> Export:
+def _npz(subject: Model, stem: str, choices: Choices) -> Export:
     return Export({".npz": npz_file(subject)})
 
 
-def _urdf(subject: Model, stem: str) -> Export:
+def _urdf(subject: Model, stem: str, choices: Choices) -> Export:
     found = urdf(subject)
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
-def _fmu(subject: Model, stem: str, *, forward: bool, version: FmiVersion = "2") -> Export:
-    unit = fmu(subject, stem, forward=forward, version=version)
-    return Export({".fmu": unit.content}, unit.warnings)
-
-
-PLAIN = Code(DOUBLE, (), OnlineSettings())
-
 TARGETS: Mapping[TargetName, Target] = {
-    "c": Target((".c", ".h"), partial(_c, code=PLAIN), code=_c),
-    "st": Target((".st", ".plcopen.xml"), partial(_st, code=PLAIN), code=_st),
-    "fmu": Target((".fmu",), partial(_fmu, forward=True)),
-    "fmu-inverse": Target((".fmu",), partial(_fmu, forward=False), "_inverse"),
+    "c": Target((".c", ".h"), _c, "code"),
+    "st": Target((".st", ".plcopen.xml"), _st, "code", longest=20),
+    "fmu": Target((".fmu",), partial(_unit, forward=True), "unit"),
+    "fmu-inverse": Target((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
     "casadi": Target((".casadi",), _casadi),
     "mjcf": Target((".xml",), _mjcf),
     "urdf": Target((".urdf", ".loops.json"), _urdf),
@@ -137,17 +167,23 @@ TARGETS: Mapping[TargetName, Target] = {
 }
 
 
+def _of_kind(kind: Kind) -> list[TargetName]:
+    return [name for name, target in TARGETS.items() if target.kind == kind]
+
+
 def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
     """The file to write, where a folder may be given: one that is there, or a name with a slash.
 
     Raises:
-        DeltaidError: the file's name has another end than the target's.
+        DeltaidError: there is no name, or it has another end than the target's.
     """
+    if not str(output).strip():
+        cure = "give a file, or a folder with a slash at its end; ./ is this one"
+        raise DeltaidError("is an empty name", where="--output", cure=cure)
     suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
     folder, output = str(output).endswith(("/", os.sep)), Path(output)
     if folder or output.is_dir():
-        name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
-        return output / f"{name}{addition}{suffix}"
+        return output / f"{_named_after(robot, TARGETS[target].longest)}{addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(
             f"must end in {suffix} for --to {target}, or be a folder",
@@ -155,6 +191,13 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
             cure=f"a folder that is not there yet ends in a slash: {output}/",
         )
     return output
+
+
+def _named_after(robot: str, longest: int) -> str:
+    """A name that code may begin with: letters, digits and single _, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
+    name = name if name[0].isalpha() else f"robot_{name}"
+    return name[:longest].rstrip("_")
 
 
 def write_export(
@@ -166,7 +209,8 @@ def write_export(
     single: bool = False,
     functions: Sequence[str] = (),
     online: OnlineSettings | None = None,
-    fmi: FmiVersion = "2",
+    fmi: str | int = "2",
+    progress: Watch = None,
 ) -> Written:
     """Write a model in some target's form, all files or none.
 
@@ -177,9 +221,10 @@ def write_export(
         inputs: files that must not be overwritten.
         single: code in single precision (float, REAL).
         functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
-            `online`.
+            `online`; a list, or words with commas between them.
         online: what the function of that name is made for; 1000 cycles a second if None.
         fmi: version of the standard, of a unit.
+        progress: a function that is told what is being done; True and False show it or not.
 
     Raises:
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
@@ -187,29 +232,22 @@ def write_export(
     """
     if target not in TARGETS:
         raise unknown(target, TARGETS, "target", "write_export")
-    if (single or functions) and TARGETS[target].code is None:
-        raise DeltaidError(
-            f"precision and further functions are of code, and {target} is none",
-            where="--single" if single else "--with",
-            cure=f"leave it out, or choose {' or '.join(t for t in TARGETS if TARGETS[t].code)}",
-        )
-    if fmi != "2" and TARGETS[target].suffixes != (".fmu",):
-        raise DeltaidError(
-            f"FMI is of units, and {target} is none",
-            where="--fmi",
-            cure="leave it out, or choose fmu or fmu-inverse",
-        )
+    form = TARGETS[target]
+    versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
+    if str(fmi) not in versions:
+        raise unknown(fmi, versions, "version of FMI", "write_export")
+    names = functions.split(",") if isinstance(functions, str) else functions
+    further = tuple(name.strip() for name in names if name.strip())
+    choices = Choices(single, further, online or OnlineSettings(), versions[str(fmi)])
+    form.require(target, choices)
     subject = load(model)
     require_physical(subject)
     path = output_path(target, subject.robot.name, output)
-    paths = tuple(path.with_suffix(suffix) for suffix in TARGETS[target].suffixes)
+    paths = tuple(path.with_suffix(suffix) for suffix in form.suffixes)
     for part in paths:
         require_writable(part, inputs)
-    code = Code(SINGLE if single else DOUBLE, tuple(functions), online or OnlineSettings())
-    if TARGETS[target].suffixes == (".fmu",):
-        export = _fmu(subject, path.stem, forward=target == "fmu", version=fmi)
-    else:
-        export = TARGETS[target].export(subject, path.stem, code)
+    with watched(progress, "export") as say:
+        export = form.build(subject, path.stem, replace(choices, progress=say))
     with together():
         for part, content in zip(paths, export.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())

@@ -23,6 +23,7 @@ from pathlib import Path
 from deltaid.errors import Doubt
 from deltaid.export.options import FmiVersion
 from deltaid.parallel import ordered
+from deltaid.progress import Progress
 
 # No fused multiply-add, so that processors agree in all but what `math.h` has.
 _OPTIONS = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
@@ -98,7 +99,7 @@ class Compiler:
             work = Path(folder)
             files = dict(sources)
             if self.is_zig and system.suffix == ".dll":
-                files["start.c"] = _START_ON_WINDOWS
+                files["windows-start.c"] = _START_ON_WINDOWS
             for path, text in files.items():
                 (work / path).write_text(text, encoding="utf-8")
             files = [path for path in files if path.endswith(".c")]
@@ -145,7 +146,11 @@ def _this_machine() -> tuple[System, ...]:
 
 
 def binaries(
-    name: str, sources: Mapping[str, str], version: FmiVersion, compiler: Compiler | None
+    name: str,
+    sources: Mapping[str, str],
+    version: FmiVersion,
+    compiler: Compiler | None,
+    progress: Progress,
 ) -> tuple[dict[str, bytes], str]:
     """Libraries by their path in the unit, and a warning that names systems without one."""
     if compiler is None:
@@ -161,7 +166,10 @@ def binaries(
         except OSError as error:
             return str(error)
 
-    for system, result in zip(compiler.systems, ordered(attempt, compiler.systems), strict=True):
+    results, total = ordered(attempt, compiler.systems), len(compiler.systems)
+    for k, system in enumerate(compiler.systems, start=1):
+        progress(f"compiling {k} of {total}, {system.name}")
+        result = next(results)
         if isinstance(result, bytes):
             made[system] = result
         else:
@@ -207,7 +215,10 @@ def _missing(missing: Sequence[System], made: Sequence[System], why: str) -> str
         seen = (
             f"the unit runs as it is on {_names(made)}, and from its sources on {_names(missing)}"
         )
-    cure = "let the importing tool compile them, as FMPy does, or export again with Zig's compiler"
+    cure = (
+        "let the importing tool compile them, as `fmpy compile` does, or export again with Zig's "
+        "compiler"
+    )
     return Doubt(seen, cause=why, cure=f"{cure} (pip install ziglang)")
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from deltaid.export.digits import Part
 from deltaid.export.straight_line import Array
 from deltaid.online.layout import Layout
 
@@ -79,6 +80,16 @@ class Newton:
     last: float
     closed: float
 
+    @property
+    def both(self) -> ca.SX:
+        """Gaps, then steps, in one column."""
+        return ca.vertcat(self.gap, self.step)
+
+    @property
+    def parts(self) -> list[Part]:
+        """Of these: a step may be off by what the output may be off by."""
+        return [Part(self.gap.numel(), None), Part(self.x.numel(), "x")]
+
 
 @dataclass(frozen=True)
 class ExportedFunction:
@@ -94,6 +105,7 @@ class ExportedFunction:
         unfit: status where an output is not finite.
         after: name of a function of z that is called with the pose found from q first; such a
             function has no outputs of its own here.
+        closing: whether that function takes q beside z.
     """
 
     name: str
@@ -104,11 +116,17 @@ class ExportedFunction:
     newton: Newton | None = None
     unfit: str = "SINGULAR"
     after: str = ""
+    closing: bool = False
 
     @property
     def arguments(self) -> tuple[Array, ...]:
         """Inputs that are arguments."""
         return tuple(array for array in self.inputs if not array.is_table)
+
+    @property
+    def parts(self) -> list[Part]:
+        """The outputs as parts of `everything`."""
+        return [Part(output.size) for output in self.outputs]
 
     @property
     def everything(self) -> ca.SX:

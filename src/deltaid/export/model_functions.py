@@ -12,8 +12,9 @@ from deltaid.dynamics.load_friction import carried, losses
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.export.functions import Demand, ExportedFunction, Newton, Output
 from deltaid.export.parameter_table import ParameterTable
-from deltaid.export.precision import Precision
+from deltaid.export.precision import SINGLE, Precision
 from deltaid.export.straight_line import Array
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.model.model import Model
 
 # Newton's method halves the error's logarithm; from a start that is some millimetres away four
@@ -25,7 +26,7 @@ def model_functions(
     subject: Model, table: ParameterTable, precision: Precision
 ) -> list[ExportedFunction]:
     """Kinematics, then dynamics; what calls another one stands behind it."""
-    return [*_kinematics(subject, precision), *_dynamics(subject, table)]
+    return [*_kinematics(subject, precision), *_dynamics(subject, table, precision)]
 
 
 def _kinematics(subject: Model, precision: Precision) -> list[ExportedFunction]:
@@ -77,12 +78,15 @@ def _forward(subject: Model, precision: Precision) -> ExportedFunction:
     )
 
 
-def _dynamics(subject: Model, table: ParameterTable) -> list[ExportedFunction]:
+def _dynamics(
+    subject: Model, table: ParameterTable, precision: Precision
+) -> list[ExportedFunction]:
     e: Equations = subject.dynamics.equations
     z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
     tau = Array("tau", ca.SX.sym("tau", subject.dynamics.dof))
     losing = " (but for losses that depend on load)" if subject.robot.load_drives else ""
-    q = Array("q", subject.dynamics.kinematics.mechanism.q_symbols)
+    mechanism = subject.dynamics.kinematics.mechanism
+    q, single = Array("q", mechanism.q_symbols), precision is SINGLE
 
     def function(
         name: str, doc: str, inputs: tuple[Array, ...], out: str, value: ca.SX
@@ -90,16 +94,28 @@ def _dynamics(subject: Model, table: ParameterTable) -> list[ExportedFunction]:
         value = ca.substitute([value], [e.p], [table.p])[0]
         return ExportedFunction(name, doc, (*inputs, table.array), (Output(out, value),))
 
+    closing = [
+        function(
+            "inverse_dynamics_near",
+            "tau(q, qd, qdd), where z is the pose of q but for its rounding, which near "
+            "singularities takes more digits of torques than it has.",
+            (z, q, qd, qdd),
+            "tau",
+            ca.substitute(e.torque, e.z, closed(mechanism)),
+        )
+    ]
     return [
         function(
             "inverse_dynamics_at", "tau(z, qd, qdd), from the pose.", (z, qd, qdd), "tau", e.torque
         ),
+        *(closing if single else []),
         ExportedFunction(
             "inverse_dynamics",
             "tau(q, qd, qdd), by way of z as in forward_kinematics.",
             (q, qd, qdd),
             (),
-            after="inverse_dynamics_at",
+            after="inverse_dynamics_near" if single else "inverse_dynamics_at",
+            closing=single,
         ),
         function(
             "forward_dynamics",
@@ -120,6 +136,12 @@ def _dynamics(subject: Model, table: ParameterTable) -> list[ExportedFunction]:
         ),
         function("gravity", "g: gravity and springs.", (z,), "g", e.g),
     ]
+
+
+def closed(mechanism: Mechanism) -> ca.SX:
+    """z with what is left of closing its loops for q taken off, to first order: Newton's step."""
+    slope = ca.jacobian(mechanism.closure, mechanism.z)
+    return mechanism.z - ca.inv_minor(slope) @ mechanism.closure
 
 
 def bias(subject: Model, e: Equations) -> ca.SX:

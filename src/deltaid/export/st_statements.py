@@ -59,6 +59,30 @@ _BRANCHED = {
         "ELSE {w} := EXP({a}); END_IF;"
     ),
 }
+# Calls of functions of the file's own (`st_pairs`); to subtract is to add the negative.
+_PAIRED = {
+    ca.OP_ADD: ("pair_sum", "{a}", "{r}", "{b}", "{s}"),
+    ca.OP_SUB: ("pair_sum", "{a}", "{r}", "-{b}", "-{s}"),
+    ca.OP_MUL: ("pair_product", "{a}", "{r}", "{b}", "{s}"),
+    ca.OP_SQ: ("pair_product", "{a}", "{r}", "{a}", "{r}"),
+    ca.OP_DIV: ("pair_quotient", "{a}", "{r}", "{b}", "{s}"),
+    ca.OP_INV: ("pair_quotient", "1.0", "0.0", "{a}", "{r}"),
+    ca.OP_SQRT: ("pair_root", "{a}", "{r}"),
+    ca.OP_SIN: ("pair_sine", "{a}", "{r}", "0.0"),
+    ca.OP_COS: ("pair_sine", "{a}", "{r}", "1.0"),
+}
+# The rest first: the target may be what is read.
+_EXACT = {
+    ca.OP_ASSIGN: "{v} := {r}; {w} := {a};",
+    ca.OP_NEG: "{v} := -{r}; {w} := -{a};",
+    ca.OP_TWICE: "{v} := {r} + {r}; {w} := {a} + {a};",
+    ca.OP_FABS: (
+        "IF {a} < 0.0 THEN {v} := -{r}; {w} := -{a}; ELSE {v} := {r}; {w} := {a}; END_IF;"
+    ),
+    ca.OP_IF_ELSE_ZERO: (
+        "IF {a} <> 0.0 THEN {v} := {s}; {w} := {b}; ELSE {v} := 0.0; {w} := 0.0; END_IF;"
+    ),
+}
 _POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
 
 
@@ -68,11 +92,11 @@ class StructuredText(Dialect):
 
     Attributes:
         precision: of its numbers.
-        atan2: name of the function of the file's own.
+        prefix: of names of functions of the file's own.
     """
 
     precision: Precision
-    atan2: str
+    prefix: str
 
     def number(self, x: float) -> str:
         return literal(self.precision, x)
@@ -106,7 +130,7 @@ class StructuredText(Dialect):
                 return [f"IF {bad} THEN {target} := 0.0; ELSE {target} := {result}; END_IF;"]
             return [f"IF {bad} THEN RETURN; END_IF;", f"{target} := {result};"]
         if op == ca.OP_ATAN2:
-            return self.set(target, f"{self.atan2}({args[0]}, {args[-1]})")
+            return self.set(target, f"{self.prefix}_atan2({args[0]}, {args[-1]})")
         if op in _POWERS:
             return _power(target, *args)
         raise DeltaidError(
@@ -115,6 +139,33 @@ class StructuredText(Dialect):
             where="--to st",
             cure="choose c, or write the mechanism with roots, sines, arctangents and powers",
         )
+
+    def doubled(
+        self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
+    ) -> list[str]:
+        (target, rest), ((a, r), (b, s)) = targets, (args[0], args[-1])
+        least = literal(self.precision, self.precision.least)
+        named = {"a": a, "r": r or "0.0", "b": b, "s": s or "0.0", "least": least}
+        if op in _EXACT:
+            return [_EXACT[op].format(w=target, v=rest, **named)]
+        name, *given = (part.format(**named) for part in _PAIRED[op])
+        inputs = zip(("a", "da", "b", "db"), map(_one_sign, given), strict=False)
+        passed = ", ".join(f"{x} := {value}" for x, value in inputs)
+        call = f"{target} := {self.prefix}_{name}({passed}, dc => {rest});"
+        known = op in (ca.OP_DIV, ca.OP_INV) and b[0] in "(0123456789"
+        if op not in _GUARDED or known:
+            return [call]
+        bad = _GUARDED[op][0].format(**named)
+        if needed:
+            return [f"IF {bad} THEN RETURN; END_IF;", call]
+        return [f"IF {bad} THEN {target} := 0.0; {rest} := 0.0;", f"ELSE {call}", "END_IF;"]
+
+
+def _one_sign(text: str) -> str:
+    """-(-0.5) as 0.5, and zero without a sign."""
+    if text.startswith("-(-"):
+        return text[3:-1]
+    return "0.0" if text == "-0.0" else text
 
 
 def plain(precision: Precision, x: float) -> str:

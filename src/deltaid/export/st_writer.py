@@ -1,9 +1,11 @@
 """Units of structured text from the entries of a function table."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
+from deltaid.export.digits import Care, Part
 from deltaid.export.functions import STATUSES, ExportedFunction
 from deltaid.export.precision import Precision
 from deltaid.export.st_helpers import LARGEST_INPUT, LARGEST_RESULT
@@ -22,6 +24,7 @@ class Writer:
     subject: Model
     prefix: str
     precision: Precision
+    care: Care | None = None
 
     def statuses(self) -> list[Variable]:
         """Constants for what functions return."""
@@ -78,7 +81,7 @@ class Writer:
         lines.append(f"{name} := {self.status(f.unfit)};")
         values = ca.vertcat(*[ca.vec(ca.densify(output.value).T) for output in f.outputs])
         room = max(room, values.numel())
-        lines += self.computed(given, "found", values, scratch)
+        lines += self.computed(given, "found", values, scratch, f.parts)
         lines += self.sane("found", values.numel(), LARGEST_RESULT)
         at = 0
         for output in f.outputs:
@@ -102,14 +105,19 @@ class Writer:
 
     def sorted(self, scratch: dict[str, None]) -> tuple[str, ...]:
         """Names of further numbers in the order of their numbers."""
-        return tuple(sorted(scratch, key=lambda slot: int(slot[1:])))
+        return tuple(sorted(scratch, key=lambda slot: (slot[0] == "r", int(slot[1:]))))
 
     def computed(
-        self, inputs: list[Array], out: str, values: ca.SX, scratch: dict[str, None]
+        self,
+        inputs: list[Array],
+        out: str,
+        values: ca.SX,
+        scratch: dict[str, None],
+        parts: Sequence[Part] = (),
     ) -> list[str]:
-        """Statements for some values."""
-        dialect = StructuredText(self.precision, f"{self.prefix}_atan2")
-        found = body(inputs, out, values, dialect)
+        """Statements for some values, whose parts may need more digits than a REAL has."""
+        dialect = StructuredText(self.precision, self.prefix)
+        found = body(inputs, out, values, dialect, self.care, parts)
         scratch.update(dict.fromkeys(found.slots))
         return found.lines
 
@@ -129,7 +137,7 @@ class Writer:
         last, closed = (literal(self.precision, x) for x in (newton.last, newton.closed))
         inner = [
             *self.sane("x", n, LARGEST_INPUT),
-            *self.computed(given, "found", ca.vertcat(newton.gap, newton.step), scratch),
+            *self.computed(given, "found", newton.both, scratch, newton.parts),
             "gap := 0.0;",
             *each(n, "IF ABS(found[i]) > gap THEN gap := ABS(found[i]); END_IF;"),
             f"IF last OR (k = {newton.steps}) THEN EXIT; END_IF;",
@@ -152,7 +160,7 @@ class Writer:
         inputs = [self.array(a.name, a.symbols.numel()) for a in f.arguments]
         newton = self.subject.dynamics.kinematics.mechanism.forward is None
         start = ", z_start := z" if newton else ""
-        passed = ", ".join(f"{v.name} := {v.name}" for v in inputs if v.name != "q")
+        passed = ", ".join(f"{v.name} := {v.name}" for v in inputs if v.name != "q" or f.closing)
         lines = [
             f"status := {self.prefix}_forward_kinematics(q := q{start}, z => pose);",
             f"IF status = {self.status('OK')} THEN",

@@ -10,13 +10,15 @@ import re
 from dataclasses import dataclass
 
 from deltaid.errors import DeltaidError
+from deltaid.export.digits import care_for
 from deltaid.export.further_functions import further_cycles, further_functions
 from deltaid.export.model_functions import model_functions
 from deltaid.export.parameter_table import parameter_table
 from deltaid.export.plcopen import plcopen_xml
-from deltaid.export.precision import DOUBLE, Precision
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.st_cycle import cycle_units, start_of
 from deltaid.export.st_helpers import helpers
+from deltaid.export.st_pairs import pair_functions
 from deltaid.export.st_statements import plain
 from deltaid.export.st_units import Unit, Variable, comments, constants
 from deltaid.export.st_writer import Writer
@@ -93,9 +95,12 @@ def plc_program(
         *model_functions(subject, table, precision),
         *further_functions(subject, table, further),
     ]
-    writer = Writer(subject, prefix, precision)
+    single = precision is SINGLE
+    care = care_for(subject, table.array.name) if single else None
+    writer = Writer(subject, prefix, precision, care)
     cycles = further_cycles(subject, further, online)
-    units = [*helpers(prefix, precision), *map(writer.unit, functions)]
+    pairs = pair_functions(prefix) if single else []
+    units = [*helpers(prefix, precision), *pairs, *map(writer.unit, functions)]
     units += [unit for cycle in cycles for unit in cycle_units(writer, cycle)]
     values = tuple(plain(precision, x) for x in subject.p if x)
     parameters = Variable(

@@ -9,8 +9,8 @@ from deltaid.mechanism.vectors import inverse
 
 # Newton's steps a cycle; each squares the distance, and a robot moves a few millimetres a cycle.
 _STEPS = 2
-# Loops that are open by less [m, rad] count as closed.
-_CLOSED = 1e-7
+# Loops that are open by less [m, rad] count as closed; rounding to floats leaves some 1e-6.
+_CLOSED = 1e-5
 
 
 @dataclass(frozen=True)

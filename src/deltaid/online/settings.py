@@ -61,7 +61,7 @@ class OnlineSettings:
     rest_speed: float = 0.02
     friction_range: float = 0.3
     friction_time: float = 10.0
-    alarm: float = 4.0
+    alarm: float = 3.0
     false_alarms: float = 1.0
     speed_noise: tuple[float, ...] | None = None
     delay: float | tuple[float, ...] | None = None

@@ -1,0 +1,150 @@
+"""Microseconds of a cycle of the exported online function, contact included.
+
+    python benchmarks/online_cycle.py [ROBOT …]
+
+Each robot is identified from a simulated recording, because a prior has no contacts; the export is
+compiled with `gcc -O2` and replays a second of picks, over and over, in one thread. The first
+figure is the mean over all cycles in the best of many rounds, the second the slowest cycle at the
+best it took in any round, so neither counts what the operating system does in between. Leaves
+`tables/online_cycle.md`.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
+from _table import leave
+from drawn_picks import production_of
+
+from deltaid.export.c_code import c_code
+from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.model.model import Model
+from deltaid.motion.random_motion import random_motion
+from deltaid.online.contact_part import contact_of
+from deltaid.online.cycle import step_graph
+from deltaid.online.settings import OnlineSettings
+
+CYCLES, ROUNDS = 1000, 100
+ROBOTS = {"clavel-delta3": 1.0, "irb360-6-1600": 3.0, "par4": 2.0, "h4": 2.0}
+HEAD = (
+    "robot",
+    "operations",
+    "numbers of state",
+    "double: mean [µs]",
+    "slowest cycle [µs]",
+    "single: mean [µs]",
+    "slowest cycle [µs]",
+)
+NOTE = (
+    """A cycle of `…_online` in C with payload, friction and contact, `gcc -O2`, processor time."""
+)
+MAIN = """
+#define _POSIX_C_SOURCE 200809L
+#include "r.h"
+#include <stdio.h>
+#include <time.h>
+static double now(void)
+{{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
+}}
+int main(void)
+{{
+    static r_online_inputs u[{cycles}];
+    static double least[{cycles}];
+    r_online_state state;
+    r_online_outputs y;
+    double best = 1e9, worst = 0, clock = 1e9;
+    int i, k, bad = 0;
+    FILE *file = fopen("inputs", "rb");
+    if (!file || fread(u, sizeof u, 1, file) != 1)
+        return 1;
+    for (i = 0; i < 10000; ++i) {{
+        const double t = -now(), d = t + now();
+        if (d < clock)
+            clock = d;
+    }}
+    for (i = 0; i < {cycles}; ++i)
+        least[i] = 1e9;
+    for (k = 0; k < {rounds}; ++k) {{
+        double t = -now();
+        r_online_start(&state);
+        for (i = 0; i < {cycles}; ++i)
+            bad += r_online(&state, &u[i], &y) != R_OK;
+        t += now();
+        if (t < best)
+            best = t;
+        r_online_start(&state);
+        for (i = 0; i < {cycles}; ++i) {{
+            t = -now();
+            bad += r_online(&state, &u[i], &y) != R_OK;
+            t += now() - clock;
+            if (t < least[i])
+                least[i] = t;
+        }}
+    }}
+    for (i = 0; i < {cycles}; ++i)
+        if (least[i] > worst)
+            worst = least[i];
+    printf("%g %g\\n", best / {cycles}, worst);
+    return bad > 2 * {rounds}; /* a pose that is iterated may take a cycle to come from home */
+}}
+"""
+
+
+def main() -> None:
+    """Measure and leave the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("robots", nargs="*", default=list(ROBOTS))
+    rows = []
+    for name in parser.parse_args().robots:
+        production = production_of(name, ROBOTS.get(name, 1.0), 1, 0, recording=10.0)
+        model = production.models[0]
+        graph = step_graph(model, OnlineSettings(), (contact_of,))
+        inputs = picks(model)
+        times = [t for precision in (DOUBLE, SINGLE) for t in in_c(model, inputs, precision)]
+        shown = (f"{t:.2f}" for t in times)
+        rows.append((name, f"{graph.operations:,}", graph.state.size, *shown))
+    leave(HEAD, rows, NOTE)
+
+
+def picks(model: Model) -> np.ndarray:
+    """Inputs of a second in which a load is lifted and put down, a row a cycle."""
+    dynamics, rng = model.dynamics, np.random.default_rng(0)
+    motion = random_motion(dynamics.kinematics, rng)
+    z, zd, zdd = motion.evaluate(1e-3 * np.arange(CYCLES))
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    heavier = model.with_load(np.array([0.5, *np.zeros(3), *np.full(3, 5e-4), *np.zeros(3)]))
+    lifted = (np.arange(CYCLES) // 250) % 2 == 1
+    parts = (dynamics.torque(z, qd, qdd, p) for p in (heavier.p, model.p))
+    tau = np.where(lifted[:, None], *parts)
+    return np.column_stack([q, qd, tau, lifted])
+
+
+def in_c(model: Model, inputs: np.ndarray, precision: Precision) -> tuple[float, float]:
+    """Mean and slowest cycle [µs]."""
+    code = c_code(model, "r", precision, ("online",))
+    compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        (work / "r.h").write_text(code.header)
+        (work / "r.c").write_text(code.source)
+        (work / "main.c").write_text(MAIN.format(cycles=CYCLES, rounds=ROUNDS))
+        inputs.astype(np.float64 if precision is DOUBLE else np.float32).tofile(work / "inputs")
+        command = [compiler, "-std=c99", "-O2", "r.c", "main.c", "-o", "run", "-lm"]
+        subprocess.run(command, cwd=work, check=True)
+        done = subprocess.run([work / "run"], cwd=work, capture_output=True, check=True)
+    mean, slowest = map(float, done.stdout.split())
+    return mean, slowest
+
+
+if __name__ == "__main__":
+    main()

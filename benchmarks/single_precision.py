@@ -1,0 +1,168 @@
+"""How far the exported C code in single precision is from the package, towards singularities.
+
+    python benchmarks/single_precision.py [ROBOT …]
+
+Inputs and parameters are floats for both. Poses lie within 2.5 times the workspace's box, on the
+home pose's branch; speeds and accelerations are random. Each figure is the largest difference of
+all poses and robots, as a share of the largest entry of its pose's result. The last columns are the
+same code with every number a single float. Leaves `tables/single_precision.md`.
+"""
+
+import argparse
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from unittest.mock import patch
+
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import casadi as ca
+import numpy as np
+from _table import leave
+
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.export.c_code import c_code
+from deltaid.export.digits import Care
+from deltaid.export.precision import SINGLE
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.model.model import Model
+from deltaid.robot.load import load_robot
+
+ROBOTS = (
+    "clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4", "i4-linear", "par4-linear",
+)  # fmt: skip
+BINS, EACH, DRAWN = ((1, 10), (10, 30), (30, 100)), 60, 40_000
+NOTE = """Largest difference of exported C code in single precision from the package at the same
+floats, as a share of the largest entry of each result, by the condition of the Jacobian; the last
+columns with every number a single float. `gcc -O2`."""
+
+
+def main() -> None:
+    """Measure and leave the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("robots", nargs="*", default=ROBOTS)
+    worst: dict[str, np.ndarray] = {}
+    for name in parser.parse_args().robots:
+        robot = load_robot(name)
+        model = Model(robot, floats(prior_parameters(robot)), name)
+        z, condition = poses(model)
+        wanted = expected(model, z)
+        for k in (0, 1):
+            found = single(model, z, wanted, plain=k == 1)
+            for function, values in found.items():
+                off = np.abs(values - wanted[function]).reshape(len(z), -1).max(axis=1)
+                off = off / np.abs(wanted[function]).reshape(len(z), -1).max(axis=1)
+                row = worst.setdefault(function, np.zeros((2, len(BINS))))
+                for i, (low, high) in enumerate(BINS):
+                    chosen = off[(low <= condition) & (condition < high)]
+                    row[k, i] = max(row[k, i], np.nan_to_num(chosen, nan=np.inf).max(initial=0))
+    head = [f"{plain}{low} to {high}" for plain in ("", "plain, ") for low, high in BINS]
+    rows = [(name, *(f"{x:.0e}" for x in row.ravel())) for name, row in worst.items()]
+    leave(("condition", *head), rows, NOTE)
+
+
+def floats(x: np.ndarray) -> np.ndarray:
+    """Numbers of single precision."""
+    return x.astype(np.float32).astype(float)
+
+
+def poses(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of every condition that Python finds from their drives' coordinates as floats."""
+    kinematics, rng, turn = model.dynamics.kinematics, np.random.default_rng(5), model.robot.turn
+    centre, half = model.robot.workspace.inner_box
+    r = centre + 2.5 * half * rng.uniform(-1, 1, (DRAWN, 3))
+    psi = rng.uniform(turn.low, turn.high, (DRAWN, kinematics.dof - 3))
+    z = floats(np.hstack([r, psi]))
+    found, home = kinematics.regularity(z), kinematics.regularity(kinematics.home[None])
+    side = np.sign(found.determinant) == np.sign(home.determinant)
+    kept = [
+        np.flatnonzero(side & (low <= found.condition) & (found.condition < high))[:EACH]
+        for low, high in BINS
+    ]
+    chosen = np.concatenate(kept)
+    z, condition = z[chosen], found.condition[chosen]
+    again = [kinematics.forward_unchecked(row[None]) for row in floats(kinematics.inverse(z))]
+    same = [bool(good[0]) and np.abs(a[0] - row).max() < 1e-3 for (a, good), row in
+            zip(again, z, strict=True)]  # fmt: skip
+    return z[same], condition[same]
+
+
+def expected(model: Model, z: np.ndarray) -> dict[str, np.ndarray]:
+    """The package's results and, under names with an underscore before, what they are of."""
+    rng, dynamics = np.random.default_rng(1), model.dynamics
+    qd, qdd = floats(2 * rng.standard_normal(z.shape)), floats(10 * rng.standard_normal(z.shape))
+    p, kinematics = model.p, dynamics.kinematics
+    q = floats(kinematics.inverse(z))
+    exact = np.vstack([kinematics.forward(row[None]) for row in q])
+    tau = floats(dynamics.torque(z, qd, qdd, p))
+    bias = dynamics.torque(z, qd, 0 * qdd, p)
+    e = dynamics.equations
+    mass = ca.Function("M", [e.z, e.p], [e.M])
+    M = np.array([np.asarray(mass(row, p)) for row in z])
+    return {
+        "_z": z, "_q": q, "_qd": qd, "_qdd": qdd, "_tau": tau,
+        "inverse_kinematics": kinematics.inverse(z),
+        "forward_kinematics": exact,
+        "jacobian": kinematics.jacobian(z),
+        "mass_matrix": M,
+        "gravity": dynamics.torque(z, 0 * qd, 0 * qdd, p),
+        "bias": bias,
+        "inverse_dynamics_at": dynamics.torque(z, qd, qdd, p),
+        "inverse_dynamics": dynamics.torque(exact, qd, qdd, p),
+        "forward_dynamics": np.linalg.solve(M, (tau - bias)[..., None])[..., 0],
+        "constraint_forces": ConstraintForces(model.robot).evaluate(z, qd, qdd, p),
+    }  # fmt: skip
+
+
+GIVEN = {
+    "inverse_kinematics": "_z", "jacobian": "_z", "mass_matrix": "_z", "gravity": "_z",
+    "bias": "_z _qd", "inverse_dynamics_at": "_z _qd _qdd", "forward_dynamics": "_z _qd _tau",
+    "forward_kinematics": "_q", "inverse_dynamics": "_q _qd _qdd",
+    "constraint_forces": "_z _qd _qdd",
+}  # fmt: skip
+
+
+def single(
+    model: Model, z: np.ndarray, wanted: dict[str, np.ndarray], *, plain: bool
+) -> dict[str, np.ndarray]:
+    """The same of the exported code."""
+    with tempfile.TemporaryDirectory() as folder:
+        library, found = compiled(model, Path(folder), plain=plain), {}
+        for name, inputs in GIVEN.items():
+            given = [np.ascontiguousarray(wanted[x], np.float32) for x in inputs.split()]
+            results = np.full(wanted[name].shape, np.nan, np.float32)
+            function = getattr(library, f"r_{name}")
+            for i in range(len(z)):
+                out = (
+                    results[i].ravel() if name != "forward_kinematics" else np.float32(z[i] + 2e-3)
+                )
+                pose = [np.float32(z[i] + 2e-3)] if name == "inverse_dynamics" else []
+                arrays = [*(x[i] for x in given), *pose, out]
+                status = function(*(ctypes.c_void_p(x.ctypes.data) for x in arrays))
+                results[i] = np.nan if status else out.reshape(results[i].shape)
+            found[name] = results.astype(float)
+    return found
+
+
+def compiled(model: Model, work: Path, *, plain: bool) -> ctypes.CDLL:
+    """The export of a model as a library."""
+    none = patch.object(Care, "pairs", lambda *_: frozenset[int]())
+    if plain:
+        none.start()
+    code = c_code(model, "r", SINGLE, ("constraint-forces",))
+    if plain:
+        none.stop()
+    (work / "r.h").write_text(code.header)
+    (work / "r.c").write_text(code.source)
+    compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
+    command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "r.c", "-o", "r.so", "-lm"]
+    subprocess.run(command, cwd=work, check=True)
+    return ctypes.CDLL(str(work / "r.so"))
+
+
+if __name__ == "__main__":
+    main()
