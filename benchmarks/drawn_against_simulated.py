@@ -9,8 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from _drawn_templates import SETTINGS, simulated
 from _table import leave
-from drawn_fleet import SETTINGS, Sensing, drawn_type, made_alike, simulated
+from drawn_fleet import Sensing, drawn_type, made_alike
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.factors.file import FactorFile

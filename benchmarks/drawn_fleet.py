@@ -16,41 +16,18 @@ those of `gathered` do. Columns of lags and of what gears carry are those of the
 """
 
 import hashlib
-import sys
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
-import polars as pl
-from scipy.signal import lfilter
+from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, template
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from courses import Courses
-from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.factors.condensed import Condensed, Group, Groups
 from deltaid.factors.file import FactorFile
-from deltaid.factors.gather import condensed, gathered_columns, with_geometry
-from deltaid.factors.problem import merging_of
 from deltaid.factors.record import FactorRecord, Temperature
-from deltaid.factors.record_of import record_of
-from deltaid.factors.target import map_to
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording
-from deltaid.recording.carried import Load
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
-
-RATE = 500.0
-# Courses of white noise, and of friction that wanders, and how long the latter remembers [s].
-WHITE, WANDERING, MEMORY = 72, 16, 0.15
-SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
 
 
 @dataclass(frozen=True)
@@ -64,62 +41,6 @@ class Sensing:
 
     torque: float = 0.02
     wander: float = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Template:
-    """A recording with courses of noise.
-
-    Attributes:
-        record: of what was gathered.
-        condensed: over gathered columns and courses.
-        names: of the gathered columns.
-        truth: parameters that it was simulated with.
-        load: truth of what was held (ten parameters), if anything.
-    """
-
-    record: FactorRecord
-    condensed: Condensed
-    names: tuple[str, ...]
-    truth: np.ndarray
-    load: np.ndarray | None = None
-
-    @cached_property
-    def layout(self) -> ParameterLayout:
-        """Of the robot's parameters."""
-        return compiled(self.record.robot).layout
-
-    @cached_property
-    def to_columns(self) -> np.ndarray:
-        """From parameters, those of loads behind them, to gathered columns."""
-        found = FactorFile(self.record, replace(self.condensed, names=self.names))
-        merging = merging_of([found], self.record.robot, SETTINGS)
-        loads = [one for one in merging.additions if isinstance(one, LoadColumns)]
-        T = map_to(merging.columns, merging.dynamics, loads)
-        wide = np.zeros((len(self.names), T.shape[1]))  # lags are no parameters
-        for k, name in enumerate(merging.columns.kept_names):
-            wide[self.names.index(name)] = T[k]
-        return wide
-
-    @cached_property
-    def groups(self) -> list[tuple[Group, list[tuple[np.ndarray, np.ndarray]]]]:
-        """The whole and every group, with R_G and R_N of each drive."""
-        n, found = len(self.names), []
-        for group in (self.condensed.whole, *self.condensed.groups):
-            split = []
-            for R, at in zip(group.factors, self.condensed.felt, strict=True):
-                own = int(np.sum(at < n))
-                rows = int(np.flatnonzero(np.any(R != 0, axis=1))[-1]) + 1
-                split.append((R[:own, :own], R[:rows, own:-1]))
-            found.append((replace(group, factors=()), split))
-        return found
-
-    def with_load(self, p: np.ndarray) -> np.ndarray:
-        """Parameters with those of the load as columns have them."""
-        if self.load is None:
-            return p
-        taken = [np.array(one.taken) for one in self.record.loads]
-        return np.concatenate([p, *(self.load - one for one in taken)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +110,8 @@ def drawn_type(
         duration: of each [s].
         load: mass of the load [kg].
     """
-    each = [_template(robot, seed + k, duration, None, settings) for k in range(motions)]
-    with_load = [_template(robot, seed + k, duration, load, settings) for k in range(loaded)]
+    each = [template(robot, seed + k, duration, None, settings) for k in range(motions)]
+    with_load = [template(robot, seed + k, duration, load, settings) for k in range(loaded)]
     return DrawnType(robot, tuple(each), tuple(with_load))
 
 
@@ -234,80 +155,6 @@ def made_alike(
     return found
 
 
-def simulated(
-    dynamics: Dynamics,
-    p: np.ndarray,
-    seed: int,
-    duration: float,
-    load: float | None,
-    noise: float,
-    noise_seed: int = 0,
-) -> tuple[pl.DataFrame, np.ndarray | None]:
-    """A recording on the motion of a seed, and what is held in it."""
-    rng = np.random.default_rng([seed, 7])
-    motion = random_motion(dynamics.kinematics, rng, period=0.8 * duration)
-    sensing = SensorNoise(torque=noise)
-    args = {"duration": duration, "rate": RATE, "noise": sensing}
-    bare = simulate_recording(dynamics, p, motion, np.random.default_rng(noise_seed), **args)
-    if load is None:
-        return bare, None
-    carrier = "EE" if "EE" in dynamics.layout.bodies else "P"
-    c, own = np.array([0.01, -0.005, -0.05]), 4e-4 * load * np.eye(3)
-    M = np.zeros((4, 4))
-    M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = own + load * np.outer(c, c), load * c, load * c, load
-    held, more = inertia_parameters(M), p.copy()
-    more[dynamics.layout.body(carrier)] += held
-    full = simulate_recording(dynamics, more, motion, np.random.default_rng(noise_seed), **args)
-    state = np.sin(2 * np.pi * bare["t"].to_numpy() / 1.37) > 0.2
-    tau = [f"tau{i + 1}" for i in range(dynamics.dof)]
-    mixed = {one: np.where(state, full[one].to_numpy(), bare[one].to_numpy()) for one in tau}
-    return bare.with_columns(
-        *(pl.Series(one, x) for one, x in mixed.items()), pl.Series("gripper", state.astype(float))
-    ), held
-
-
-def _template(
-    robot: RobotDescription, seed: int, duration: float, load: float | None, settings: Settings
-) -> Template:
-    """A recording of the described robot, gathered with courses of noise."""
-    dynamics, p = compiled(robot), prior_parameters(robot)
-    table, held = simulated(dynamics, p, seed, duration, load, 1e-3)
-    mapping = None if load is None else ColumnMapping(load=Load(column="gripper"))
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "log.parquet"
-        table.write_parquet(path)
-        result = identify(robot, [path], columns=mapping, settings=settings)
-        problem, recording = result.problem, result.recordings[0]
-        columns = gathered_columns(problem, recording)
-        courses = Courses(_courses(table, dynamics, np.random.default_rng([seed, 8])), RATE)
-        wide = replace(columns, additions=(*columns.additions, courses))
-        found, quantities = with_geometry(condensed(wide, recording), wide, problem, recording)
-    names = tuple(columns.names[k] for k in columns.kept)
-    own = _own(found, len(names))
-    record = record_of(robot, result, own, quantities)
-    return Template(record, found, names, p, held)
-
-
-def _own(found: Condensed, count: int) -> Condensed:
-    """The gathered columns of what has been condensed with courses."""
-    return replace(
-        found, names=found.names[:count], felt=tuple(at[at < count] for at in found.felt)
-    )
-
-
-def _courses(table: pl.DataFrame, dynamics: Dynamics, rng: np.random.Generator) -> np.ndarray:
-    """White noise of one, and wandering steps of friction of one, for every drive."""
-    rows, dof = len(table), dynamics.dof
-    white = rng.standard_normal((WHITE, dof, rows))
-    memory = np.exp(-1.0 / (MEMORY * RATE))
-    noise = rng.standard_normal((WANDERING, dof, rows + 4000))
-    slow = lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise)
-    t = table["t"].to_numpy()
-    q = np.stack([table[f"q{i + 1}"].to_numpy() for i in range(dof)])
-    sign = np.sign(np.gradient(q, t, axis=1))
-    return np.concatenate([white, slow[:, :, 4000:] * sign])
-
-
 def _drawn(
     one: Template, p: np.ndarray, rng: np.random.Generator, sensing: Sensing, gain: np.ndarray
 ) -> Condensed:
@@ -347,7 +194,7 @@ def _drawn(
         geometry = replace(geometry, factors=tuple(factors))
     whole, *groups = (drawn(*each) for each in one.groups)
     packed = Groups.of(groups)
-    return replace(_own(one.condensed, n), whole=whole, groups=packed, geometry=geometry)
+    return replace(own_columns(one.condensed, n), whole=whole, groups=packed, geometry=geometry)
 
 
 def _record(one: Template, key: str, log: str, temperature: float | None, day: int) -> FactorRecord:

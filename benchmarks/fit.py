@@ -29,13 +29,11 @@ that no robot produces, so that the constraints are what the optimum hangs on.
 import argparse
 import os
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
@@ -44,35 +42,27 @@ os.environ["MKL_NUM_THREADS"] = "1"
 
 import numpy as np
 from _cvxpy_fit import CvxpyFit, CvxpySolution, Metric
+from _fit_data import DURATION, RATE, Truth, impossible, recorded
 from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.conic import Conic
-from deltaid.identification.demo import mass_matrix_error
-from deltaid.identification.fit import pose
-from deltaid.identification.gathering import gather
-from deltaid.identification.information import Information, gather_samples, merge
+from deltaid.identification.information import Information
 from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.objective import default_gamma
+from deltaid.identification.posing import pose
 from deltaid.identification.reduction import build_reduction
 from deltaid.identification.solver import Solution
 from deltaid.model.record import Settings
-from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,
-    simulate_recording,
     surrogate_parameters,
-    write_recording,
 )
-from deltaid.recording.opening import open_log
-from deltaid.recording.recording import with_filter
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"
-DURATION, RATE = 20.0, 1000.0
 Result = TypeVar("Result")
 CPU = time.process_time
 METRICS: tuple[Metric, ...] = ("euclidean", "entropic")
@@ -82,24 +72,6 @@ TOLERANCE = 1e-8
 # The regulariser for the impossible robot, with which all kinds of cones hold the optimum back.
 EDGE_GAMMA = 1e-4
 PAPER = "the publication (Sec. VII)", "< 1", "about 2", "< 2.2"
-
-
-@dataclass(frozen=True)
-class Truth:
-    """The surrogate robot, and the motion along which mass matrices are compared."""
-
-    dynamics: Dynamics
-    p: np.ndarray
-    motion: FourierMotion
-
-    def errors(self, p: np.ndarray) -> tuple[float, float, float]:
-        """Errors [%] of M on and off the diagonal, and of friction, as the largest of each."""
-        z, _, _ = self.motion.evaluate(np.linspace(0, self.motion.period, 500))
-        diagonal, off_diagonal = mass_matrix_error(self.dynamics, z, self.p, p)
-        layout = self.dynamics.layout
-        friction = slice(layout.viscous.start, layout.coulomb.stop)
-        worst = float(np.max(np.abs(p[friction] / self.p[friction] - 1)))
-        return 100 * diagonal, 100 * off_diagonal, 100 * worst
 
 
 @dataclass(frozen=True)
@@ -162,13 +134,13 @@ def main() -> int:
     print(f"CPU times: median of {arguments.repeats}, log-cholesky and SCS of 3")
     bad: list[str] = []
     for name, noise in (("noisy", SensorNoise()), ("noise-free", None)):
-        information = _information(dynamics, p, motion, rng, noise)
+        information = recorded(dynamics, p, motion, rng, noise)
         print(f"\n{name} recording, {information.mean_samples:.0f} samples in the factor")
         for metric in METRICS:
             problem = Problem(dynamics.robot, information, Settings(regularizer=metric))
             bad += _compare(problem, truth, solvers, arguments.repeats)
     print("\nimpossible robot, conic and CVXPY only")
-    information = _impossible(dynamics, p, motion)
+    information = impossible(dynamics, p, motion)
     for metric in METRICS:
         settings = Settings(regularizer=metric, gamma=EDGE_GAMMA)
         problem = Problem(dynamics.robot, information, settings)
@@ -177,39 +149,6 @@ def main() -> int:
     if bad:
         print("\nDISAGREEMENT:", *bad, sep="\n  ", file=sys.stderr)
     return 1 if bad else 0
-
-
-def _information(
-    dynamics: Dynamics,
-    p: np.ndarray,
-    motion: FourierMotion,
-    rng: np.random.Generator,
-    noise: SensorNoise | None,
-) -> Information:
-    """The factors of a recording, which goes through a file as any other."""
-    recording = simulate_recording(
-        dynamics, p, motion, rng, duration=DURATION, rate=RATE, noise=noise
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "recording.csv"
-        write_recording(recording, path)
-        log = open_log(path, dynamics.kinematics)
-        return merge(gather(dynamics, with_filter(log)))
-
-
-def _impossible(dynamics: Dynamics, p: np.ndarray, motion: FourierMotion) -> Information:
-    """The factors of torques that no robot produces: all friction and rotor inertias negative,
-    centres of mass further out than their bodies' radii of gyration."""
-    p, layout = p.copy(), dynamics.layout
-    for body in layout.bodies:
-        part = layout.body(body)
-        length = np.sqrt(np.trace(pseudo_inertia(p[part])[:3, :3]) / p[part][0])
-        free = [entry in dynamics.robot.bodies[body].free for entry in ("mcx", "mcy", "mcz")]
-        p[part][1:4] += np.where(free, 2 * p[part][0] * length, 0.0)
-    p[layout.viscous.start :] *= -1
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1000, endpoint=False))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    return gather_samples(dynamics, z, qd, qdd, dynamics.torque(z, qd, qdd, p))
 
 
 def _compare(problem: Problem, truth: Truth, solvers: tuple[str, ...], repeats: int) -> list[str]:
@@ -281,7 +220,7 @@ def _check(
     print(f"  |J of conic − J of CVXPY| = {apart:.1e} γ; tolerances explain {allowed:.1e} γ")
     print(f"  J of the same x, CVXPY's expression against ours: {evaluated:.1e} γ")
     print(f"  conic's lower bound − lowest J of all: {(conic.bound - lowest) / gamma:.1e} γ")
-    metric, bad = objective.regularizer.name, []
+    metric, bad = problem.settings.regularizer, []
     if not apart <= allowed < np.inf:
         bad.append(f"{metric}: optima differ by {apart:.1e} γ, tolerances explain {allowed:.1e} γ")
     if not evaluated <= allowed < np.inf:

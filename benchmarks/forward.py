@@ -116,7 +116,7 @@ def _bare(kernel: BatchKernel, one: Array, uniform: Array) -> Callable[[], None]
     x, out = np.repeat(one, width, axis=1), np.empty((kernel.n_out, width))
     shared = np.ascontiguousarray(uniform)
     pointers = [ctypes.c_void_p(a.ctypes.data) for a in (out, x, shared)]
-    call, length = kernel._call, ctypes.c_int64(width)
+    call, length = kernel._kernel.call, ctypes.c_int64(width)
 
     def run(_keep: tuple = (x, out, shared)) -> None:
         call(pointers[0], length, pointers[1], length, pointers[2], length)

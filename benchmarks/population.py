@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from _drawn_templates import SETTINGS
 from _table import leave
-from drawn_fleet import SETTINGS, DrawnType, drawn_type, made_alike
+from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.factors.identify import identify_gathered
 from deltaid.motion.surrogate import surrogate_parameters

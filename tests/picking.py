@@ -4,6 +4,7 @@ Drives follow their motion whatever happens, so torques show at once what a load
 """
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ class Picked:
     table: pl.DataFrame
 
 
+@cache
 def picked(name: str = "clavel-delta3", duration: float = 10.0, seed: int = 4) -> Picked:
     """Identify a robot and record it with loads and pushes."""
     robot, rng = load_robot(name), np.random.default_rng(seed)

@@ -172,7 +172,7 @@ BAD = [
     ("simulate {m} motion.csv --payload 1±3", "is no load of a robot"),
     ("simulate {m} motion.csv --payload-known", "there is no load to know"),
     ("simulate {m} motion.csv --current-loop 0", "--current-loop: must be a positive number"),
-    ("simulate {m} motion.csv --elastic-gears", "has no stiff gear"),
+    ("simulate {m} motion.csv --elastic-gears", "how stiff the gear of drive1 is"),
     ("simulate {m} motion.csv -o motion.csv", "would overwrite an input"),
     ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
     ("simulate {m} motion.csv -o a.html --report a.html", "is the file of --output as well"),

@@ -101,7 +101,7 @@ def test_names_that_c_cannot_have(prefix: str) -> None:
         c_code(subject("linear-delta"), prefix)
 
 
-@pytest.mark.parametrize("prefix", ["math", "Math", "fmi2"])
+@pytest.mark.parametrize("prefix", ["math", "Math", "features", "fmi2", "fmi3"])
 def test_a_header_that_would_hide_another_one(prefix: str) -> None:
     """<math.h> with -I., and fmi2.c of a unit, which its own sources would overwrite."""
     with pytest.raises(DeltaidError, match=f"'{prefix}.h' would be mistaken"):

@@ -131,6 +131,9 @@ def test_robots_of_ones_own_have_no_joints_to_tell(tmp_path: Path) -> None:
     for name in ("constraint-forces", "passive-joints"):
         with pytest.raises(DeltaidError, match="mechanism of"):
             c_code(chosen, "heli", DOUBLE, (name,))
+    with pytest.raises(DeltaidError, match=r"(?s)no body EE or P .* one of arm, rod, half, tool"):
+        chosen.with_load(np.append(1.0, np.zeros(9)))
+    assert chosen.with_load(np.append(1.0, np.zeros(9)), "tool")["tool.m"] > chosen["tool.m"]
 
 
 def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
@@ -138,7 +141,7 @@ def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
         with pytest.raises(DeltaidError, match="urdf is none"):
             write_export("linear-delta", "urdf", tmp_path / "r.urdf", **options)
     with pytest.raises(DeltaidError, match="no further function 'regresor'"):
-        write_export("linear-delta", "c", tmp_path / "r.c", functions=["regresor"])
+        write_export("linear-delta", "c", tmp_path / "r.c", functions="regressor, regresor")
     assert not list(tmp_path.iterdir())
     found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES)
     assert "single" in (tmp_path / "r.h").read_text()

@@ -18,12 +18,12 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.export import fmu_binaries
 from deltaid.export.casadi_function import casadi_file
-from deltaid.export.files import TARGETS, write_export
+from deltaid.export.files import TARGETS, output_path, write_export
 from deltaid.export.fmu import fmu
 from deltaid.export.fmu_binaries import own_compiler
 from deltaid.export.mjcf import mjcf
 from deltaid.export.urdf import urdf
-from deltaid.model.model import Model
+from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
@@ -149,6 +149,40 @@ def test_a_folder_that_is_not_there_is_made(tmp_path: Path) -> None:
     assert (tmp_path / "other" / "my.npz").is_file()
 
 
+def test_a_load_at_the_tool_and_what_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "loaded.npz"
+    asked = ("export", "irb360-6-1600", "--to", "npz", "-o", path, "--payload", "1.5")
+    assert run(*asked, "--without-friction").code == 0
+    bare, exported = load("irb360-6-1600"), np.load(path)
+    more = dict(zip(exported["names"].tolist(), exported["p"] - bare.p, strict=True))
+    assert {name for name, x in more.items() if x > 0} == {"EE.m"}
+    assert more["EE.m"] == pytest.approx(1.5)
+    assert not exported["p"][bare.layout.friction].any()
+    assert "with a load of 1.5 kg, without friction, from irb360" in str(exported["provenance"])
+
+
+def test_files_that_nobody_named_have_names_that_code_may_begin_with(tmp_path: Path) -> None:
+    """Of any robot: the user who gives a folder has not chosen the name of the functions."""
+    for robot, target, name in (
+        ("2 fast Δ", "c", "robot_2_fast.c"),
+        ("Zelle Nr. 3 <A&B>", "fmu-inverse", "Zelle_Nr_3_A_B_inverse.fmu"),
+        ("робот", "st", "robot.st"),
+        ("a robot whose name  is far too long", "st", "a_robot_whose_name_i.st"),
+        ("a robot of long lengt h", "st", "a_robot_of_long_leng.st"),
+    ):
+        assert output_path(target, robot, tmp_path) == tmp_path / name
+    chosen = load_robot("clavel-delta3").changed(name="7 robots of a plant")
+    written = write_export(Model(chosen, prior_parameters(chosen), "mine"), "st", tmp_path)
+    assert written.paths[0].name == "robot_7_robots_of_a.st"
+
+
+@pytest.mark.parametrize("version", ["4", 1])
+def test_only_versions_of_fmi_that_there_are(version: str | int, tmp_path: Path) -> None:
+    with pytest.raises(DeltaidError, match=rf"(?s)version of FMI '{version}'.*there are: 2, 3"):
+        write_export("clavel-delta3", "fmu", tmp_path / "a.fmu", fmi=version)
+    assert not list(tmp_path.iterdir())
+
+
 def test_command_refuses(tmp_path: Path) -> None:
     robot = tmp_path / "robot.npz"
     robot.write_text("name: x\n")
@@ -165,6 +199,8 @@ def test_command_refuses(tmp_path: Path) -> None:
     for (name, target, output), message in cases.items():
         told = refused("export", name, "--to", target, "-o", tmp_path / output, folder=tmp_path)
         assert message in told.replace("\n", " ")
+    told = refused("export", "clavel-delta3", "--to", "c", "-o", "", folder=tmp_path)
+    assert "--output: is an empty name" in told  # of a variable that was never set
     outcome = run("export", "clavel-delta3", "--to", "step", "-o", tmp_path / "a.c")
     assert outcome.code == 2
     assert "step" in outcome.err

@@ -1,4 +1,4 @@
-"""MJCF and URDF in Drake, where it is installed (`pip install drake`): loops hold, same path."""
+"""MJCF and URDF in Drake, where it has a wheel: loops hold, same path."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def same_path(plant: Any, context: Any, chosen: Model) -> None:
     path = integrate(forward, chosen.p, chosen.home[None], start, times, lambda *_: tau[None])
     home, want = forward.drive_coordinates(np.array([chosen.home, path.z[-1].ravel()]))
     assert np.abs(want - home).max() > 0.03
-    assert np.abs(found - want).max() < 2e-3 * np.abs(want - home).max()
+    assert np.abs(found - want).max() < 1e-3 * np.abs(want - home).max()
 
 
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "par4"])

@@ -77,6 +77,11 @@ def accelerations(chosen: Model, folder: Path, tau: np.ndarray, n: int) -> None:
             zd = np.linalg.solve(chosen.dynamics.kinematics.jacobian(z[i : i + 1])[0], qd[i])
             rates = found.get(*(f"der({name})" for name in names("z", dof)))
             assert_close(rates, zd, 1e-11)
+        loaded = chosen.with_load(np.append(1.5, np.zeros(9)))
+        found.set(["payload"], np.array([1.5]))
+        found.set(names("tau", dof), model(loaded, z[-1:], qd[-1:], qdd[-1:]).tau[0])
+        got = found.get(*(f"der(qd{k + 1})" for k in range(dof)))
+        assert_close(got, qdd[-1], 1e-9)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from composed import Make
@@ -266,3 +269,24 @@ def test_tree_is_as_free_as_the_robot() -> None:
             closure[:, k] = out[:rows]
         assert np.linalg.matrix_rank(closure) == rows
         assert simulation.model.nv - rows == subject(name).dynamics.dof
+
+
+@pytest.mark.parametrize("name", ["irb360-6-1600", "h4"])
+def test_pinocchio_has_the_bodies_at_home(name: str, tmp_path: Path) -> None:
+    """Not the loops, which docs/targets.md says."""
+    chosen, path = subject(name), tmp_path / "robot.xml"
+    path.write_text(mjcf(chosen))
+    read = pin.buildModelFromMJCF(str(path))
+    tree = read[0] if isinstance(read, tuple) else read  # with constraints in newer ones
+    data = tree.createData()
+    pin.framesForwardKinematics(tree, data, tree.referenceConfigurations["home"])
+    kinematics = chosen.dynamics.kinematics
+    found = [pose for pose in kinematics.poses(chosen.home) if tree.existFrame(pose.name)]
+    assert "EE" in [pose.name for pose in found]
+    for pose in found:
+        frame = data.oMf[tree.getFrameId(pose.name)]
+        np.testing.assert_allclose(frame.translation, pose.r_WB, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(frame.rotation, pose.R_WB, rtol=0, atol=1e-12)
+    bodies = kinematics.mechanism.bodies
+    mass = sum(body.count * chosen.body(body.name)[0] for body in bodies)
+    assert pin.computeTotalMass(tree) == pytest.approx(mass, rel=1e-12)

@@ -92,3 +92,16 @@ def test_bodies_of_several_joints_stand_in_their_parents_frame(case: str | Make)
     for body in root.iter("body"):
         massless = body.find("inertial") is None
         assert not massless or not body.findall("joint")
+
+
+def test_nothing_level_is_too_bright_to_see() -> None:
+    """From above, where the light beside the eye shines straight down, a white plate is not lost
+    on a white floor: all light on what is level stays below one."""
+    m = Simulation(subject("clavel-delta3")).model
+    light = m.vis.headlight.ambient + m.vis.headlight.diffuse
+    for way, diffuse in zip(m.light_dir, m.light_diffuse, strict=True):
+        light = light + max(-way[2], 0.0) * diffuse
+    assert (light > 0.7).all()
+    plate = m.mat("base").rgba[:3] * light
+    assert (plate < 1.0).all()
+    assert len({tuple(m.mat(name).rgba) for name in ("base", "motor", "arm", "strut")}) == 4

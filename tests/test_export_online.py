@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 from c_library import BAD_INPUT, OK, Library, build
-from command import refused
+from command import refused, run
 from deltaid.errors import DeltaidError
-from deltaid.export.files import write_export
+from deltaid.export.files import Written, write_export
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
 from deltaid.export.structured_text import structured_text
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.layout import Field
 from deltaid.online.online import Online
+from deltaid.online.settings import OnlineSettings
 from exports import needs_compiler
 from st_program import Program
 
@@ -123,8 +124,30 @@ def test_a_prior_has_no_contacts_and_says_so(tmp_path: Path) -> None:
     assert "no contacts" in written.warnings[0]
 
 
-def test_rate_without_the_function(tmp_path: Path) -> None:
-    asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--rate", "500")
-    assert "is the rate of the function online" in refused(*asked, folder=tmp_path)
+def test_settings_without_the_function(tmp_path: Path) -> None:
+    for option in ("--rate", "--payload-max", "--false-alarms"):
+        asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", option, "500")
+        told = refused(*asked, folder=tmp_path)
+        assert f"{option}: is of the function online, which is not asked for" in told
     with pytest.raises(DeltaidError, match="has no further function"):
         write_export(ROBOT, "c", tmp_path / "r.c", functions=["on-line"])
+
+
+def test_what_the_command_says_of_the_cycle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A rate that is the usual one changes nothing; a slow one moves the filter's corner too."""
+    taken: list[OnlineSettings | None] = []
+
+    def take(*_: object, online: OnlineSettings | None, **__: object) -> Written:
+        taken.append(online)
+        return Written((), ())
+
+    monkeypatch.setattr("deltaid.export.files.write_export", take)
+    asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--with", "online")
+    for options in ([], ["--rate", "1000"], ["--rate", "100", "--payload-max", "2"],
+                    ["--false-alarms", "5"]):  # fmt: skip
+        assert run(*asked, *options).code == 0
+    usual = OnlineSettings()
+    slow = OnlineSettings(rate=100.0, corner=20.0, largest_mass=2.0)
+    assert taken == [None, usual, slow, OnlineSettings(false_alarms=5.0)]

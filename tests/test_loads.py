@@ -7,10 +7,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from command import run
 from deltaid.check.identified import identify as judged
 from deltaid.check.verdict import Grade
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, UnknownNameError
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.load_columns import LoadColumns
@@ -240,8 +241,20 @@ def test_a_model_takes_a_load_up() -> None:
     part = model.layout.body("EE")
     np.testing.assert_allclose(loaded.p[part] - model.p[part], model.identified.loads[0].p)  # pyright: ignore[reportOptionalMemberAccess]
     np.testing.assert_allclose(model.with_load(body(), "EE").p[part] - model.p[part], body())
-    with pytest.raises(ValueError, match="no load 'ghost'; it has load"):
+    with pytest.raises(UnknownNameError, match=r"(?s)no load 'ghost'.* there are: load"):
         model.with_load("ghost")
+
+
+def test_an_export_takes_a_load_by_its_name(tmp_path: Path) -> None:
+    path, out = tmp_path / "model.yaml", tmp_path / "held.npz"
+    cycles().model.save(path)
+    asked = ("export", path, "--to", "npz", "-o", out, "--payload")
+    assert run(*asked, "load").code == 0
+    assert (np.load(out)["p"] == load(path).with_load("load").p).all()
+    told = run(*asked, "ghost")
+    assert told.code == 2
+    assert "--payload: 'ghost' is no mass" in told.err
+    assert "give kilograms, as 1.5, or one of load" in told.err
 
 
 def test_a_load_that_nobody_declares_is_told_and_is_no_gear_that_winds_up() -> None:

@@ -18,7 +18,12 @@ OPTIONS = {
         "--starts", "--seed",
     ],
     "forces clavel-delta3 log.csv -o f.csv": ["--strut-spacing", "--socket-force"],
-    "simulate clavel-delta3 log.csv -o s.csv": ["--rate", "--bandwidth", "--encoder", "--delay"],
+    "simulate clavel-delta3 log.csv -o s.csv": [
+        "--rate", "--bandwidth", "--encoder", "--delay", "--payload", "--current-loop",
+    ],
+    "export clavel-delta3 --to c -o r.c --with online": [
+        "--rate", "--payload-max", "--false-alarms", "--payload",
+    ],
     "compare-controllers clavel-delta3 log.csv --plant clavel-delta3": [
         "--rate", "--bandwidth", "--encoder", "--delay",
     ],

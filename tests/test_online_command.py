@@ -120,6 +120,7 @@ def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
     found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
     assert found.touches == ()
     assert found.cycles == 2900
+    assert any("1 gap" in one for one in found.doubts)
 
 
 def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked) -> None:
@@ -127,7 +128,19 @@ def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked
     found = watch(
         made.model, open_replay(made.model, made.table.with_columns(late)), OnlineSettings()
     )
-    assert "torques may lag" in found.doubt
+    assert any("ms early against positions" in one for one in found.doubts)
+
+
+def test_what_is_doubtful_stands_everywhere(folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    files = (folder / "model.yaml", folder / "log.csv", *TOLD, "--lag", 3, "--report", page)
+    outcome = run("online", *files, "--json")
+    (doubt,) = json.loads(outcome.out)["warnings"]
+    assert "3 ms late is put right" in doubt
+    assert doubt in " ".join(outcome.err.split())
+    text = page.read_text(encoding="utf-8")
+    assert "read a warning below" in text
+    assert "3 ms late is put right" in text
 
 
 def test_what_is_refused(folder: Path, tmp_path: Path) -> None:
@@ -140,6 +153,10 @@ def test_what_is_refused(folder: Path, tmp_path: Path) -> None:
     assert "nosuch" in says(model, log, "--gripper", "nosuch")
     assert "--payload-max" in says(model, log, "--payload-max", -1)
     assert "--false-alarms" in says(model, log, "--false-alarms", 0)
+    assert "--grip-time" in says(model, log, "--grip-time", -1)
+    for lag in ("late", "1,2", "estimate"):
+        assert "--lag" in says(model, log, "--lag", lag)
+    assert "50 ms" in says(model, log, "--lag", 90)
     assert ".parquet or .csv" in says(model, log, "-o", tmp_path / "x.txt")
     assert ".html" in says(model, log, "--report", tmp_path / "x.txt")
     assert "missing.csv" in says(model, folder / "missing.csv")

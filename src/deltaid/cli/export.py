@@ -1,11 +1,15 @@
 """`deltaid export`: a model in forms that other programs run."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from deltaid.export.options import FURTHER, FmiVersion, TargetName
+
+if TYPE_CHECKING:
+    from deltaid.model.model import Model
+    from deltaid.online.settings import OnlineSettings
 
 
 def register(app: typer.Typer) -> None:
@@ -37,6 +41,20 @@ def export(
     rate: Annotated[
         float | None, typer.Option(help="Cycles a second of the function online; 1000.")
     ] = None,
+    payload_max: Annotated[
+        float | None, typer.Option(help="Largest mass that the function online looks for, kg.")
+    ] = None,
+    false_alarms: Annotated[
+        float | None, typer.Option(help="False alarms of contact an hour, of the same; 1.")
+    ] = None,
+    payload: Annotated[
+        str | None,
+        typer.Option(
+            help="What the tool holds all the time: a mass in kg, or a load that MODEL was "
+            "identified with, by its name.",
+            metavar="MASS or NAME",
+        ),
+    ] = None,
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
@@ -46,24 +64,17 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, positive, print_warnings, progress
-    from deltaid.errors import DeltaidError
+    from deltaid.cli.output import console, print_warnings, progress
     from deltaid.export.files import write_export
     from deltaid.model.model import load
-    from deltaid.online.settings import OnlineSettings
 
-    positive("--rate", rate, (10.0, 1e5))
+    functions = [name.strip() for name in further.split(",") if name.strip()]
+    online = _online(functions, rate, payload_max, false_alarms)
     found = load(model)
+    if payload is not None:
+        found = _holding(found, payload)
     if without_friction:
         found = found.without_friction()
-    functions = [name.strip() for name in further.split(",") if name.strip()]
-    if rate is not None and "online" not in functions:
-        raise DeltaidError(
-            "is the rate of the function online, which is not asked for",
-            where="--rate",
-            cure="add --with online, or leave it out",
-        )
-    online = OnlineSettings(rate=rate, corner=min(100.0, rate / 5)) if rate else None
     with progress(False) as say:
         written = write_export(
             found,
@@ -78,3 +89,66 @@ def export(
         )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")
+
+
+def _holding(model: "Model", payload: str) -> "Model":
+    """A model with what `--payload` says: a load by its name, or kilograms.
+
+    Raises:
+        DeltaidError: it is neither.
+    """
+    from deltaid.cli.output import positive
+    from deltaid.control.plant import point_mass
+    from deltaid.errors import DeltaidError
+
+    names = [load.name for load in model.identified.loads] if model.identified else []
+    if payload in names:
+        return model.with_load(payload)
+    try:
+        mass = float(payload)
+    except ValueError:
+        what = f"'{payload[:40]}' is no mass, and no load that the model was identified with"
+        cure = f"give kilograms, as 1.5{', or one of ' if names else ''}{', '.join(names)}"
+        raise DeltaidError(what, where="--payload", cure=cure) from None
+    positive("--payload", mass, (1e-6, 1e3))
+    return model.with_load(point_mass(mass))
+
+
+def _online(
+    functions: list[str],
+    rate: float | None,
+    payload_max: float | None,
+    false_alarms: float | None,
+) -> "OnlineSettings | None":
+    """What the function online is made for, where something is said about it.
+
+    Raises:
+        DeltaidError: a number is out of bounds, or is of a function that is not asked for.
+    """
+    from deltaid.cli.output import positive, within
+    from deltaid.errors import DeltaidError
+    from deltaid.online.contact import FALSE_ALARMS
+    from deltaid.online.settings import OnlineSettings
+
+    positive("--rate", rate, (10.0, 1e5))
+    positive("--payload-max", payload_max, (1e-3, 1e4))
+    if false_alarms is not None:
+        within("--false-alarms", false_alarms, FALSE_ALARMS)
+    given = {"--rate": rate, "--payload-max": payload_max, "--false-alarms": false_alarms}
+    said = [option for option, value in given.items() if value is not None]
+    if not said:
+        return None
+    if "online" not in functions:
+        raise DeltaidError(
+            "is of the function online, which is not asked for",
+            where=said[0],
+            cure="add --with online, or leave it out",
+        )
+    usual = OnlineSettings()
+    rate = rate or usual.rate
+    return OnlineSettings(
+        rate=rate,
+        corner=min(usual.corner, rate / 5),
+        largest_mass=payload_max,
+        false_alarms=usual.false_alarms if false_alarms is None else false_alarms,
+    )

@@ -34,6 +34,16 @@ def online(
     payload_max: Annotated[
         float | None, typer.Option(help="Largest mass that is ever held, kg.")
     ] = None,
+    grip_time: Annotated[
+        float, typer.Option(help="From the gripper's signal to the load being held, or left, s.")
+    ] = 0.0,
+    lag: Annotated[
+        str | None,
+        typer.Option(
+            help="How late torques come, ms, one or one a drive; none; the model's if left out.",
+            show_default=False,
+        ),
+    ] = None,
     false_alarms: Annotated[
         float, typer.Option(help="False alarms of contact that are accepted in an hour.")
     ] = _FALSE_ALARMS,
@@ -62,34 +72,52 @@ def online(
     from deltaid.model.model import load
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.rows import open_replay
-    from deltaid.online.settings import OnlineSettings
+    from deltaid.online.settings import LONGEST_GRIP, OnlineSettings
     from deltaid.online.table import over_time
     from deltaid.online.watch import watch
     from deltaid.recording.mapping import load_mapping
 
     positive("--payload-max", payload_max)
+    within("--grip-time", grip_time, (0.0, LONGEST_GRIP))
     within("--false-alarms", false_alarms, FALSE_ALARMS)
     inputs = [Path(model), log, *([columns] if columns else [])]
     require_outputs(inputs, {"--output": output}, report)
     if output is not None:
         require_table(output)
     known = load(model)
+    delay = None if lag is None else _delay(lag, len(known.robot.drives))
     mapping = load_mapping(columns) if columns else None
     with progress(as_json) as say:
         say(f"checking {log}")
-        replay = open_replay(known, log, mapping, gripper)
-        settings = OnlineSettings(largest_mass=payload_max, false_alarms=false_alarms)
+        replay = open_replay(known, log, mapping, gripper, delay)
+        settings = OnlineSettings(
+            largest_mass=payload_max, false_alarms=false_alarms, grip_time=grip_time
+        )
         found = watch(known, replay, settings, say)
         if output is not None:
             save(over_time(found), output)
         if report is not None:
             _report(found, known, report)
-    doubts = [*replay.log.warnings, *([found.doubt] if found.doubt else [])]
-    print_warnings([f"{log}: {text}" for text in doubts])
+    print_warnings([f"{log}: {text}" for text in found.doubts])
     if as_json:
         print_json(_as_dictionary(found, replay))
     else:
         _print(found, [path for path in (output, report) if path is not None])
+
+
+def _delay(text: str, drives: int) -> tuple[float, ...]:
+    """Lags in s from what `--lag` says."""
+    from deltaid.cli.output import lag_of
+    from deltaid.errors import DeltaidError
+
+    found = (0.0,) if text == "none" else lag_of(text)
+    if isinstance(found, str) or len(found) not in (1, drives):
+        raise DeltaidError(
+            f"must be none, or milliseconds, one number or one for each of {drives} drives, not "
+            f"{text!r}",
+            where="--lag",
+        )
+    return found * drives if len(found) == 1 else found
 
 
 def _report(found: "Watched", model: "Model", path: Path) -> None:
@@ -138,7 +166,7 @@ def _as_dictionary(found: "Watched", replay: "Replay") -> dict[str, Any]:
         "friction": [asdict(one) for one in found.friction],
         "false_alarms_an_hour": found.false_alarms,
         "smallest_force": {"best": found.best, "worst": found.worst},
-        "doubt": found.doubt or None,
+        "warnings": list(found.doubts),
     }
 
 

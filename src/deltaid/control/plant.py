@@ -108,12 +108,14 @@ class Plant:
         for drive, own in zip(robot.drives, inertia, strict=True):
             if not np.isfinite(robot.stiffness(drive)):
                 cure = "give gear_stiffness in the plant's description, N m/rad or N/m"
-                raise DescriptionError(f"{drive} has no stiff gear", where=where, cure=cure)
+                what = f"nothing says how stiff the gear of {drive} is"
+                raise DescriptionError(what, where=where, cure=cure)
             if not own > 0:
                 cure = (
                     "give rotor_inertia, kg m² or kg at the joint: an elastic gear needs two sides"
                 )
-                raise DescriptionError(f"{drive} has no motor inertia", where=where, cure=cure)
+                what = f"nothing says what inertia the motor of {drive} has"
+                raise DescriptionError(what, where=where, cure=cure)
 
     def held(self, time: float) -> tuple[Held, ...]:
         """What it holds at a time [s]."""

@@ -41,11 +41,13 @@ class CCode:
 
 DEFAULT = OnlineSettings()
 
-# Headers of C99 and of an FMU, which a compiler told to look into the folder would not find.
+# Headers of C, of what these take in, and of an FMU, which a compiler told to look into the folder
+# would not find.
 _OTHER_HEADERS = (
     "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
     "locale", "math", "setjmp", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
-    "stdlib", "string", "tgmath", "time", "wchar", "wctype", "fmi2",
+    "stdlib", "string", "tgmath", "time", "wchar", "wctype", "stdalign", "stdatomic", "threads",
+    "uchar", "features", "alloca", "endian", "windows", "fmi2", "fmi3",
 )  # fmt: skip
 
 

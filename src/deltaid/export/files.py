@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from deltaid.errors import DeltaidError, unknown
 from deltaid.export.arrays import npz_file
@@ -93,12 +93,14 @@ class Target:
         build: its content for a subject, the name of the file without its end, and choices.
         kind: which choices there are: precision and functions of code, the version of a unit.
         addition: what follows the robot's name in a file's name that was not given.
+        longest: letters of the robot's name there, at most.
     """
 
     suffixes: tuple[str, ...]
     build: Callable[[Model, str, Choices], Export]
     kind: Kind = "model"
     addition: str = ""
+    longest: int = 30
 
     def require(self, name: str, choices: Choices) -> None:
         """Refuse choices that this target does not have.
@@ -155,7 +157,7 @@ def _urdf(subject: Model, stem: str, choices: Choices) -> Export:
 
 TARGETS: Mapping[TargetName, Target] = {
     "c": Target((".c", ".h"), _c, "code"),
-    "st": Target((".st", ".plcopen.xml"), _st, "code"),
+    "st": Target((".st", ".plcopen.xml"), _st, "code", longest=20),
     "fmu": Target((".fmu",), partial(_unit, forward=True), "unit"),
     "fmu-inverse": Target((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
     "casadi": Target((".casadi",), _casadi),
@@ -173,13 +175,15 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
     """The file to write, where a folder may be given: one that is there, or a name with a slash.
 
     Raises:
-        DeltaidError: the file's name has another end than the target's.
+        DeltaidError: there is no name, or it has another end than the target's.
     """
+    if not str(output).strip():
+        cure = "give a file, or a folder with a slash at its end; ./ is this one"
+        raise DeltaidError("is an empty name", where="--output", cure=cure)
     suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
     folder, output = str(output).endswith(("/", os.sep)), Path(output)
     if folder or output.is_dir():
-        name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
-        return output / f"{name}{addition}{suffix}"
+        return output / f"{_named_after(robot, TARGETS[target].longest)}{addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(
             f"must end in {suffix} for --to {target}, or be a folder",
@@ -187,6 +191,13 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
             cure=f"a folder that is not there yet ends in a slash: {output}/",
         )
     return output
+
+
+def _named_after(robot: str, longest: int) -> str:
+    """A name that code may begin with: letters, digits and single _, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
+    name = name if name[0].isalpha() else f"robot_{name}"
+    return name[:longest].rstrip("_")
 
 
 def write_export(
@@ -198,7 +209,7 @@ def write_export(
     single: bool = False,
     functions: Sequence[str] = (),
     online: OnlineSettings | None = None,
-    fmi: FmiVersion = "2",
+    fmi: str | int = "2",
     progress: Watch = None,
 ) -> Written:
     """Write a model in some target's form, all files or none.
@@ -210,7 +221,7 @@ def write_export(
         inputs: files that must not be overwritten.
         single: code in single precision (float, REAL).
         functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
-            `online`.
+            `online`; a list, or words with commas between them.
         online: what the function of that name is made for; 1000 cycles a second if None.
         fmi: version of the standard, of a unit.
         progress: a function that is told what is being done; True and False show it or not.
@@ -222,7 +233,12 @@ def write_export(
     if target not in TARGETS:
         raise unknown(target, TARGETS, "target", "write_export")
     form = TARGETS[target]
-    choices = Choices(single, tuple(functions), online or OnlineSettings(), fmi)
+    versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
+    if str(fmi) not in versions:
+        raise unknown(fmi, versions, "version of FMI", "write_export")
+    names = functions.split(",") if isinstance(functions, str) else functions
+    further = tuple(name.strip() for name in names if name.strip())
+    choices = Choices(single, further, online or OnlineSettings(), versions[str(fmi)])
     form.require(target, choices)
     subject = load(model)
     require_physical(subject)

@@ -13,7 +13,7 @@ of a speed v in friction is tanh(v / friction_speed), for integrators that take 
 import io
 import uuid
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -22,7 +22,12 @@ from deltaid.export.c_code import ParameterTable, accelerations, c_code, paramet
 from deltaid.export.fill import rendered
 from deltaid.export.fmu_binaries import Compiler, binaries, found_compiler
 from deltaid.export.fmu_description import Described, build_description, model_description
-from deltaid.export.fmu_variables import Variables, forward_variables, inverse_variables
+from deltaid.export.fmu_variables import (
+    Variables,
+    carrier,
+    forward_variables,
+    inverse_variables,
+)
 from deltaid.export.options import FmiVersion
 from deltaid.export.straight_line import Array, number, straight_line
 from deltaid.export.text import c_comment
@@ -93,6 +98,7 @@ def _sources(
         "n_states": variables.states,
         "n_reals": len(variables.all),
         "places": variables.places,
+        "held": "r + PAYLOAD, " if "PAYLOAD" in variables.places else "",
         "start": [number(v.start or 0.0) for v in variables.all],
         "settable": [int(v.settable) for v in variables.all],
         "table": table.rows,
@@ -111,13 +117,24 @@ def _sources(
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
     """ż, accelerations, and the parts of a time step, as C text."""
     e, speed = subject.dynamics.equations, Array("speed", ca.SX.sym("speed"))
+    table, payload = _carrying(subject, table)
     z, qd = Array("z", e.z), Array("qd", e.qd)
     rates = straight_line("rates", [z, qd], ("zd", e.T @ e.qd), linkage="static ")
-    smooth = accelerations(subject, table, speed, sign="tanh({a} / speed[0])")
-    return {"rates": rates, "accelerations": smooth, **_of_a_step(subject, table)}
+    smooth = accelerations(subject, table, speed, *payload, sign="tanh({a} / speed[0])")
+    return {"rates": rates, "accelerations": smooth, **_of_a_step(subject, table, payload)}
 
 
-def _of_a_step(subject: Model, table: ParameterTable) -> dict[str, str]:
+def _carrying(subject: Model, table: ParameterTable) -> tuple[ParameterTable, tuple[Array, ...]]:
+    """The table with a mass that EE or P holds at its origin, and the mass; none without them."""
+    name = carrier(subject)
+    if not name:
+        return table, ()
+    p, payload = ca.SX(table.p), ca.SX.sym("payload")
+    p[subject.layout.body(name).start] += payload
+    return replace(table, p=p), (Array("payload", payload),)
+
+
+def _of_a_step(subject: Model, table: ParameterTable, payload: tuple[Array, ...]) -> dict[str, str]:
     """The functions that `ForwardDynamics.step` is made of."""
     forward = subject.forward
     (*state, p, h), changes = forward.velocity_change()
@@ -128,7 +145,7 @@ def _of_a_step(subject: Model, table: ParameterTable) -> dict[str, str]:
     return {
         "change": straight_line(
             "velocity_change",
-            [*arrays, Array("h", h), table.array],
+            [*arrays, *payload, Array("h", h), table.array],
             ("change", change),
             linkage="static ",
         ),

@@ -99,7 +99,7 @@ class Compiler:
             work = Path(folder)
             files = dict(sources)
             if self.is_zig and system.suffix == ".dll":
-                files["start.c"] = _START_ON_WINDOWS
+                files["windows-start.c"] = _START_ON_WINDOWS
             for path, text in files.items():
                 (work / path).write_text(text, encoding="utf-8")
             files = [path for path in files if path.endswith(".c")]
@@ -215,7 +215,10 @@ def _missing(missing: Sequence[System], made: Sequence[System], why: str) -> str
         seen = (
             f"the unit runs as it is on {_names(made)}, and from its sources on {_names(missing)}"
         )
-    cure = "let the importing tool compile them, as FMPy does, or export again with Zig's compiler"
+    cure = (
+        "let the importing tool compile them, as `fmpy compile` does, or export again with Zig's "
+        "compiler"
+    )
     return Doubt(seen, cause=why, cure=f"{cure} (pip install ziglang)")
 
 

@@ -80,8 +80,13 @@ class _List:
         return range(self.places[place], len(self.all))
 
 
+def carrier(subject: Model) -> str:
+    """The body that holds a payload; empty where a mechanism of one's own has neither EE nor P."""
+    return next((name for name in ("EE", "P") if name in subject.layout.bodies), "")
+
+
 def forward_variables(subject: Model) -> Variables:
-    """The robot: torques in, motion out; z and then q̇ are the states."""
+    """The robot: torques and payload in, motion out; z and then q̇ are the states."""
     found, home = _List(subject), subject.home
     found.add("SPEED", [Variable(
         "friction_speed", "parameter", "",
@@ -92,6 +97,9 @@ def forward_variables(subject: Model) -> Variables:
         Variable(f"tau{i}", "input", force, f"torque or force of drive {i} at the joint", 0.0)
         for i, (_, force) in enumerate(found.drives, 1)
     ])  # fmt: skip
+    if carrier(subject):
+        held = "mass that the tool holds; it comes and goes with the platform's velocity"
+        found.add("PAYLOAD", [Variable("payload", "input", "kg", held, 0.0)])
     z = found.add("Z", [
         Variable(name, "output", unit, _TASK[name], float(start))
         for (name, unit), start in zip(found.task, home, strict=True)

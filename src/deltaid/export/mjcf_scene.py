@@ -46,7 +46,7 @@ def assets(root: ET.Element, seen: Extent) -> None:
     ET.SubElement(root, "statistic", center=numbers(centre), extent=numbers([0.5 * size]))
     visual = ET.SubElement(root, "visual")
     ET.SubElement(
-        visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.35 0.35 0.35", specular="0 0 0"
+        visual, "headlight", ambient="0.3 0.3 0.3", diffuse="0.2 0.2 0.2", specular="0 0 0"
     )
     ET.SubElement(visual, "map", shadowclip="2")
     ET.SubElement(visual, "quality", shadowsize="4096", offsamples="8")
@@ -56,7 +56,7 @@ def assets(root: ET.Element, seen: Extent) -> None:
     ET.SubElement(asset, "texture", type="skybox", builtin="gradient", rgb1="0.93 0.95 0.97",
                   rgb2="0.62 0.68 0.75", width="256", height="1536")  # fmt: skip
     ET.SubElement(asset, "texture", name="floor", type="2d", builtin="checker", mark="edge",
-                  rgb1="0.93 0.94 0.95", rgb2="0.88 0.89 0.91", markrgb="0.80 0.82 0.85",
+                  rgb1="0.82 0.83 0.85", rgb2="0.76 0.78 0.80", markrgb="0.68 0.70 0.73",
                   width="512", height="512")  # fmt: skip
     ET.SubElement(asset, "material", name="floor", texture="floor", texuniform="true",
                   texrepeat="3 3", reflectance="0")  # fmt: skip
@@ -70,8 +70,8 @@ def scene(world: ET.Element, seen: Extent) -> None:
     """Two lights, a floor below the workspace, and cameras from the front, the side and above."""
     low, high = seen.low, seen.high
     centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
-    _light(world, centre + size * np.array([0.6, -0.8, 1.3]), centre, "0.55 0.55 0.55", "true")
-    _light(world, centre + size * np.array([-1.0, 0.6, 0.5]), centre, "0.25 0.26 0.28", "false")
+    _light(world, centre + size * np.array([0.6, -0.8, 1.3]), centre, "0.5 0.5 0.5", "true")
+    _light(world, centre + size * np.array([-1.0, 0.6, 0.5]), centre, "0.2 0.2 0.22", "false")
     floor = [centre[0], centre[1], low[2]]
     ET.SubElement(world, "geom", name="floor", type="plane", pos=numbers(floor), material="floor",
                   size=numbers([3 * size, 3 * size, 0.05]))  # fmt: skip

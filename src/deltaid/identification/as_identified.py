@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.identification.left_out import spans_left_out
 from deltaid.identification.windings import motors_of
@@ -37,6 +38,18 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
     return replace(recording, repairs=replace(repairs, gears=_gears(model, recording)))
 
 
+def delays_of(model: Model, log: Log | None = None) -> Float[np.ndarray, " drives"]:
+    """By how much the torques of each drive come late [s].
+
+    Args:
+        log: those of this very recording, if the model comes from it; else their mean.
+    """
+    none = (0.0,) * len(model.robot.drives)
+    known = model.identified.sources if model.identified else ()
+    own = known if log is None else _sources(model, log)
+    return np.mean([one.delay or none for one in own] or [none], axis=0)
+
+
 def _sources(model: Model, log: Log) -> tuple[Source, ...]:
     """The very recording if the model comes from it, else all that it comes from."""
     sources = model.identified.sources if model.identified else ()
@@ -44,14 +57,9 @@ def _sources(model: Model, log: Log) -> tuple[Source, ...]:
 
 
 def _repairs(model: Model, log: Log) -> Repairs:
-    """What was found wrong with the model's drives, and is with any recording of them.
-
-    Lags are those of the very recording, if the model comes from it, else their mean.
-    """
-    gains, own = model.gains, _sources(model, log)
-    delays = [one.delay or (0.0,) * len(gains) for one in own]
-    delay = tuple(np.mean(delays, axis=0).tolist()) if delays else ()
-    same = [one for one in own if one.sha256 == log.sha256]
+    """What was found wrong with the model's drives, and is with any recording of them."""
+    gains, delay = model.gains, tuple(delays_of(model, log).tolist())
+    same = [one for one in _sources(model, log) if one.sha256 == log.sha256]
     return Repairs(
         gain=tuple(gains.tolist()) if np.any(gains != 1.0) else (),
         delay=delay if any(delay) else (),

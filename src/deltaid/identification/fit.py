@@ -13,41 +13,24 @@ from deltaid.errors import IdentificationError
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.balance import balanced
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
-from deltaid.identification.conic import Conic
 from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
-from deltaid.identification.log_cholesky import LogCholesky
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.objective import Objective, data_term, default_gamma, noise_level
+from deltaid.identification.objective import Objective, noise_level
+from deltaid.identification.posing import SOLVERS, minimise, pose
 from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import (
-    AffineInvariant,
-    Euclidean,
-    LogDet,
-    Metric,
-    Spectral,
-)
 from deltaid.identification.scatter import Groups
 from deltaid.identification.signs import CURE, against_motion, told
-from deltaid.identification.solver import Solution, Solver
+from deltaid.identification.solver import Solution
 from deltaid.identification.widening import Evidence, evidence, told_priors
 from deltaid.model.corrections import Correction
-from deltaid.model.options import Method, RegularizerName
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.sensors.weighings import weighings
 
 Progress = Callable[[str], None]
-
-# What the names that users write stand for.
-SOLVERS: dict[Method, Solver] = {"conic": Conic(), "log-cholesky": LogCholesky()}
-METRICS: dict[RegularizerName, Metric] = {
-    "euclidean": Euclidean(),
-    "entropic": Spectral(LogDet()),
-    "riemannian": Spectral(AffineInvariant()),
-}
 
 # How often load-dependent friction is fitted again at most, and when its shares have settled: where
 # loads change their sign from one round to the next, they do so to some hundred-thousandths.
@@ -293,26 +276,3 @@ def _explained(
         return error
     what = f"no consistent robot moves like this: {told(found, dynamics.robot)}"
     return IdentificationError(what, cure=CURE)
-
-
-def pose(information: Information, reduction: Reduction, settings: Settings) -> Objective:
-    """Objective (15) for some information, with γ given or by maximum a posteriori."""
-    return Objective(
-        reduction,
-        data_term(information, reduction),
-        METRICS[settings.regularizer].regularizer(reduction),
-        settings.gamma or default_gamma(information, settings.prior_spread),
-    )
-
-
-def minimise(objective: Objective, solver: Solver) -> Solution:
-    """Minimise J by a solver; one that does not certify borrows the bound of one that does.
-
-    Raises:
-        IdentificationError: a solver did not reach its end.
-    """
-    solution = solver.solve(objective)
-    if solver.certifies or not objective.convex:
-        return solution
-    bound = Conic().solve(objective).bound
-    return Solution(solution.x, solution.objective, bound, solution.iterations, solution.status)

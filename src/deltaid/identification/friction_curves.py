@@ -19,11 +19,12 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.additions import Addition, Values
-from deltaid.identification.fit import METRICS, FittedProblem
+from deltaid.identification.fit import FittedProblem
 from deltaid.identification.free_body import free_coefficients
 from deltaid.identification.friction_rows import entry_speeds
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.identification.objective import data_term
+from deltaid.identification.posing import METRICS
 from deltaid.identification.reduction import build_reduction
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve

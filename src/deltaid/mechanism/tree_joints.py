@@ -85,7 +85,7 @@ def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str,
         raise DeltaidError(
             "has a mechanism of its own, of which only poses are known and no joints",
             where=robot.name,
-            cure="choose a target without bodies and joints: c, fmu, casadi or npz; poses are "
+            cure="choose a target without bodies and joints: c, st, fmu, casadi or npz; poses are "
             "those of Kinematics.poses",
         )
     found = _of_platform(robot.platform, mechanism.z)

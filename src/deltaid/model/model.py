@@ -52,6 +52,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         p: parameters in the order of the layout.
         source: name of the file or catalogue robot that they come from.
         identified: the identification behind them, with its intervals; None for a prior.
+        altered: what was done to the parameters since, in words.
 
     Raises:
         DescriptionError: the parameters are not those of the robot, or a body of them cannot exist.
@@ -61,6 +62,7 @@ class Model(Shown, Plotted, Tabled, Reported):
     p: Parameters
     source: str = ""
     identified: IdentifiedModel | None = None
+    altered: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         where = self.source or self.robot.name
@@ -158,33 +160,35 @@ class Model(Shown, Plotted, Tabled, Reported):
             body: what carries it; of a named one it is known, else EE, or P where there is no EE.
 
         Raises:
-            ValueError: the model has no load of that name.
+            UnknownNameError: the model was identified with no load of that name.
             DescriptionError: the robot has no such body, or a body with the load cannot exist.
         """
         if isinstance(load, str):
             known = {one.name: one for one in self.identified.loads} if self.identified else {}
             if load not in known:
-                has = ", ".join(known) or "none"
-                raise ValueError(f"the model has no load '{load}'; it has {has}")
+                raise unknown(load, known or ("none",), "load", self.source or self.robot.name)
             body, ten = known[load].body, known[load].p
         else:
             ten = load
-        body = body or ("EE" if "EE" in self.layout.bodies else "P")
-        if body not in self.layout.bodies:
+        carrier = body or ("EE" if "EE" in self.layout.bodies else "P")
+        if carrier not in self.layout.bodies:
             raise DescriptionError(
-                f"has no body {body}",
+                f"has no body {body}" if body else "has no body EE or P that would carry a load",
                 where=self.source or self.robot.name,
-                cure=f"name one of {', '.join(self.layout.bodies)}",
+                cure=f"name what does, in Python: one of {', '.join(self.layout.bodies)}",
             )
         p = self.p.copy()
-        p[self.layout.body(body)] += ten
-        return replace(self, p=p)
+        p[self.layout.body(carrier)] += ten
+        return self._altered(p, f"with a load of {ten[0]:.6g} kg")
 
     def without_friction(self) -> "Model":
         """The same robot with all friction coefficients zero."""
         p = self.p.copy()
         p[self.layout.friction] = 0.0
-        return replace(self, p=p)
+        return self._altered(p, "without friction")
+
+    def _altered(self, p: Parameters, how: str) -> "Model":
+        return replace(self, p=p, altered=(*self.altered, how))
 
     def sample(
         self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
@@ -225,7 +229,8 @@ class Model(Shown, Plotted, Tabled, Reported):
     def provenance(self) -> str:
         """One line for the head of a file."""
         title = _printable(self.robot.title) or self.name
-        return f"{title}, from {_printable(self.source)} by deltaid {version('deltaid')}"
+        named = ", ".join((title, *self.altered))
+        return f"{named}, from {_printable(self.source)} by deltaid {version('deltaid')}"
 
 
 @runtime_checkable

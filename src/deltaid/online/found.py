@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.errors import Doubt
 from deltaid.robot.description import RobotDescription
 
 
@@ -122,10 +123,6 @@ class Series:
     worst: Float[np.ndarray, " rows"]
 
 
-# Contacts below this many thresholds are slight, and so many of them, and half of all, are strange.
-_SLIGHT, _STRANGE = 2.0, 5
-
-
 @dataclass(frozen=True, eq=False)
 class Watched:
     """A recording that was run through, cycle by cycle.
@@ -143,6 +140,7 @@ class Watched:
             over all cycles, along the best and along the worst direction; None without any cycle.
         seconds: processor time of a cycle, as run here [s].
         series: over time.
+        doubts: what speaks against it, one cause each.
     """
 
     robot: RobotDescription
@@ -159,15 +157,4 @@ class Watched:
     worst: float
     seconds: float
     series: Series
-
-    @property
-    def doubt(self) -> str:
-        """Why contacts may be none, in words; empty where nothing speaks for it."""
-        slight = sum(one.size < _SLIGHT for one in self.touches)
-        if slight < max(_STRANGE, 0.5 * len(self.touches)):
-            return ""
-        return (
-            f"{slight} of {len(self.touches)} contacts are hardly beyond the threshold, which "
-            "pushes are not as a rule: torques may lag, or the model be of another robot or state; "
-            "see what `deltaid validate` and `deltaid check` say of this recording"
-        )
+    doubts: tuple[Doubt, ...]

@@ -24,8 +24,9 @@ from deltaid.posterior.density import density
 _DIRECTIONS, _SMALLEST = 3, 0.1
 # Torque noise and unmodelled torque where nothing is known of them, as shares of a drive's largest.
 _NOISE, _UNMODELLED = 0.02, 0.01
-# Torques that a model has not: as shares of what the fit left, and of friction near rest.
-_OF_FIT, _OF_FRICTION = 3.0, 0.08
+# Torques that a model has not, as a share of what the fit left; and of slow drives also as a share
+# of their dry friction, slow as a share of their largest speed.
+_OF_FIT, _OF_FRICTION, _SLOW = 1.0, 0.25, 0.05
 # Friction that is followed.
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Typical motion: seconds and samples.
@@ -45,7 +46,9 @@ class Knowledge:
         followed: places in p of the friction that is followed.
         friction_std: of each.
         noise: of one cycle's torque, drive by drive.
-        unmodelled: torques that the model has not, drive by drive.
+        unmodelled: torques that the model has not, drive by drive, and
+        unmodelled_slow: further ones of drives that are slow, that is near or below
+        slow_speed [rad/s or m/s].
         largest: torque along a typical motion, drive by drive.
     """
 
@@ -57,6 +60,8 @@ class Knowledge:
     friction_std: tuple[float, ...]
     noise: Float[np.ndarray, " drives"]
     unmodelled: Float[np.ndarray, " drives"]
+    unmodelled_slow: Float[np.ndarray, " drives"]
+    slow_speed: Float[np.ndarray, " drives"]
     largest: Float[np.ndarray, " drives"]
 
 
@@ -85,12 +90,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
         settings.unmodelled,
         "unmodelled",
         model,
-        np.hypot(
-            largest * _UNMODELLED
-            if found is None
-            else _OF_FIT * np.array(found.fit.rms) * model.gains,
-            _OF_FRICTION * _dry(model),
-        ),
+        largest * _UNMODELLED if found is None else _OF_FIT * np.array(found.fit.rms) * model.gains,
     )
     root = _root(model)
     followed = tuple(
@@ -116,6 +116,8 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
         friction_std=tuple(std.tolist()),
         noise=noise,
         unmodelled=unmodelled if settings.unmodelled else np.hypot(unmodelled, left_out),
+        unmodelled_slow=np.maximum(_OF_FRICTION * _dry(model), 1e-9),
+        slow_speed=_SLOW * np.abs(qd).max(axis=0),
         largest=largest,
     )
 

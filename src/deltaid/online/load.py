@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.online.changes import Onsets, Rules, after, change, waits
+from deltaid.online.filtered import Lowpass
 from deltaid.online.graph import Given, Kept, Part, chosen
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import Knowledge
@@ -31,9 +32,11 @@ Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 # How fast [s] the size of torques that the model has not is learnt, within which bounds, and the
 # most by which one cycle counts.
-_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.85, 20.0), 10.0
+_LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
+# A change must be likely for so long, in time constants of the filter.
+_CONFIRMED = 1.0
 # Torques whose direction no speed tells stay for so long [s].
 _AT_REST = 0.02
 
@@ -83,9 +86,11 @@ def estimates(
         bounds: of the followed friction, in deviations.
     """
     period, n_load = settings.period, len(known.entries.shown)
-    level = ca.SX.sym("level", s.qd.numel())
-    rows = ca.horzcat(s.smooth_columns, ca.diag(ca.SX(known.unmodelled) * level))
-    kinds = _kinds(known, s.qd.numel())
+    moving, slow = ca.SX.sym("moving", s.qd.numel()), ca.SX.sym("slow", s.qd.numel())
+    parts = known.unmodelled * moving, known.unmodelled_slow * slow * s.slow
+    lacking = parts[0] + parts[1]
+    rows = ca.horzcat(s.smooth_columns, ca.diag(lacking))
+    kinds = _kinds(known, s)
     stays = np.exp(-period / np.array(_memory(settings))[kinds])
     n, held = rows.shape[1], ca.SX.sym("held")
     x, packed = ca.SX.sym("x", n), ca.SX.sym("P", ca.Sparsity.lower(n).nnz())
@@ -94,21 +99,23 @@ def estimates(
     before = Estimate(x, P).forgotten(ca.SX(stays), prior, ca.SX((kinds == 3).astype(float)))
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
-    gripper = s.u["gripper"]
+    gripper = s.gripper
     weight = s.live * (1 - touched) * (1 - waits(held, gripper))
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
     of_load = before.x[:n_load] / ca.fmax(before.x[0], _LEAST_SHARE)
-    shown = rows[:, :n_load] @ chosen(ca.logic_and(held, before.x[0] > _LEAST_SHARE), of_load, unit)
-    behind, onsets = before, Onsets.named(n, period)
+    shape = chosen(ca.logic_and(held, before.x[0] > _LEAST_SHARE), of_load, unit)
+    once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
+    lowpass = Lowpass.lines(settings.corner, period)
+    behind, onsets = before, Onsets.named(n, s.qd.numel(), lowpass, period)
     for i in range(s.qd.numel()):
         behind, told = behind.measured(rows[i, :], s.smooth_residual[i], variances[i], weight)
-        onsets = onsets.told(shown[i], told)
+        onsets = onsets.told(i, twice, told)
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
     rules = Rules(
         known.least_mass / known.load_scales[0],
         settings.alarm,
-        2 / settings.corner,
+        _CONFIRMED / settings.corner,
         settings.grip_time,
         period,
     )
@@ -116,7 +123,7 @@ def estimates(
     of_drives = slice(n - s.qd.numel(), n)
     size = behind.x[of_drives] ** 2 + ca.diag(behind.P)[of_drives] - 1
     calm = weight * (ca.fabs(seen.score) < 0.5 * settings.alarm)
-    grown = level * (1 + period / _LEVEL * calm * ca.fmin(size, _LARGEST_STEP))
+    step = period / _LEVEL * calm * ca.fmin(size, _LARGEST_STEP)
     behind = after(_bounded(behind, s.at_friction, bounds, calm), seen, found, n_load)
     at = slice(0, n_load)
     load = known.entries.consistent(
@@ -133,10 +140,10 @@ def estimates(
             packed,
             ca.tril(ca.densify(behind.P)).nz[:],
         ),
-        Kept(Field("level", level.numel(), "how much more than thought the model lacks, drive by "
-                   "drive", initial=1.0), level, ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])),
+        *(_level(name, level, step * (part / lacking) ** 2)
+          for name, level, part in zip(("moving", "slow"), (moving, slow), parts, strict=True)),
         *found.kept,
-        *onsets.kept(found.changed),
+        *onsets.kept(found.changed, once, twice),
     )  # fmt: skip
     names = ", ".join(known.entries.names)
     given = (
@@ -154,9 +161,17 @@ def estimates(
     )
     return Estimates(
         rows, innovations, variances, before, behind, found.held, found.changed, found.told, load,
-        ca.SX(known.unmodelled) * level,
+        lacking,
         Part(kept, given),
     )  # fmt: skip
+
+
+def _level(name: str, level: ca.SX, step: ca.SX) -> Kept:
+    """The size of what a model lacks, in units of what was thought, which grows by a share."""
+    doc = f"how much more than thought the model lacks of {name} drives"
+    grown = level * (1 + step)
+    bounded = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])
+    return Kept(Field(f"{name}_level", level.numel(), doc, initial=1.0), level, bounded)
 
 
 def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.SX:
@@ -168,10 +183,11 @@ def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.
     return ca.if_else(open_, ca.fmin(1.0, alarm / ca.sqrt(known + 1e-12)), 0.0)
 
 
-def _kinds(known: Knowledge, dof: int) -> np.ndarray:
+def _kinds(known: Knowledge, s: Signals) -> np.ndarray:
     """For each state: 0 load, 1 model, 2 friction, 3 unmodelled."""
-    sizes = len(known.entries.shown), known.directions.shape[1], len(known.followed), dof
-    return np.repeat(np.arange(4), sizes)
+    parts = (s.at_load, 0), (s.at_directions, 1), (s.at_friction, 2), (s.at_lacked, 1)
+    sizes = [part.stop - part.start for part, _ in parts]
+    return np.repeat([*(kind for _, kind in parts), 3], [*sizes, s.qd.numel()])
 
 
 def _memory(settings: OnlineSettings) -> tuple[float, ...]:

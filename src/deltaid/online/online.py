@@ -1,6 +1,6 @@
 """A robot that runs: its payload and friction, cycle by cycle or from a recording."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -75,7 +75,7 @@ class Online(Named):
         model: anything that stands for a robot with its parameters; best an identified model, whose
             intervals then are in those of the load.
         settings: what else is known of the robot; or `rate` alone.
-        rate: cycles a second [Hz], in place of that of the settings.
+        rate: cycles a second [Hz], in place of that of the settings (`OnlineSettings.at`).
         more: further parts of the cycle.
 
     Raises:
@@ -93,7 +93,7 @@ class Online(Named):
         self.model: Model = load(model)
         self.settings = settings or OnlineSettings()
         if rate is not None:
-            self.settings = replace(self.settings, rate=rate)
+            self.settings = self.settings.at(rate)
         self.known: Knowledge = knowledge(self.model, self.settings)
         self.graph: StepGraph = step_graph(self.model, self.settings, more, self.known)
         self.reset()

@@ -1,29 +1,39 @@
 """The rows of a recording as a controller would have had them, cycle by cycle.
 
 Where velocities are recorded they are taken; where not, the cycle differences positions itself.
-Torques are as recorded but for lags that the model's drives are known to have.
+Torques are as recorded: lags that the model's drives are known to have, the cycle puts right.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from deltaid.errors import RecordingError
-from deltaid.identification.as_identified import model_filtered
+from deltaid.check.words import percent
+from deltaid.errors import Doubt, RecordingError
+from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.speeds import Speeds, speeds_of
+from deltaid.online.wired import judged_wiring
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.masks.masks import Mask, Reason, kept
+from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
-from deltaid.recording.repairs import Repairs
 
 NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 # Cycles a second that an observer can be run at.
 _LEAST_RATE = 100.0
+# Brakes hold for so long [s] at least: a robot that rests for a moment may need hardly any torque.
+_BRAKED, _BRAKES = 0.5, ("on brakes", "emergency stop")
+# A recording must be so long [s], and no more of its rows may repeat the one before.
+_LEAST_TIME, _MOST_STALE = 0.5, 0.2
 # Rows of a block, so that all that cycles give of it has room.
 _BLOCK = 20_000
 
@@ -34,7 +44,7 @@ class Rows:
 
     Attributes:
         begins: whether the first one follows a hole, or nothing.
-        time: when each is known [s].
+        time: of each [s].
         q: of the joints.
         qd: the same; None where it is not recorded.
         tau: as the drives report it.
@@ -54,12 +64,20 @@ class Replay:
     """A recording that can be run through.
 
     Attributes:
-        log: as surveyed.
-        repairs: of the model's drives.
+        log: as surveyed; without velocities where positions are differenced.
+        delay: by how much torques of each drive come late [s].
+        speeds: what is known of its velocities.
+        masks: what is no motion under power of the drives, or is not what happened.
+        ends: the number at which each drive's torque channel ends; infinite if it does not.
+        doubts: what is doubtful about it, the log's own warnings first.
     """
 
     log: Log
-    repairs: Repairs
+    delay: tuple[float, ...]
+    speeds: Speeds
+    masks: tuple[Mask, ...]
+    ends: tuple[float, ...]
+    doubts: tuple[Doubt, ...]
 
     @property
     def rate(self) -> float:
@@ -68,44 +86,79 @@ class Replay:
 
     @property
     def has_velocity(self) -> bool:
-        """Whether velocities are recorded."""
-        return bool(self.log.columns.velocity)
-
-    @property
-    def speed_noise(self) -> tuple[float, ...] | None:
-        """Standard deviation of each drive's speed, where it is made of positions; else None."""
-        if self.has_velocity:
-            return None
-        return tuple((self.log.position_noise * self.rate * np.sqrt(2.0)).tolist())
+        """Whether recorded velocities are taken."""
+        return not self.speeds.differenced
 
     @property
     def is_told(self) -> bool:
         """Whether a gripper's signal says when something is held."""
         return bool(self.log.columns.loads)
 
+    def settings(self, given: OnlineSettings) -> OnlineSettings:
+        """Settings with what the recording decides: rate, speeds, and lags where these are open."""
+        return replace(
+            given.at(self.rate),
+            speed="measured" if self.has_velocity else "differenced",
+            speed_noise=self.speeds.noise,
+            delay=self.delay if given.delay is None else given.delay,
+            torque_ends=self.ends,
+        )
+
     def rows(self) -> Iterator[Rows]:
         """All cycles, in blocks; after a hole the first block begins anew."""
         for segment in self.log.segments(None):
             begins = True
-            for block in self.repairs.of(segment, self.log.columns, self.rate):
+            for block in segment:
                 for start in range(0, len(block), _BLOCK):
                     yield self._of(block[start : start + _BLOCK], begins)
                     begins = False
 
+    @cached_property
+    def powerless(self) -> tuple[Mask, ...]:
+        """Rows whose torques are not those that moved the robot: stale ones, and those on brakes
+        with the stop before."""
+        braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
+        ahead = {mask.first - 1 for mask in braked}
+        others = [
+            m
+            for m in self.masks
+            if m.reason == "stale rows" or (m.reason == "emergency stop" and m.last in ahead)
+        ]
+        return tuple(sorted((*braked, *others), key=lambda mask: mask.first))
+
+    def share(self, *reasons: Reason) -> float:
+        """Of the rows that are masked for some reasons."""
+        masks = [
+            mask
+            for mask in self.masks
+            if mask.reason in reasons and (mask.reason not in _BRAKES or mask in self.powerless)
+        ]
+        return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
+
     def _of(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Rows:
         c, dof = self.log.columns, len(self.log.columns.torque)
-        told = values[:, c.extra_places]
+        time, told = values[:, 0], values[:, c.extra_places]
         gripper = np.full(len(values), NOT_TOLD)
         if c.loads:
-            gripper = np.where(c.held(values[:, 0], told).any(axis=0), HOLDS, EMPTY)
+            gripper = np.where(c.held(time, told).any(axis=0), HOLDS, EMPTY)
+        tau = values[:, c.torque_places].copy()
+        tau[self._without_power(time)] = np.nan
         return Rows(
             begins,
-            values[:, 0],
+            time,
             values[:, 1 : 1 + dof],
             values[:, 1 + dof : 1 + 2 * dof] if self.has_velocity else None,
-            values[:, c.torque_places],
+            tau,
             gripper,
         )
+
+    def _without_power(self, time: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
+        around = 0.5 / self.rate
+        spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
+        if not spans:
+            return np.zeros(len(time), dtype=bool)
+        ends = joined_times(np.array(spans)).ravel()
+        return np.searchsorted(ends, time) % 2 == 1
 
 
 def open_replay(
@@ -113,6 +166,7 @@ def open_replay(
     log: RecordingLike,
     mapping: ColumnMapping | None = None,
     gripper: str | None = None,
+    delay: tuple[float, ...] | None = None,
 ) -> Replay:
     """A recording as a model's drives would run it.
 
@@ -120,10 +174,11 @@ def open_replay(
         log: a file, or a recording in memory.
         mapping: of its columns.
         gripper: a column that is 1 while something is held, beside what the mapping says.
+        delay: by how much torques come late, drive by drive [s]; the model's if left out.
 
     Raises:
-        RecordingError: the recording cannot be used, is too slow, or gripper and mapping both say
-            when something is held.
+        RecordingError: the recording cannot be used, is too slow or too short, its columns are not
+            what they are taken for, or gripper and mapping both say when something is held.
     """
     mapping = mapping or ColumnMapping()
     if gripper is not None:
@@ -135,7 +190,7 @@ def open_replay(
             )
         mapping = mapping.changed(load=Load(column=gripper)).of(mapping.source)
     kinematics = model.dynamics.kinematics
-    opened = open_log(log, kinematics, mapping, keep_all=True)
+    opened = open_log(log, kinematics, mapping, need_rest=False)
     if opened.rate < _LEAST_RATE:
         raise RecordingError(
             f"has {opened.rate:.4g} rows a second; contact and payload are found from cycles of a "
@@ -143,6 +198,55 @@ def open_replay(
             where=str(opened.path),
             cure="record at the controller's rate",
         )
-    found = model_filtered(model, opened)
-    kept = replace(found.repairs, gain=(), left_out=(), gears=None, loads=())
-    return Replay(opened, kept)
+    _require_rows(opened)
+    delay = tuple(delays_of(model, opened).tolist()) if delay is None else delay
+    speeds = speeds_of(opened, model)
+    ends = _ends(opened)
+    doubts = (
+        *opened.cut_at(None, 1).warnings,
+        *judged_wiring(model, log, mapping, str(opened.path)),
+        *speeds.doubts,
+    )
+    stale = tuple(mask for mask in opened.masks if mask.reason == "stale rows")
+    taken = replace(opened, masks=stale).cut_at(None, 1)
+    if speeds.differenced:
+        taken = replace(taken, columns=replace(taken.columns, velocity=(), acceleration=()))
+    return Replay(taken, delay, speeds, opened.masks, ends, doubts)
+
+
+def _require_rows(log: Log) -> None:
+    """Refuse a recording in which nothing can show.
+
+    Raises:
+        RecordingError: it is too short, or most of its rows are of no use.
+    """
+    seconds = log.samples / log.rate
+    if seconds < _LEAST_TIME:
+        raise RecordingError(
+            f"has {log.samples} rows, {seconds:.2g} s, and no load shows within {_LEAST_TIME:g} s",
+            where=str(log.path),
+            cure="give a whole recording",
+        )
+    stale = [mask for mask in log.masks if mask.reason == "stale rows"]
+    share = float(np.max(1.0 - kept(stale, 1, log.samples)))
+    if share > _MOST_STALE:
+        raise RecordingError(
+            f"{percent(share)} of its rows repeat the one before them while the robot moves",
+            where=str(log.path),
+            cure="it was logged faster than its values change: keep one row of each value, or "
+            "record at the rate of the drives",
+        )
+
+
+def _ends(log: Log) -> tuple[float, ...]:
+    """The least number on which each torque channel stays."""
+    found = np.full(len(log.columns.torque), np.inf)
+    masks = [mask for mask in log.masks if mask.reason == "saturated torque"]
+    for batch in log.batches() if masks else ():
+        rows = np.arange(batch.row, batch.row + len(batch.values))
+        sizes = np.abs(batch.values[:, log.columns.torque_places])
+        for mask in masks:
+            inside = (rows >= mask.first) & (rows <= mask.last)
+            for i in mask.drives:
+                found[i] = np.min(sizes[inside, i], initial=found[i])
+    return tuple(found.tolist())

@@ -1,10 +1,15 @@
 """What a user may say about a robot that runs, and what holds where nothing is said."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from deltaid.errors import DeltaidError
 from deltaid.online.contact import threshold
+
+# From the gripper's signal to the load [s], at most.
+LONGEST_GRIP = 10.0
+# Cycles in the time constant of the filter, at least, where it is chosen by the rate.
+_CYCLES = 5.0
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,11 @@ class OnlineSettings:
         speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None
             for none.
         alarm: how many standard deviations make a change of load.
+        delay: by how much torques are reported later than their motion, drive by drive or one for
+            all [s], negative where they are early; None for what the identification found, 0 for
+            none. All that is known is as late as the largest.
+        torque_ends: size of the torque, drive by drive and as the drives report it, at which the
+            channel ends, so that it may be more; None for no such end [N m or N].
     """
 
     rate: float = 1000.0
@@ -51,9 +61,11 @@ class OnlineSettings:
     rest_speed: float = 0.02
     friction_range: float = 0.3
     friction_time: float = 10.0
-    alarm: float = 4.0
+    alarm: float = 3.0
     false_alarms: float = 1.0
     speed_noise: tuple[float, ...] | None = None
+    delay: float | tuple[float, ...] | None = None
+    torque_ends: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         for name in ("rate", "corner", "extent", "rest_speed", "friction_time", "alarm"):
@@ -68,9 +80,10 @@ class OnlineSettings:
             raise DeltaidError(
                 f"must lie between 0 and 1, and is {self.friction_range:g}", where="friction_range"
             )
-        if not 0 <= self.grip_time < 1e3:
+        if not 0 <= self.grip_time <= LONGEST_GRIP:
             raise DeltaidError(
-                f"must lie between 0 and 1000 s, and is {self.grip_time:g}", where="grip_time"
+                f"must lie between 0 and {LONGEST_GRIP:g} s, and is {self.grip_time:g}",
+                where="grip_time",
             )
         if self.corner > self.rate:
             raise DeltaidError(
@@ -92,6 +105,10 @@ class OnlineSettings:
     def contact_threshold(self, dof: int) -> float:
         """How large a residual must be for a contact, in deviations (`online.contact`)."""
         return threshold(self.false_alarms, self.corner, dof)
+
+    def at(self, rate: float) -> "OnlineSettings":
+        """The same at another rate, with a filter that is no faster than a fifth of it."""
+        return replace(self, rate=rate, corner=min(self.corner, rate / _CYCLES))
 
     @property
     def period(self) -> float:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -11,11 +11,14 @@ from deltaid.errors import DescriptionError
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force
 from deltaid.online.contact_part import contact_of
+from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touches
 from deltaid.online.found import FollowedFriction, Series, Watched
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.rows import Replay, Rows
 from deltaid.online.settings import OnlineSettings
+from deltaid.online.suspicion import Suspicion, measured_of
+from deltaid.online.waiting import waits
 
 # [m/s²].
 _GRAVITY = 9.81
@@ -32,7 +35,8 @@ def watch(
     """Run a recording through.
 
     Args:
-        settings: those of rate and noise of speeds follow from the recording.
+        settings: those of rate and noise of speeds follow from the recording, and lags where they
+            are left open.
 
     Raises:
         DescriptionError: the model has no intervals, so nothing says what is a contact.
@@ -45,9 +49,8 @@ def watch(
             where=model.source,
             cure="identify a model from a recording first, `deltaid identify`",
         )
-    speed = "measured" if replay.has_velocity else "differenced"
-    settings = replace(settings, rate=replay.rate, speed=speed, speed_noise=replay.speed_noise)
-    online = Online(model, settings, more=(contact_of,))
+    settings = replay.settings(settings)
+    online = Online(model, settings, more=(contact_of, measured_of))
     run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
     for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
@@ -68,8 +71,12 @@ class _Run:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
+        settings = self.online.settings
+        self.late = waits(self.online.model, settings).whole * settings.period
         self.loads = Loads(self.online, self.told)
         self.touches = Touches(self.online.model.robot)
+        ends = settings.torque_ends or (np.inf,) * len(self.online.model.robot.drives)
+        self.suspicion = Suspicion(settings.period, ends, self.online.known.unmodelled)
         dof = self.online.model.dynamics.dof
         q = np.zeros((1, dof))  # compiles
         self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
@@ -86,9 +93,12 @@ class _Run:
         self.seconds += time.process_time() - begin
         self.cycles += len(rows.time)
         self.bad += int(np.sum(~found.good))
-        self.loads.add(rows.time, found)
-        self.touches.add(rows.time, found)
-        self.series.append(self._thinned(rows.time, found))
+        at = rows.time - self.late
+        events = np.maximum(at, rows.time[0]) if rows.begins else at  # what was held before
+        self.loads.add(events, found)
+        self.touches.add(events, found)
+        self.suspicion.add(rows, found)
+        self.series.append(self._thinned(at, found))
 
     def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> Series:
         """Every so-manieth cycle; of the residual the one of largest size since."""
@@ -125,6 +135,7 @@ class _Run:
         online = self.online
         series = _joined(self.series)
         finite = np.isfinite(series.worst)
+        loads, touches = self.loads.found(), self.touches.found()
         return Watched(
             robot=online.model.robot,
             log=replay.log.path.name,
@@ -133,13 +144,16 @@ class _Run:
             rate=replay.rate,
             told=replay.is_told,
             false_alarms=online.settings.false_alarms,
-            loads=self.loads.found(),
-            touches=self.touches.found(),
+            loads=loads,
+            touches=touches,
             friction=_friction(online),
             best=float(np.median(series.best[finite])),
             worst=float(np.median(series.worst[finite])),
             seconds=self.seconds / max(self.cycles, 1),
             series=series,
+            doubts=doubts(
+                online.model, replay, online.settings, self.suspicion.seen, loads, touches
+            ),
         )
 
 

@@ -19,8 +19,8 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import DescriptionError, IdentificationError
-from deltaid.identification.fit import METRICS
 from deltaid.identification.information import triangle
+from deltaid.identification.posing import METRICS
 from deltaid.identification.reduction import Reduction, build_reduction
 from deltaid.identification.regularizer import Regularizer, SpectralTerm
 from deltaid.model.posterior_record import PosteriorRecord

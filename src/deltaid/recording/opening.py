@@ -40,6 +40,7 @@ def open_log(
     *,
     need_torque: bool = True,
     keep_all: bool = False,
+    need_rest: bool = True,
 ) -> Log:
     """Survey a recording: read every row once and check it, before anything is computed from it.
 
@@ -50,6 +51,7 @@ def open_log(
             their own keep these.
         need_torque: if false, the log may be a planned motion, and torque columns are not read.
         keep_all: leave nothing out (`masks`).
+        need_rest: refuse a log of which next to nothing is left.
 
     Raises:
         RecordingError: a column is missing; a value is missing or not finite; time runs backwards
@@ -86,7 +88,8 @@ def open_log(
         clock = _clock(survey)
         survey.finish(clock)
     masks = _masks(survey, clock) if not keep_all else ()
-    require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
+    if need_rest:
+        require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
     log = Log(
         table=table,
         columns=columns,

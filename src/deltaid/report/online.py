@@ -45,6 +45,7 @@ def online_page(watched: Watched, title: str) -> Page:
             Section("What can be told", (_least(watched), *map(Text, told_lines(watched)))),
             *([Section("Friction", friction, "what was followed of it")] if friction else []),
         ),
+        warnings=watched.doubts,
         verdict=_verdict(watched),
     )
 
@@ -72,8 +73,11 @@ def _verdict(watched: Watched) -> Summary:
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
         f"{watched.cycles / watched.rate:.4g} s."
     )
-    if watched.doubt:
-        return Summary(Grade.FAIR, f"Doubtful: {watched.doubt}.", (text, *told_lines(watched)))
+    if watched.doubts:
+        count = len(watched.doubts)
+        told = "a warning" if count == 1 else f"{count} warnings"
+        said = f"Doubtful: read {told} below before any of it is believed."
+        return Summary(Grade.FAIR, said, (text, *told_lines(watched)))
     return Summary(Grade.GOOD, text, told_lines(watched))
 
 

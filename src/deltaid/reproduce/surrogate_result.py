@@ -7,8 +7,8 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.excitation.run import Run
-from deltaid.identification.fit import SOLVERS
 from deltaid.identification.identify import Identification
+from deltaid.identification.posing import SOLVERS
 from deltaid.model.options import Method
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, MotionTerms
 from deltaid.reproduce.descent import Descents

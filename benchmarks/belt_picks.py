@@ -1,0 +1,165 @@
+"""Picks while the robot moves: what a belt, and a gripper's signal at the wrong time, do to masses.
+
+    python benchmarks/belt_picks.py
+
+Drives follow random motions whatever happens (torques by inverse dynamics), so every pick is taken
+in full motion. A part on a belt that the robot runs with moves as the platform does; one that
+stands, or moves otherwise, is brought to the platform's speed within `GRIP`. Signals may come
+before the load is held, as the command to a valve does, or after. Writes `tables/belt_picks.md`.
+"""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from _pick_cycles import draw_load
+from _table import leave
+from jaxtyping import Float
+
+from deltaid import Recording
+from deltaid.check.identified import identify
+from deltaid.dynamics.dynamics import compiled
+from deltaid.model.model import Model, load
+from deltaid.model.settings import Settings
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.online.found import Watched
+from deltaid.online.rows import open_replay
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.watch import watch
+from deltaid.robot.load import load_robot
+
+ROBOT, PAYLOAD, RATE, NOISE = "clavel-delta3", 1.0, 1000.0, 0.02
+PICKS, EVERY, HELD = 40, 1.0, 0.5
+# Seconds in which a part is brought to the platform's speed.
+GRIP = 0.01
+HEAD = ("gripped", "signal", "picks", "10 % or 60 g after 0.2 s", "interval holds", "contacts told",
+        "said")  # fmt: skip
+NOTE = (
+    f"{PICKS} picks of 5 % to 100 % of {PAYLOAD:g} kg in full motion, nobody pushes. Contacts "
+    "told: all are the grip itself, or a signal at the wrong time. Said: whether a warning tells "
+    "of the signal."
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """How parts are gripped.
+
+    Attributes:
+        apart: speed of the part against the platform [m/s].
+        early: how long before the load is held the gripper tells [s].
+        grip_time: as the settings know it [s]; None without the signal.
+    """
+
+    name: str
+    apart: float = 0.0
+    early: float = 0.0
+    grip_time: float | None = 0.0
+
+    @property
+    def signal(self) -> str:
+        """In words."""
+        if self.grip_time is None:
+            return "none"
+        if not self.early:
+            return "in time"
+        known = f", grip_time {1e3 * self.grip_time:g} ms" if self.grip_time else ""
+        return f"{1e3 * abs(self.early):g} ms {'early' if self.early > 0 else 'late'}{known}"
+
+
+CASES = (
+    Case("with the belt"),
+    Case("with the belt", grip_time=None),
+    Case("0.1 m/s apart", apart=0.1),
+    Case("0.3 m/s apart", apart=0.3),
+    Case("with the belt", early=0.03),
+    Case("with the belt", early=0.03, grip_time=0.03),
+    Case("with the belt", early=0.1),
+    Case("with the belt", early=0.1, grip_time=0.1),
+    Case("with the belt", early=-0.03),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A robot's recording with picks, and its model.
+
+    Attributes:
+        loads: ten parameters of each.
+        blows: torque that brings each part to the platform's speed, for 1 m/s apart.
+    """
+
+    model: Model
+    time: Float[np.ndarray, " time"]
+    q: Float[np.ndarray, "time dof"]
+    tau: Float[np.ndarray, "time dof"]
+    blows: Float[np.ndarray, "time dof"]
+    held: np.ndarray
+    loads: list[np.ndarray]
+
+
+def line(seed: int) -> Line:
+    """Identify a robot, and let it pick."""
+    robot, rng = load_robot(ROBOT), np.random.default_rng(seed)
+    dynamics, p = compiled(robot), surrogate_parameters(robot, rng)
+    known = simulate_recording(
+        dynamics, p, random_motion(dynamics.kinematics, rng, period=5.0), rng,
+        duration=12.0, rate=RATE, noise=SensorNoise(),
+    )  # fmt: skip
+    model = load(identify(robot, known, settings=Settings(friction="described"), force=True))
+    time = np.arange(round(PICKS * EVERY * RATE)) / RATE
+    motion = random_motion(dynamics.kinematics, rng, period=7.3)
+    z, zd, zdd = motion.evaluate(time)
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau, plant = dynamics.torque(z, qd, qdd, p), Model(robot, p, ROBOT)
+    noise = NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    held, blows, loads = np.zeros(len(time), dtype=bool), np.zeros_like(tau), list[np.ndarray]()
+    J = dynamics.kinematics.jacobian(z)
+    for k in range(PICKS):
+        loads.append(draw_load(PAYLOAD, rng))
+        rows = (time >= (k + 0.3) * EVERY) & (time < (k + 0.3) * EVERY + HELD)
+        held |= rows
+        tau[rows] = dynamics.torque(z[rows], qd[rows], qdd[rows], plant.with_load(loads[-1]).p)
+        n = np.array([np.cos(k), np.sin(k), 0.0])
+        for i in np.flatnonzero(rows)[: round(GRIP * RATE)]:
+            blows[i] = np.linalg.solve(J[i].T, loads[-1][0] / GRIP * n)
+    return Line(model, time, q, tau + noise, blows, held, loads)
+
+
+def row(made: Line, case: Case) -> tuple[object, ...]:
+    """What becomes of one case."""
+    signal = np.roll(made.held, -round(case.early * RATE)).astype(float)
+    tau = made.tau + case.apart * made.blows
+    log = Recording.from_arrays(t=made.time, q=made.q, tau=tau, extra={"gripper": signal})
+    told = case.grip_time is not None
+    replay = open_replay(made.model, log, gripper="gripper" if told else None)
+    settings = OnlineSettings(largest_mass=PAYLOAD, grip_time=case.grip_time or 0.0)
+    found = watch(made.model, replay, settings)
+    near, holds = judged(made, found)
+    said = any("the gripper tells" in one for one in found.doubts)
+    return (
+        case.name, case.signal, PICKS, f"{np.mean(near):.0%}", f"{np.mean(holds):.0%}",
+        len(found.touches), "yes" if said else "no",
+    )  # fmt: skip
+
+
+def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
+    """Of each pick whether its mass is near, and whether its interval holds, 0.2 s after it."""
+    s, near, holds = found.series, list[bool](), list[bool]()
+    for k, one in enumerate(made.loads):
+        i = int(np.searchsorted(s.time, (k + 0.3) * EVERY + 0.2))
+        near.append(bool(abs(s.mass[i] - one[0]) <= max(0.1 * one[0], 0.06)))
+        holds.append(bool(s.low[i] <= one[0] <= s.high[i]))
+    return near, holds
+
+
+def main() -> int:
+    """All cases, and the table."""
+    made = line(seed=3)
+    leave(HEAD, [row(made, case) for case in CASES], NOTE)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

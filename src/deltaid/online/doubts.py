@@ -1,0 +1,188 @@
+"""What speaks against the loads and contacts that were found, in words: one cause each."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.words import listed, percent
+from deltaid.errors import Doubt
+from deltaid.model.model import Model
+from deltaid.online.found import HeldLoad, Touch
+from deltaid.online.gripping import gripper_doubts
+from deltaid.online.lags import judged_lag
+from deltaid.online.rows import Replay
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.suspicion import Seen
+
+# Contacts below this many thresholds are slight, and so many of them, and half of all, are strange.
+_SLIGHT, _STRANGE = 2.0, 5
+# Share of the time in contact, and seconds of it, that are more than pushes.
+_ALWAYS, _LONG = 0.2, 1.0
+# One drive's torques that are so far from the model's, those of all drives that are, and by so many
+# deviations, are of another scale.
+_GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
+# Drives are alike within so many deviations; where nobody tells what is held, torques may be larger
+# by so much.
+_APART, _UNTOLD = 2.5, 0.2
+# What a load that the gripper does not tell of never makes of torques.
+_FAR = 2.0
+# Of a drive that does hardly more than rub, nothing is said: its gain is known worse than this.
+_KNOWN = 0.06
+# A torque that stays the same for so long [s] while its drive moves is none.
+_STUCK = 0.05
+# Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
+_NOISY = 0.05
+# Verdicts on rows that leave nothing to be said of gripper and model.
+_BLIND = {"stuck", "encoder", "standing"}
+# Shares of rows that are told.
+_STALE, _ENDS, _RESTING = 0.005, 0.001, 0.9
+
+
+def doubts(
+    model: Model,
+    replay: Replay,
+    settings: OnlineSettings,
+    seen: Seen,
+    loads: Sequence[HeldLoad],
+    touches: Sequence[Touch],
+) -> tuple[Doubt, ...]:
+    """All of them, the recording's own first."""
+    of_rows = tuple(_of_rows(replay, settings, seen))
+    # Rows that tell nothing, torques that are too small, and a gripper that tells something else:
+    # all look like loads that weigh nothing, or like a wrong model.
+    blind = any(one.key in _BLIND for one in of_rows)
+    scale = () if blind else tuple(_of_scale(replay, seen))
+    told = ()
+    if replay.is_told and not blind and not (scale and not 1 < seen.common[0] < _FAR):
+        by_column = any(load.column for load in replay.log.columns.loads)
+        told = gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
+    late = () if blind or told else judged_lag(model, replay, _delay(settings, replay), loads)
+    of_model = () if told else scale
+    if not (blind or told or scale):
+        of_model = tuple(_of_contacts(seen, () if late else touches))
+    found = (*late, *told, *of_model) or tuple(_too_heavy(settings, loads))
+    return (*replay.doubts, *of_rows, *found)
+
+
+def _delay(settings: OnlineSettings, replay: Replay) -> Float[np.ndarray, " drives"]:
+    given = replay.delay if settings.delay is None else settings.delay
+    return np.broadcast_to(np.array(given, dtype=float), (len(replay.delay),))
+
+
+def _of_rows(replay: Replay, settings: OnlineSettings, seen: Seen) -> Iterator[Doubt]:
+    drives = replay.log.columns.torque
+    for i in np.flatnonzero(seen.stuck > _STUCK).tolist():
+        yield Doubt(
+            f"column {drives[i].column} stays the same for {seen.stuck[i]:.3g} s from "
+            f"{seen.stuck_at[i]:.4g} s on, while its drive moves: contacts and masses from there "
+            "on are none",
+            cause="the logger or the bus lost this channel",
+            cure="leave these rows out",
+            key="stuck",
+        )
+    if (share := replay.share("stale rows")) > _STALE:
+        yield Doubt(
+            f"{percent(share)} of the rows repeat the one before them while the robot moves; these "
+            "are not used, and filters begin anew behind them",
+            cause="the logger did not keep up, or reads faster than values change",
+            cure="record in the controller's own cycle",
+            key="clock",
+        )
+    if (share := replay.share("saturated torque")) > _ENDS:
+        which = [one.column for one, end in zip(drives, replay.ends, strict=True) if end < np.inf]
+        yield Doubt(
+            f"{percent(share)} of the rows are on the largest or smallest number of "
+            f"{listed(which)}: while they are, a push on that drive is not seen, and it says "
+            "nothing of a load",
+            cause="the drive is at its limit of current, or the channel's range ends there",
+            cure="raise the channel's range, or move more gently",
+            key="saturation",
+        )
+    if (share := replay.share("on brakes", "emergency stop")) > 0:
+        yield Doubt(
+            f"brakes hold the robot in {percent(share)} of the rows: these are not used",
+            cause="an emergency stop, or drives that were switched off",
+            cure="what is pushed or held meanwhile cannot be told",
+        )
+    if (share := replay.share("standing still")) > _RESTING:
+        yield Doubt(
+            f"the robot stands still for {percent(share)} of the time: friction hides loads and "
+            "pushes as far as it can hold them",
+            cause="it was not moved",
+            cure="record it at work",
+            key="standing",
+        )
+    noise = np.array(settings.speed_noise or (0.0,))
+    if noise.max() > _NOISY:
+        i = int(noise.argmax())
+        yield Doubt(
+            f"the speed of {replay.log.columns.position[i].column} has noise of {noise[i]:.2g} a "
+            "row: loads look lighter than they are, and intervals do not say so",
+            cause="the position comes in coarse steps, or is noisy",
+            cure="record positions with more digits, or at a lower rate",
+            key="encoder",
+        )
+
+
+def _of_contacts(seen: Seen, touches: Sequence[Touch]) -> Iterator[Doubt]:
+    share = seen.touched / max(seen.touched + seen.untouched, 1e-9)
+    if share > _ALWAYS and seen.touched > _LONG:
+        yield Doubt(
+            f"torques are beyond what the model may lack for {percent(share)} of the time, which "
+            "is no contact: the model and this recording do not belong together",
+            cause="the recording is of another robot, tool or state than the model",
+            cure="`deltaid validate` shows how far they are apart; identify the robot anew",
+            key="residual",
+        )
+        return
+    slight = sum(one.size < _SLIGHT for one in touches)
+    if slight >= max(_STRANGE, 0.5 * len(touches)):
+        yield Doubt(
+            f"{slight} of {len(touches)} contacts are hardly beyond the threshold, which pushes "
+            "are not as a rule",
+            cause="torques lag, or the model is of another robot or state",
+            cure="see what `deltaid validate` and `deltaid check` say of this recording",
+        )
+
+
+def _of_scale(replay: Replay, seen: Seen) -> Iterator[Doubt]:
+    """Torques that are a multiple of the model's."""
+    names = [one.column for one in replay.log.columns.torque]
+    common, deviation = seen.common
+    most = _UNTOLD if not replay.is_told else 0.0  # what nobody noticed looks like larger torques
+    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
+    off = _off(seen.gain, most) > np.maximum(_GAIN, _CLEAR * seen.deviation)
+    off &= seen.deviation < _KNOWN
+    if not apart.any() and _off(np.array(common), most) > max(_COMMON, _CLEAR * deviation):
+        which = f"torques of all drives are {common:.3g} times"
+    elif off.any():
+        bad = np.flatnonzero(off).tolist()
+        which = listed([f"{names[i]} is {seen.gain[i]:.3g} times" for i in bad])
+    else:
+        return
+    yield Doubt(
+        f"while nothing is held, {which} what the model says: loads and forces are wrong by as "
+        "much",
+        cause="another unit, gear or torque constant than when the model was recorded, or another "
+        "robot",
+        cure="declare it with --columns MAPPING.yaml, or identify the robot anew",
+        key="drive-gain",
+    )
+
+
+def _off(gain: np.ndarray, most: float) -> np.ndarray:
+    """How far from 1, and from 1 + most."""
+    return np.asarray(np.maximum(1.0 - gain, gain - 1.0 - most))
+
+
+def _too_heavy(settings: OnlineSettings, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+    most = settings.largest_mass
+    heavy = [one for one in loads if most is not None and one.mass.low > most]
+    if heavy:
+        yield Doubt(
+            f"{len(heavy)} of {len(loads)} loads weigh more than the {most:g} kg that may be held "
+            "at most",
+            cause="the largest mass is too small, or torques are in another unit",
+            cure="say by --payload-max how much is held at most",
+        )

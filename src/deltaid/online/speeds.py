@@ -1,0 +1,119 @@
+"""Whether a recording's velocities are worth taking, or positions are better differenced.
+
+A drive's velocity often comes filtered, and so late against its position, or with more noise than
+differences of the positions have. Both make loads look lighter: what is late, and what is noise,
+stands in the columns of the load and not in the torques.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.spectra import white_noise
+from deltaid.errors import Doubt
+from deltaid.model.model import Model
+from deltaid.recording.log import Log
+
+# A lag [s] that does no harm, and noise [rad/s or m/s] that does none.
+_HARMLESS, _QUIET = 1e-4, 3e-3
+# Rows that are looked at, seconds that are averaged over, parts whose scatter says how sure a lag
+# is, and so many deviations.
+_ROWS, _MEAN, _PARTS, _CLEAR = 1 << 16, 0.02, 20, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Speeds:
+    """What is known of a recording's velocities.
+
+    Attributes:
+        differenced: whether positions are differenced, because none are recorded or as that is
+            better.
+        noise: standard deviation of one cycle's speed, as it is taken, drive by drive.
+        doubts: why recorded ones are not taken.
+    """
+
+    differenced: bool
+    noise: tuple[float, ...]
+    doubts: tuple[Doubt, ...] = ()
+
+
+def speeds_of(log: Log, model: Model) -> Speeds:
+    """Look at the velocities of a recording."""
+    dof = model.dynamics.dof
+    made = log.position_noise[:dof] * log.rate * np.sqrt(2.0)
+    differences = Speeds(True, tuple(made.tolist()))
+    if not log.columns.velocity:
+        return differences
+    known = model.identified.corrections if model.identified else ()
+    if any(one.kind == "velocity" for one in known):  # its drives' velocities come late
+        return differences
+    rows = _first(log)
+    lag, names = _lag(rows, log.rate, dof), [one.column for one in log.columns.velocity]
+    if np.abs(lag).max() > _HARMLESS:
+        return replace(differences, doubts=(_late(lag, names),))
+    noise = white_noise(rows[:, 1 + dof : 1 + 2 * dof], log.rate)
+    if np.any(noise > np.maximum(made, _QUIET)):
+        return replace(differences, doubts=(_noisy(noise, made, names),))
+    return Speeds(False, tuple(noise.tolist()))
+
+
+def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
+    """The longest of the first stretches of even rows."""
+    found, read = np.zeros((0, len(log.columns.all))), 0
+    for segment in log.segments(None):
+        for rows in segment:
+            found, read = max(found, rows[:_ROWS], key=len), read + len(rows)
+            if read > _ROWS:
+                return found
+    return found
+
+
+def _lag(
+    rows: Float[np.ndarray, "rows channels"], rate: float, dof: int
+) -> Float[np.ndarray, " drives"]:
+    """By how much recorded velocities are late, v(t) = q̇(t − δ) = q̇ − δ q̈ [s]; zero unless sure.
+
+    Means over some hundredths of a second, of velocities and of what positions did meanwhile, have
+    hardly any noise.
+    """
+    n = max(1, round(_MEAN * rate))
+    q, v = rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
+    if len(q) < 4 * n + _PARTS:
+        return np.zeros(dof)
+    area = np.vstack([np.zeros(dof), np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0)])
+    means, true = (area[n:] - area[:-n]) / n, (q[n:] - q[:-n]) * rate / n
+    change = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n)
+    late = (true - means)[n:-n]
+    starts = np.linspace(0, len(late), _PARTS, endpoint=False).astype(int)
+    power, moment = (np.add.reduceat(x, starts) for x in (change**2, change * late))
+    total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
+    lag = moment.sum(axis=0) / total
+    deviation = np.sqrt(np.sum((moment - lag * power) ** 2, axis=0)) / total
+    return np.where(np.abs(lag) > _CLEAR * deviation, lag, 0.0)
+
+
+def _late(lag: Float[np.ndarray, " drives"], names: Sequence[str]) -> Doubt:
+    i = int(np.argmax(np.abs(lag)))
+    word = "late" if lag[i] > 0 else "early"
+    return Doubt(
+        f"column {names[i]} comes {1e3 * abs(lag[i]):.2g} ms "
+        f"{word} against its position: velocities are left out, and positions differenced",
+        cause="the drive filters its velocity",
+        cure="a controller that runs on such velocities has to difference positions too "
+        "(OnlineSettings.speed)",
+        key="velocity",
+    )
+
+
+def _noisy(noise: np.ndarray, made: np.ndarray, names: Sequence[str]) -> Doubt:
+    i = int(np.argmax(noise))
+    return Doubt(
+        f"column {names[i]} has noise of {noise[i]:.2g} a row, and differences of its position "
+        f"have {made[i]:.2g}: velocities are left out, and positions differenced",
+        cause="the drive makes its velocity of few steps of the encoder",
+        cure="a controller that runs on such velocities has to difference positions too "
+        "(OnlineSettings.speed)",
+        key="velocity",
+    )

@@ -1,0 +1,194 @@
+"""Faults of real recordings: what is found is right, or a word of its own says why it is not."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.errors import RecordingError
+from deltaid.online.found import Entry, HeldLoad, Watched
+from deltaid.online.grip_timing import GripTiming, Offset
+from deltaid.online.gripping import gripper_doubts
+from deltaid.online.rows import EMPTY, HOLDS, Replay, open_replay
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.suspicion import Seen
+from deltaid.online.watch import watch
+from deltaid.recording.carried import Load
+from deltaid.recording.mapping import ColumnMapping
+from picking import HELD, MASS, PUSHES, Picked, picked
+
+TORQUES = ("tau1", "tau2", "tau3")
+
+
+@pytest.fixture(scope="module")
+def made() -> Picked:
+    return picked()
+
+
+def opened(made: Picked, table: pl.DataFrame) -> Replay:
+    return open_replay(made.model, table, gripper="gripper")
+
+
+def watched(made: Picked, table: pl.DataFrame) -> Watched:
+    return watch(made.model, opened(made, table), OnlineSettings(largest_mass=2.0))
+
+
+def changed(made: Picked, columns: Mapping[str, np.ndarray | pl.Expr]) -> pl.DataFrame:
+    return made.table.with_columns(**columns)
+
+
+def rates(made: Picked) -> dict[str, np.ndarray]:
+    return {f"qd{i}": np.gradient(made.table[f"q{i}"].to_numpy(), 1e-3) for i in (1, 2, 3)}
+
+
+def test_columns_of_other_drives_and_signs_are_refused(made: Picked) -> None:
+    with pytest.raises(RecordingError, match="another order"):
+        opened(made, made.table.rename({"tau1": "tau2", "tau2": "tau1"}))
+    with pytest.raises(RecordingError, match="drive1 counts the other way"):
+        opened(made, changed(made, {"tau1": -pl.col("tau1")}))
+
+
+def test_too_few_rows_and_rows_that_only_repeat_are_refused(made: Picked) -> None:
+    with pytest.raises(RecordingError, match="has 10 rows"):
+        opened(made, made.table[:10])
+    slow = made.table[[k - k % 4 for k in range(10_000)]].with_columns(t=made.table["t"])
+    with pytest.raises(RecordingError, match="75 % of its rows repeat"):
+        opened(made, slow)
+
+
+def test_torques_of_another_scale(made: Picked) -> None:
+    found = watched(made, changed(made, {name: 0.9 * pl.col(name) for name in TORQUES}))
+    (doubt,) = found.doubts
+    assert "torques of all drives are 0.9" in doubt
+    assert "torque constant" in doubt
+    assert max(one.mass.value for one in found.loads) < 0.8 * MASS  # so it has to be said
+
+
+def test_a_torque_of_one_drive_at_the_end_of_its_channel(made: Picked) -> None:
+    tau = made.table["tau1"].to_numpy()
+    end = 0.6 * np.abs(tau).max()
+    found = watched(made, changed(made, {"tau1": np.clip(tau, -end, end)}))
+    assert_as_it_was(found)
+    (doubt,) = found.doubts
+    assert "smallest number of tau1" in doubt
+
+
+def test_a_torque_that_stays(made: Picked) -> None:
+    tau = made.table["tau1"].to_numpy().copy()
+    tau[5000:] = tau[5000]
+    found = watched(made, changed(made, {"tau1": tau}))
+    assert "column tau1 stays the same for 5 s from 5 s on" in found.doubts[0]
+
+
+def test_velocities_that_are_late_or_noisy_are_left_out(made: Picked) -> None:
+    true, rng = rates(made), np.random.default_rng(0)
+    fine = opened(made, changed(made, true))
+    assert fine.has_velocity
+    assert not fine.doubts
+    late = opened(made, changed(made, {name: np.roll(x, 1) for name, x in true.items()}))
+    assert not late.has_velocity
+    assert "1 ms late against its position" in late.doubts[0]
+    noisy = {name: x + 0.02 * rng.standard_normal(len(x)) for name, x in true.items()}
+    found = opened(made, changed(made, noisy))
+    assert not found.has_velocity
+    assert "has noise of 0.02 a row" in found.doubts[0]
+
+
+def test_positions_in_coarse_steps(made: Picked) -> None:
+    coarse = {q: np.round(made.table[q].to_numpy() / 5e-4) * 5e-4 for q in ("q1", "q2", "q3")}
+    (doubt,) = watched(made, changed(made, coarse)).doubts
+    assert "loads look lighter" in doubt
+
+
+def test_a_gripper_that_tells_the_other_way(made: Picked) -> None:
+    (doubt,) = watched(made, changed(made, {"gripper": 1 - pl.col("gripper")})).doubts
+    assert "0 while something is held, and 1 while not" in doubt
+
+
+def test_loads_of_a_mapping(made: Picked) -> None:
+    """Numbers of a column, and spans of time, in place of `--gripper`."""
+    table = changed(made, {"gripper": 255 * pl.col("gripper")})
+    of_numbers = Load(column="gripper", when=255.0)
+    for one, rows in ((of_numbers, table), (Load(spans=HELD), made.table)):
+        replay = open_replay(made.model, rows, ColumnMapping(load=one))
+        found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
+        assert_as_it_was(found)
+        assert not found.doubts
+
+
+def test_a_gripper_that_tells_early(made: Picked) -> None:
+    early = np.roll(made.table["gripper"].to_numpy(), -50)
+    table = changed(made, {"gripper": early})
+    (doubt,) = watched(made, table).doubts
+    assert "ms before loads are taken, and left" in doubt
+    assert "--grip-time 0.05" in doubt or "--grip-time 0.04" in doubt
+    told = open_replay(made.model, table, gripper="gripper")
+    mended = watch(made.model, told, OnlineSettings(largest_mass=2.0, grip_time=0.05))
+    assert_as_it_was(mended)
+    assert not mended.doubts
+
+
+def assert_as_it_was(found: Watched) -> None:
+    assert [one.mass.value for one in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
+    assert [one.start for one in found.loads] == pytest.approx([a for a, _ in HELD], abs=2e-3)
+    assert len(found.touches) == len(PUSHES)
+
+
+UNSEEN = Offset(0.0, 0.0, 9, 0)
+NOTHING = Seen(
+    gain=np.ones(3), deviation=np.full(3, 0.01), touched=1.0, untouched=99.0, touched_empty=0.0,
+    empty=50.0, told=frozenset({EMPTY, HOLDS}), taken=UNSEEN, left=UNSEEN,
+    stuck=np.zeros(3), stuck_at=np.zeros(3),
+)  # fmt: skip
+
+
+def load(mass: float = 1.0) -> HeldLoad:
+    entry = Entry("m", "kg", mass, max(mass - 0.1, 0.0), mass + 0.1, shown=True)
+    return HeldLoad(1.0, 2.0, None, (entry,))
+
+
+def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
+    """Signals of loads that are held `off` later, with noise and pushes."""
+    found = GripTiming(1e-3)
+    t = 1e-3 * np.arange(1000 * count)
+    lifted = np.column_stack([np.sin(9 * t), np.cos(11 * t)]) * 3.0
+    told, held = t % 1 < 0.4, (t - off - 0.005) % 1 < 0.4
+    residual = held[:, None] * lifted * 0.8 + 0.1 * rng.standard_normal(lifted.shape)
+    residual[(t % 0.83 < 0.1)] += [0.0, 2.0]
+    lacking = np.full_like(lifted, 0.7)
+    for some in np.array_split(np.arange(len(t)), 7):
+        found.add(told[some].astype(float), residual[some], lifted[some], lacking[some])
+    found.broken()
+    return found
+
+
+@pytest.mark.parametrize("off", [0.06, 0.02, -0.03, -0.12])
+def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
+    found = timing(off, 20, np.random.default_rng(1))
+    for one in (found.taken, found.left):
+        assert one.low - 6e-3 < off < one.high + 6e-3
+        assert one.high - one.low < 0.03
+    assert found.taken.signals + found.left.signals == 39
+    (doubt,) = gripper_doubts(replace(NOTHING, taken=found.taken, left=found.left), [load()], 0.0)
+    assert f" ms {'before' if off > 0 else 'after'} loads are taken, and left" in doubt
+    assert ("--grip-time" in doubt) == (off > 0)
+
+
+def test_signals_in_time_are_not_doubted() -> None:
+    found = timing(0.0, 20, np.random.default_rng(1))
+    assert found.taken.low == found.left.high == 0.0
+    known = replace(NOTHING, taken=Offset(0.04, 0.06, 9, 8), left=Offset(0.045, 0.049, 9, 8))
+    assert not gripper_doubts(known, [load()], 0.05)
+
+
+def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
+    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({EMPTY})), [], 0.0)
+    assert "tells of empty from the first row to the last" in doubt
+    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), [load()], 0.0)
+    assert "something held from the first row" in doubt
+    always = replace(NOTHING, told=frozenset({HOLDS}))
+    assert not gripper_doubts(always, [load()], 0.0, is_column=False)
+    (doubt,) = gripper_doubts(NOTHING, [load(0.0), load(0.0), load()], 0.0)
+    assert "closed without a part" in doubt

@@ -1,0 +1,163 @@
+"""Torques that come later or earlier than their motion: put beside it in every cycle."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from deltaid.errors import DeltaidError
+from deltaid.export.precision import DOUBLE
+from deltaid.export.structured_text import structured_text
+from deltaid.model.model import Model, load
+from deltaid.online.found import Watched
+from deltaid.online.layout import Field, Layout
+from deltaid.online.rows import open_replay
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.waiting import Line, Waits, line, waits
+from deltaid.online.watch import watch
+from online_runs import RATE, running
+from picking import HELD, MASS, PUSHES, Picked, picked
+from st_program import Program
+
+# Two drives whose torques come late, one whose torques come early [s].
+DELAY = (1.4e-3, 1.4e-3, -0.6e-3)
+READ = Layout.of(
+    Field("q", 1, "position"), Field("tau", 2, "torques"), Field("gripper", 1, "it", initial=-1.0)
+)
+
+
+@pytest.fixture(scope="module")
+def made() -> Picked:
+    return picked()
+
+
+def ran(rows: np.ndarray, each: Waits) -> tuple[np.ndarray, Line]:
+    """What comes out row by row; a row with NaN breaks the line."""
+    goes_on, u = ca.SX.sym("goes_on"), READ.symbols("in")
+    finite = ca.SX.sym("finite")
+    found = line(READ, u, each.of(READ), goes_on, finite)
+    (kept,) = found.kept
+    step = ca.Function(
+        "step", [kept.symbol, READ.vector(u), goes_on, finite],
+        [kept.following, READ.vector(found.u)],
+    )  # fmt: skip
+    state, out, before = kept.field.start, [], False
+    for row in rows:
+        good = bool(np.isfinite(row).all())
+        following, y = step(state, row, before, good)
+        state, before = np.array(following).ravel(), good
+        assert np.isfinite(state).all()
+        out.append(np.array(y).ravel())
+    return np.array(out), found
+
+
+def test_all_is_of_one_instant_once_the_line_is_full() -> None:
+    # A torque 1.4 cycles late, one 0.85 cycles early.
+    t = np.arange(12.0)
+    rows = np.column_stack([t, 10 + 2 * (t - 1.4), 7 - 3 * (t + 0.85), t])
+    out, found = ran(rows, Waits(1.4, (0.0, 2.25)))
+    assert found.cycles == 3
+    for then, row in zip(t[3:] - 1.4, out[3:], strict=True):
+        np.testing.assert_allclose(row[:3], [then, 10 + 2 * then, 7 - 3 * then], atol=1e-12)
+    assert out[3:, 3].tolist() == (t[3:] - 1).tolist()
+
+
+def test_behind_a_bad_cycle_nothing_of_before_is_left() -> None:
+    t = np.arange(9.0)
+    rows = np.column_stack([t, t, t, t])
+    rows[4] = np.nan
+    out, _ = ran(rows, Waits(2.0, (0.0, 1.0)))
+    assert out[5].tolist() == [5.0, 5.0, 5.0, 5.0]
+    assert out[8].tolist() == [6.0, 8.0, 7.0, 6.0]
+
+
+def test_lags_are_those_of_the_model_unless_others_are_told(made: Picked) -> None:
+    lagging = with_delay(made.model, DELAY)
+    assert waits(lagging, OnlineSettings()).motion == pytest.approx(1.4)
+    assert waits(lagging, OnlineSettings()).torque == pytest.approx((0, 0, 2.0))
+    assert waits(lagging, OnlineSettings(delay=0.0)) == Waits(0.0, (0.0, 0.0, 0.0))
+    assert waits(lagging, OnlineSettings(delay=-1e-3)) == Waits(0.0, (1.0, 1.0, 1.0))
+    assert waits(lagging, OnlineSettings(rate=4000.0, delay=2e-3)) == Waits(8.0, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("delay", [0.06, (-0.03, 0.03, 0.0), float("nan"), (1e-3, 1e-3)])
+def test_lags_that_cannot_be_are_refused(delay: float | tuple[float, ...]) -> None:
+    with pytest.raises(DeltaidError, match=r"delay: (makes signals wait|has 2 numbers)"):
+        waits(load("clavel-delta3"), OnlineSettings(delay=delay))
+    fast = OnlineSettings(rate=40_000.0, delay=0.02)
+    with pytest.raises(DeltaidError, match="800 cycles"):
+        waits(load("clavel-delta3"), fast)
+
+
+def test_without_a_lag_nothing_waits(made: Picked) -> None:
+    assert "waiting" not in deltaid.Online(made.model).graph.state.places
+
+
+def test_structured_text_lets_signals_wait_too() -> None:
+    """Numbers that move on by one must not overwrite each other where the state is one array."""
+    model, cycles = load("clavel-delta3"), 30
+    settings = OnlineSettings(delay=(2.4e-3, 1e-3, -1.5e-3))
+    run = running(model, cycles, slice(10, cycles))
+    run.tau[17] = np.nan
+    online = deltaid.Online(model, settings)
+    expected = online.run(run.q, run.qd, run.tau, run.held.astype(float)).outputs
+    program = Program(structured_text(model, "rob", DOUBLE, ("online",), settings))
+    block = program.units["rob_online"]()
+    for k in range(cycles):
+        row = {"q": run.q[k].tolist(), "qd": run.qd[k].tolist(), "tau": run.tau[k].tolist()}
+        _, y = block(**row, gripper=float(run.held[k]), reset=False)
+        np.testing.assert_allclose(y["residual"], expected["residual"][k], atol=1e-9)
+        assert y["held"] == expected["held"][k, 0]
+
+
+def with_delay(model: Model, delay: tuple[float, ...]) -> Model:
+    known = model.identified
+    assert known is not None
+    sources = tuple(one.changed(delay=delay) for one in known.sources)
+    return load(known.changed(sources=sources))
+
+
+def late(made: Picked) -> pl.DataFrame:
+    """The recording with each torque late by `DELAY`."""
+    t = made.table["t"].to_numpy()
+    columns = {
+        f"tau{i + 1}": np.interp(t - delay, t, made.table[f"tau{i + 1}"].to_numpy())
+        for i, delay in enumerate(DELAY)
+    }
+    return made.table.with_columns(**columns)
+
+
+def assert_right(found: Watched) -> None:
+    """Loads and pushes as they were."""
+    assert [one.mass.value for one in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
+    assert [one.start for one in found.loads] == pytest.approx([a for a, _ in HELD], abs=1e-9)
+    assert len(found.touches) == len(PUSHES)
+    for one, (start, _, drive, _) in zip(found.touches, PUSHES, strict=True):
+        assert start < one.start < start + 0.01
+        assert one.place == ("platform" if drive is None else f"drive{drive + 1}")
+
+
+def test_loads_and_contacts_are_those_without_a_lag(made: Picked) -> None:
+    settings = OnlineSettings(largest_mass=2.0)
+    lagging = with_delay(made.model, DELAY)
+    replay = open_replay(lagging, late(made), gripper="gripper")
+    found = watch(lagging, replay, settings)
+    assert_right(found)
+    assert not found.doubts
+    wrong = replace(settings, delay=tuple(-one for one in DELAY))
+    with pytest.raises(AssertionError):
+        assert_right(watch(lagging, replay, wrong))
+
+
+def test_a_stream_with_a_lag_is_the_replay(made: Picked) -> None:
+    lagging, t = with_delay(made.model, DELAY), late(made)[:3000]
+    q, tau = (t.select([f"{name}{i}" for i in (1, 2, 3)]).to_numpy() for name in ("q", "tau"))
+    online = deltaid.Online(
+        lagging, OnlineSettings(rate=RATE, speed="differenced", largest_mass=2.0)
+    )
+    now = online.run(q, None, tau, t["gripper"].to_numpy().astype(float))
+    assert float(now.mass[-1]) == pytest.approx(MASS, abs=0.05)
+    assert int(np.argmax(now.held)) == 2001
