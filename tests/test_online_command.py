@@ -127,7 +127,7 @@ def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked
     found = watch(
         made.model, open_replay(made.model, made.table.with_columns(late)), OnlineSettings()
     )
-    assert any("5 ms early" in one for one in found.doubts)
+    assert any("ms early against positions" in one for one in found.doubts)
 
 
 def test_what_is_doubtful_stands_everywhere(folder: Path, tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ A load that changes by Δ at a time θ moves the filter's innovations by G Δ an
 
     G = ψ − h F,   F ← F + gain · G,   F = 0 at θ,
 
-for a measurement with the row h that shows the change by ψ. Innovations ν are white with variances
+for a measurement with the row h that shows the change by ψ: by the load's filtered column, less
+what the filters remember of it from before θ, when nothing was there. Innovations ν are white with variances
 s as long as nothing changed, so
 
     D = Σ G ν / s,   C = Σ G² / s,   score D / √C,   Δ = D / C  with variance 1 / C
@@ -14,10 +15,12 @@ Jones). A few times θ are kept in turn, so memory and work are bounded. When on
 the change did to the other estimates is taken back, and the load begins with Δ.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 
+from deltaid.online.filtered import Lowpass
 from deltaid.online.graph import Kept
 from deltaid.online.kalman import Estimate, Told
 from deltaid.online.layout import Field
@@ -31,7 +34,7 @@ _SMALL = 0.05
 # The variance of what a change begins with is larger than 1/C by this factor, and by the square of
 # this share of it: its onset is a guess, and of a load that is taken while the robot moves filters
 # show little at first. So it is nearly free as well, by this share of the mass's prior variance.
-_WIDER, _ROUGH, _FREE = 4.0, 1.0, 0.05
+_WIDER, _ROUGH, _FREE = 4.0, 0.5, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,24 +44,36 @@ class Onset:
     Attributes:
         moved: F.
         evidence, information: D and C.
+        once, twice: what the filter of the load's column remembers from before θ, and the filter
+            behind it.
     """
 
     moved: ca.SX
     evidence: ca.SX
     information: ca.SX
+    once: ca.SX
+    twice: ca.SX
 
-    def told(self, shown: ca.SX, told: Told) -> "Onset":
+    def later(self, lowpass: Lowpass) -> "Onset":
+        """A cycle later."""
+        once = lowpass.a * self.once
+        twice = lowpass.output(lowpass.keep(self.twice, self.once), once)
+        return replace(self, once=once, twice=twice)
+
+    def told(self, i: int, column: ca.SX, told: Told) -> "Onset":
         """With one measurement more.
 
         Args:
-            shown: ψ.
+            i: which drive's.
+            column: of the load, twice filtered.
         """
-        G = shown - told.row @ self.moved
+        G = column[i] - self.twice[i] - told.row @ self.moved
         share = G / told.variance
-        return Onset(
-            self.moved + told.gain * G,
-            self.evidence + share * told.innovation,
-            self.information + share * G,
+        return replace(
+            self,
+            moved=self.moved + told.gain * G,
+            evidence=self.evidence + share * told.innovation,
+            information=self.information + share * G,
         )
 
     @property
@@ -73,11 +88,13 @@ class Onset:
 
     def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
         """This one, or another one."""
-        return Onset(
-            ca.if_else(condition, self.moved, other.moved),
-            ca.if_else(condition, self.evidence, other.evidence),
-            ca.if_else(condition, self.information, other.information),
-        )
+        return Onset(*(ca.if_else(condition, a, b) for a, b in zip(self, other, strict=True)))
+
+    def __iter__(self) -> Iterator[ca.SX]:
+        return (getattr(self, name) for name in _NAMES)
+
+
+_NAMES = tuple(field.name for field in fields(Onset))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,24 +114,26 @@ class Onsets:
     clock: tuple[ca.SX, ca.SX]
 
     @classmethod
-    def named(cls, n: int, period: float) -> "Onsets":
+    def named(cls, n: int, dof: int, lowpass: Lowpass, period: float) -> "Onsets":
         """New symbols.
 
         Args:
             n: how many states are estimated.
         """
+        sizes = dict(zip(_NAMES, (n, 1, 1, dof, dof), strict=True))
         symbols = tuple(
-            Onset(ca.SX.sym(f"F{j}", n), ca.SX.sym(f"D{j}"), ca.SX.sym(f"C{j}"))
+            Onset(**{name: ca.SX.sym(f"{name}{j}", size) for name, size in sizes.items()})
             for j in range(_ONSETS)
         )
         clock, turn = ca.SX.sym("clock"), max(1, round(_LIFE / period / _ONSETS))
         later = ca.if_else(clock + 1.5 > turn * _ONSETS, 0.0, clock + 1)
         ends = tuple(ca.fabs(clock - j * turn) < 0.5 for j in range(_ONSETS))
-        return cls(symbols, symbols, ends, (clock, later))
+        each = tuple(one.later(lowpass) for one in symbols)
+        return cls(each, symbols, ends, (clock, later))
 
-    def told(self, shown: ca.SX, told: Told) -> "Onsets":
+    def told(self, i: int, column: ca.SX, told: Told) -> "Onsets":
         """With one measurement more."""
-        return replace(self, each=tuple(one.told(shown, told) for one in self.each))
+        return replace(self, each=tuple(one.told(i, column, told) for one in self.each))
 
     @property
     def likeliest(self) -> Onset:
@@ -124,17 +143,22 @@ class Onsets:
             best = one.chosen(ca.fabs(one.score) > ca.fabs(best.score), best)
         return best
 
-    def kept(self, anew: ca.SX) -> tuple[Kept, ...]:
-        """Fields of the state."""
+    def kept(self, anew: ca.SX, once: ca.SX, twice: ca.SX) -> tuple[Kept, ...]:
+        """Fields of the state.
+
+        Args:
+            anew: 1 where filters begin anew.
+            once, twice: the load's column, filtered.
+        """
         doc, fields = "times at which the load may have changed", list[Kept]()
         for j, (one, symbol, ends) in enumerate(
             zip(self.each, self.symbols, self.ends, strict=True)
         ):
-            goes_on = 1 - ca.logic_or(ends, anew)
-            for name in ("moved", "evidence", "information"):
-                now, before = getattr(one, name), getattr(symbol, name)
+            begun = Onset(ca.SX(one.moved.numel(), 1), ca.SX(1, 1), ca.SX(1, 1), once, twice)
+            following = one.chosen(ca.logic_not(ends), begun)
+            for name, before, now in zip(_NAMES, symbol, following, strict=True):
                 field = Field(f"onset{j + 1}_{name}", before.numel(), doc)
-                fields.append(Kept(field, before, now * goes_on))
+                fields.append(Kept(field, before, ca.densify(now) * (1 - anew)))
         clock, later = self.clock
         return (*fields, Kept(Field("onset_clock", 1, doc), clock, later))
 

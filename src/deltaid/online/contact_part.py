@@ -13,6 +13,9 @@ from deltaid.online.graph import Given, Kept, Part
 from deltaid.online.layout import Field
 from deltaid.robot.description import RobotDescription
 
+# A load that is let go may hang on for a moment: the share of it that may still be there falls with
+# this time constant [s].
+_HANGS_ON = 0.02
 # Moments of a load that nobody told, as shares of the largest.
 _ASIDE = 0.2
 # A contact's time is counted up to here [s].
@@ -34,9 +37,10 @@ class Expected:
         dry: filtered size of torques that no speed tells.
         mass: of the load held, in units of the largest one.
         lifted: columns of the load, the mass first, one for each entry's largest size.
+        hangs_on: of the load that was let go last, in the same units, what may still be there.
         told: 1 where the gripper tells what it holds.
         lacking: size of torques that the model has not.
-        live: 1 where the residual has a past.
+        live: 1 where the residual's filter has forgotten what it began with.
         M: mass matrix, with the load.
     """
 
@@ -46,6 +50,7 @@ class Expected:
     covariance: ca.SX
     dry: ca.SX
     mass: ca.SX
+    hangs_on: ca.SX
     lifted: ca.SX
     told: ca.SX
     lacking: ca.SX
@@ -85,7 +90,7 @@ def residual_of(
     behind = e.lacking**2 + settings.noise**2 * (0.5 * settings.corner * settings.period)
     untold = 1 - e.told
     speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
-    aside = e.lifted[:, 1:] * (_ASIDE * untold)
+    aside = ca.horzcat(e.lifted[:, 1:] * (_ASIDE * untold), e.lifted[:, 0] * e.hangs_on)
     S = e.columns @ e.covariance @ e.columns.T + ca.diag(behind) + speeds @ speeds.T
     S += aside @ aside.T
     T = mechanism.speeds.inverse_jacobian[robot.task.moves, :]
@@ -148,7 +153,7 @@ def contact_of(cycle: Cycle) -> Part:
     s, e, known, settings = cycle.signals, cycle.estimates, cycle.known, cycle.settings
     dof = s.qd.numel()
     n = s.columns.shape[1]
-    x, P = e.before.x[:n], e.before.P[:n, :n]
+    x, P, hung = e.before.x[:n], e.before.P[:n, :n], ca.SX.sym("hangs_on")
     M = ca.Function("M", [s.momentum.z, s.momentum.p], [s.momentum.M])
     loaded = ca.SX(cycle.model.p)
     first = cycle.model.layout.body(known.entries.body).start
@@ -162,10 +167,11 @@ def contact_of(cycle: Cycle) -> Part:
         covariance=P,
         dry=s.dry,
         mass=x[0],
+        hangs_on=hung,
         lifted=s.columns[:, s.at_load],
         told=ca.if_else(s.gripper > -0.5, 1.0, 0.0),
         lacking=e.lacking,
-        live=s.live,
+        live=s.settled,
         M=M(s.z, loaded),
     )
     of = ContactSettings(
@@ -177,4 +183,7 @@ def contact_of(cycle: Cycle) -> Part:
     )
     model = cycle.model
     _, part = contact_part(model.robot, model.dynamics.kinematics.mechanism, expected, of)
-    return part
+    let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
+    left = ca.if_else(let_go, ca.fmax(x[0], 0), hung * np.exp(-settings.period / _HANGS_ON))
+    field = Field("hangs_on", 1, "of the load let go last, what may still be there")
+    return Part((*part.kept, Kept(field, hung, left)), part.given)

@@ -90,9 +90,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
         settings.unmodelled,
         "unmodelled",
         model,
-        largest * _UNMODELLED
-        if found is None
-        else _OF_FIT * np.array(found.fit.rms) * model.gains,
+        largest * _UNMODELLED if found is None else _OF_FIT * np.array(found.fit.rms) * model.gains,
     )
     root = _root(model)
     followed = tuple(

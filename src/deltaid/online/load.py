@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.online.changes import Onsets, Rules, after, change, waits
+from deltaid.online.filtered import Lowpass
 from deltaid.online.graph import Given, Kept, Part, chosen
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import Knowledge
@@ -34,6 +35,8 @@ _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 _LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
+# A change must be likely for so long, in time constants of the filter.
+_CONFIRMED = 1.0
 # Torques whose direction no speed tells stay for so long [s].
 _AT_REST = 0.02
 
@@ -100,17 +103,19 @@ def estimates(
     weight = s.live * (1 - touched) * (1 - waits(held, gripper))
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
     of_load = before.x[:n_load] / ca.fmax(before.x[0], _LEAST_SHARE)
-    shown = rows[:, :n_load] @ chosen(ca.logic_and(held, before.x[0] > _LEAST_SHARE), of_load, unit)
-    behind, onsets = before, Onsets.named(n, period)
+    shape = chosen(ca.logic_and(held, before.x[0] > _LEAST_SHARE), of_load, unit)
+    once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
+    lowpass = Lowpass.lines(settings.corner, period)
+    behind, onsets = before, Onsets.named(n, s.qd.numel(), lowpass, period)
     for i in range(s.qd.numel()):
         behind, told = behind.measured(rows[i, :], s.smooth_residual[i], variances[i], weight)
-        onsets = onsets.told(shown[i], told)
+        onsets = onsets.told(i, twice, told)
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
     rules = Rules(
         known.least_mass / known.load_scales[0],
         settings.alarm,
-        2 / settings.corner,
+        _CONFIRMED / settings.corner,
         settings.grip_time,
         period,
     )
@@ -138,7 +143,7 @@ def estimates(
         *(_level(name, level, step * (part / lacking) ** 2)
           for name, level, part in zip(("moving", "slow"), (moving, slow), parts, strict=True)),
         *found.kept,
-        *onsets.kept(found.changed),
+        *onsets.kept(found.changed, once, twice),
     )  # fmt: skip
     names = ", ".join(known.entries.names)
     given = (

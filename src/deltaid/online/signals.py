@@ -16,6 +16,8 @@ from deltaid.online.pose import pose
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.waiting import Line, line, waits
 
+# How long filters remember what they began with, in their time constants.
+_SETTLED = 3.0
 # Friction by what gears carry that a model may lack, as a share of that.
 _CARRIED = 0.03
 
@@ -27,7 +29,8 @@ class Signals:
     Attributes:
         inputs, u: what is read, and its symbols.
         good: 1 where it can be used and the loops close.
-        live: 1 where this cycle is good and those before were, so that filters have a past.
+        live: 1 where this cycle is good and those before were, so that filters have a past, and
+        settled: for so long that they have forgotten what they began with.
         z, qd, tau: pose, speeds, and torques on the joints' side.
         gripper: what it told at that time.
         torque: filtered torque, as measured.
@@ -48,6 +51,7 @@ class Signals:
     u: dict[str, ca.SX]
     good: ca.SX
     live: ca.SX
+    settled: ca.SX
     z: ca.SX
     qd: ca.SX
     tau: ca.SX
@@ -146,7 +150,7 @@ def signals(
         _filter("slow", slow_before, lines.keep(slow_now, slow), lines.keep(slow, slow), begins),
     ]
     return Signals(
-        inputs, u, good, live, z, qd, tau, waited.u["gripper"],
+        inputs, u, good, live, ca.logic_and(now.settled, good), z, qd, tau, waited.u["gripper"],
         torque=only_if(live, torque),
         residual=both[:, 0],
         columns=both[:, 1:],
@@ -167,7 +171,8 @@ class _Instant:
     """Where and how fast the robot is at one instant, and the torques there.
 
     Attributes:
-        live: 1 where the cycles before were good.
+        live: 1 where the cycles before were good, and
+        settled: for so long that filters have forgotten what they began with.
         holds: whether the torque stays until the next instant.
     """
 
@@ -175,6 +180,7 @@ class _Instant:
     qd: ca.SX
     tau: ca.SX
     live: ca.SX
+    settled: ca.SX
     holds: bool
     kept: tuple[Kept, ...]
 
@@ -191,11 +197,12 @@ def _instant(waited: Line, count: ca.SX, gains: ca.SX, settings: OnlineSettings)
     u, q, tau = waited.u, waited.u["q"], gains * waited.u["tau"]
     held = settings.torque == "held"
     needed = waited.cycles + (1 if settings.speed == "measured" else 2)
-    field = Field("live", 1, f"good cycles in a row, up to {needed}")
-    kept = [Kept(field, count, ca.fmin(count + 1, needed), ca.SX(0)), *waited.kept]
-    live = count >= needed
+    most = needed + round(_SETTLED * settings.rate / settings.corner)
+    field = Field("live", 1, f"good cycles in a row, up to {most}")
+    kept = [Kept(field, count, ca.fmin(count + 1, most), ca.SX(0)), *waited.kept]
+    live, settled = count >= needed, count >= most
     if settings.speed == "measured":
-        return _Instant(q, u["qd"], tau, live, held, tuple(kept))
+        return _Instant(q, u["qd"], tau, live, settled, held, tuple(kept))
     dof = q.numel()
     q_before, tau_before = ca.SX.sym("q_before", dof), ca.SX.sym("tau_before", dof)
     kept += [
@@ -207,7 +214,7 @@ def _instant(waited: Line, count: ca.SX, gains: ca.SX, settings: OnlineSettings)
     last = chosen(count > 0, q_before, q)
     middle = tau_before if held else 0.5 * (tau + tau_before)
     speed = (q - last) / settings.period
-    return _Instant(0.5 * (q + last), speed, middle, live, False, tuple(kept))
+    return _Instant(0.5 * (q + last), speed, middle, live, settled, False, tuple(kept))
 
 
 def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[Momentum, ca.DM]:
