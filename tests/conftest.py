@@ -5,8 +5,11 @@ import gc
 import inspect
 import os
 import pkgutil
+import signal
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 import jaxtyping
 import pytest
@@ -25,20 +28,24 @@ def pytest_xdist_auto_num_workers() -> int:
 os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
 threadpoolctl.threadpool_limits(1, user_api="blas")
 
+# What is started in the background ignores Ctrl-C, and so would the processes that tests interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 # All but the writer of machine code: its methods run for every instruction of every graph and see
 # no arrays; checking them would take a third of the tests' time.
 _PARTS = [part.name for part in pkgutil.iter_modules(deltaid.__path__) if part.name != "kernel"]
 _CHECKED = [f"deltaid.{name}" for name in (*_PARTS, "kernel.batch")]
 
-# In each test a function is checked in its first calls and not in the thousandth of a loop. A
-# function within a function is made anew in every call of the outer one, and making its check takes
-# a millisecond: so its calls count together, and its check is made when it is called.
-_ENOUGH = 2
+# Of the calls that a test file makes of a function the first, second, fourth, eighth … are checked:
+# its later tests count too, but not all thousands of a loop. A function within a function is made
+# anew in every call of the outer one, and making its check takes a millisecond: so its calls count
+# together, and its check is made when it is called.
 _CALLS: Counter[object] = Counter()
 _jaxtyped = jaxtyping.jaxtyped
 
 
-def _first_calls_checked(**options: object):
+def _some_calls_checked(**options: object):
     def decorate(part):
         if inspect.isclass(part):
             return _jaxtyped(part, **options)
@@ -47,8 +54,8 @@ def _first_calls_checked(**options: object):
         @functools.wraps(part)
         def call(*arguments, **keywords):
             nonlocal check
-            _CALLS[code] += 1
-            if _CALLS[code] > _ENOUGH:
+            _CALLS[code] = number = _CALLS[code] + 1
+            if number & (number - 1):  # no power of two
                 return part(*arguments, **keywords)
             check = check or _jaxtyped(part, **options)
             return check(*arguments, **keywords)
@@ -58,18 +65,28 @@ def _first_calls_checked(**options: object):
     return decorate
 
 
-jaxtyping.jaxtyped = _first_calls_checked
+jaxtyping.jaxtyped = _some_calls_checked
 jaxtyping.install_import_hook(_CHECKED, "beartype.beartype")
 
 
-@pytest.fixture(autouse=True)
-def _count_calls_anew() -> None:
-    _CALLS.clear()
+# Files with a long test come first: no worker begins one when the others have nothing left to do.
+_LONG = ("test_docs.py", "test_fleet.py", "test_reproduce.py", "test_studio_browser.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in _LONG)
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported by now stays: the collections of garbage below pass it over."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
     """What a file keeps from test to test, robots with their compiled kernels, goes with it."""
+    _CALLS.clear()
     yield
     for kept in vars(request.module).values():
         if hasattr(kept, "cache_clear"):
@@ -85,6 +102,26 @@ def irb360() -> deltaid.Dynamics:
 @pytest.fixture(scope="session")
 def clavel() -> deltaid.Dynamics:
     return deltaid.Dynamics(deltaid.load_robot("clavel-delta3"))
+
+
+@pytest.fixture(scope="session")
+def demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `deltaid demo --keep` leaves, and the report of its fit, identify.html; only read it.
+
+    All workers share what the first of them has made.
+    """
+    from command import run
+
+    made, base = tmp_path_factory.mktemp("demo"), tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "demonstration"
+    if not shared.exists():
+        assert run("demo", "--keep", made).code == 0
+        robot, log, verify = (made / name for name in ("robot.yaml", "identify.csv", "verify.csv"))
+        page = made / "identify.html"
+        assert run("identify", robot, log, "--verify", verify, "--report", page).code == 0
+        with suppress(OSError):  # another worker was faster
+            made.rename(shared)
+    return shared
 
 
 @pytest.fixture(scope="session")

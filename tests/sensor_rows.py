@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from composed import Make, describe, parameters, random_composed, random_states
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.robot.sensors import Sensor
+from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.graph_rows import GraphRows
 from deltaid.sensors.of_robot import sensor_rows
@@ -18,6 +20,21 @@ from oracle.sensors import SensorOracle, StrutOracle
 from oracle.tree import Body, random_body
 
 SPACING = 0.6  # of the oracle's struts
+CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz")
+PLACE, TURN = (0.11, -0.23, 0.31), (20.0, -35.0, 130.0)
+SINGLE = [
+    Make(unequal=True, own=True),
+    Make(telescope=True, unequal=True, tilt=(-10, 20)),
+    Make(linear=True, tilt=(10, 30), inwards=(1,)),
+    Make(kind="h4", own=True),
+    Make(kind="h4", linear=True, unequal=True),
+]
+SUMS = [
+    Make(kind="par4", unequal=True),
+    Make(kind="i4", linear=True),
+    Make(kind="i4", own=True),
+    Make(telescope=True, struts=1),
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,3 +103,41 @@ def dense(
     found = np.zeros((len(states[0]), len(rows.channels), first + len(rows.parameters)))
     found[:, channels, columns] = rows.entries(*states, shown).T
     return found
+
+
+def label(make: Make) -> str:
+    drive = "linear" if make.linear else "rotary"
+    return f"{make.kind}-{drive}{'-telescope' if make.telescope else ''}"
+
+
+def per_drive(twin: SensorTwin) -> dict[str, float]:
+    """Turns of motors for a turn of their drives, or for a metre of a rail."""
+    robot = twin.dynamics.robot
+    return {
+        drive: n / (2 * np.pi) if robot.is_linear(drive) else n
+        for drive, n in zip(robot.drives, twin.oracle.turns.tolist(), strict=True)
+    }
+
+
+def plate(twin: SensorTwin | None = None, **more: Any) -> BaseWrench:
+    """A sensor somewhere, turned, that knows the twin's motors and has no error of its own."""
+    known = {"motor_turns": per_drive(twin)} if twin else {}
+    own = {"position": PLACE, "rotation_deg": TURN, "force_bias": 0, "moment_bias": 0}
+    return BaseWrench.model_validate({"kind": "base-wrench"} | own | known | more)
+
+
+def axes() -> np.ndarray:
+    """Of that sensor: intrinsic yaw, pitch, roll."""
+    return Rotation.from_euler("ZYX", TURN[::-1], degrees=True).as_matrix()
+
+
+def wrenches(twin: SensorTwin) -> np.ndarray:
+    """What it shows, by the oracle."""
+    states = zip(*twin.states, strict=True)
+    return np.array([twin.oracle.base_wrench(*one, np.array(PLACE), axes()) for one in states])
+
+
+def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
+    scale = np.abs(expected).max()
+    assert scale > 1.0
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=1e-9)

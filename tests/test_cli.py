@@ -1,18 +1,13 @@
-"""Every command on small data: exit codes, JSON, files, help, and how fast help comes."""
+"""Commands on small data: exit codes, JSON, files, tables."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-import typer
 
 from command import refused, run
-from deltaid.cli.app import app
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.torque_error import TorqueError, predict
@@ -25,7 +20,6 @@ from deltaid.robot.load import catalogue, catalogue_text
 from json_schema import violations
 from logs import names, recorded, write
 
-COMMANDS = sorted(typer.main.get_command(app).commands)
 ROBOT = "clavel-delta3"
 KEYS = {"objective", "duality_gap", "optimization_variables", "base_parameters", "rms", "nrmse"}
 KEYS |= {"friction", "consistent", "verify"}
@@ -249,21 +243,6 @@ def test_warnings_leave_json_clean(folder: Path, tmp_path: Path) -> None:
     assert "no line break" in outcome.err
 
 
-@pytest.mark.parametrize("arguments", [[], *([name] for name in COMMANDS)])
-def test_help(arguments: list[str]) -> None:
-    outcome = run(*arguments, "--help")
-    assert outcome.code == 0
-    assert outcome.err == ""
-    assert max(map(len, outcome.out.splitlines())) <= 80
-    commands = typer.main.get_command(app).commands
-    if not arguments:
-        assert all(name in outcome.out for name in COMMANDS)
-        return
-    assert commands[arguments[0]].help
-    for parameter in commands[arguments[0]].params:
-        assert parameter.name == "help" or parameter.help, parameter.name
-
-
 def test_tables_fit_80_columns(folder: Path) -> None:
     log = folder / "four.csv"
     texts = [
@@ -282,47 +261,3 @@ def test_tables_lose_nothing_on_narrow_terminals(folder: Path) -> None:
         narrow, wide = (run(*arguments, width=width).out for width in (50, 200))
         assert "…" not in narrow
         assert sorted(narrow.split()) == sorted(wide.split())
-
-
-def test_version() -> None:
-    assert run("--version").out.startswith("deltaid ")
-
-
-def test_no_arguments_show_help() -> None:
-    outcome = run()
-    assert "identify" in outcome.out + outcome.err
-
-
-HEAVY = ("casadi", "polars", "scipy", "numpy", "ruamel", "pint", "llvmlite", "clarabel")
-START = "from deltaid.cli import main; import sys; sys.argv = ['deltaid', {}]; main()"
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import deltaid; dir(deltaid); deltaid.__version__",
-        START.format("'--help'"),
-        START.format("'identify', '-h'"),
-    ],
-)
-def test_nothing_heavy_is_imported_for_help(code: str) -> None:
-    report = f"import atexit, sys; atexit.register(lambda: print(*sys.modules, sep='\\n'))\n{code}"
-    done = subprocess.run(
-        [sys.executable, "-c", report], capture_output=True, check=True, encoding="utf-8"
-    )
-    loaded = {name.split(".")[0] for name in done.stdout.splitlines()}
-    assert "deltaid" in loaded
-    assert loaded.isdisjoint(HEAVY)
-
-
-def test_the_console_script() -> None:
-    script = Path(sys.executable).with_name("deltaid")
-    good = subprocess.run([script, "robots"], capture_output=True, encoding="utf-8")
-    assert (good.returncode, good.stderr) == (0, "")
-    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
-    schema = subprocess.run([script, "schema"], capture_output=True, env=environment, check=True)
-    assert "m/s²" in schema.stdout.decode("utf-8")
-    assert "‖J‖" in schema.stdout.decode("utf-8")
-    bad = subprocess.run([script, "robots", "x"], capture_output=True, encoding="utf-8")
-    assert (bad.returncode, bad.stdout) == (2, "")
-    assert bad.stderr.startswith("error: no robot file")

@@ -1,6 +1,7 @@
 """`deltaid forces`: worst cases, files and messages."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +22,9 @@ OPTIONS = ("--strut-spacing", SPACING, "--socket-force", SPRING)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory, demonstration: Path) -> Path:
     """A demonstration's robot, recordings of 20 s and model."""
-    path = tmp_path_factory.mktemp("forces")
-    assert run("demo", "--keep", path).code == 0
-    return path
+    return shutil.copytree(demonstration, tmp_path_factory.mktemp("forces") / "demo")
 
 
 def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:

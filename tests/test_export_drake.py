@@ -1,4 +1,4 @@
-"""MJCF and URDF in Drake, where it is installed (`pip install drake`): loops hold, same path."""
+"""MJCF and URDF in Drake, where it has a wheel: loops hold, same path."""
 
 from __future__ import annotations
 

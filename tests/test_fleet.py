@@ -174,7 +174,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     with s3_server(tmp_path) as address, unreliable(address) as before_it:
         monkeypatch.setenv("AWS_ENDPOINT_URL", before_it)
         environment = {"PYTHONPATH": os.pathsep.join(sys.path)}
-        with dask_cluster(tmp_path, 4, environment) as scheduler:
+        with dask_cluster(tmp_path, 2, environment) as scheduler:
             files = s3fs.S3FileSystem(endpoint_url=address, use_listings_cache=False)
             files.mkdir("plant")
             files.pipe_file("plant/fleet.yaml", manifest().encode())

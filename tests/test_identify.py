@@ -127,11 +127,24 @@ def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
     }
 
 
-def test_two_logs_together_are_more_certain_than_one(tmp_path) -> None:
-    demonstrate(load_robot("clavel-delta3"), tmp_path)
-    robot = load_robot(tmp_path / "robot.yaml")
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory) -> Path:
+    """What a demonstration keeps: robot.yaml, identify.csv, verify.csv."""
+    folder = tmp_path_factory.mktemp("kept")
+    demonstrate(load_robot("clavel-delta3"), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def plain(kept: Path) -> IdentifiedModel:
+    """Identified without any choice."""
+    return identify(load_robot(kept / "robot.yaml"), [kept / "identify.csv"]).model
+
+
+def test_two_logs_together_are_more_certain_than_one(kept: Path) -> None:
+    robot = load_robot(kept / "robot.yaml")
     only = Settings(friction="described")
-    logs = [tmp_path / "identify.csv", tmp_path / "verify.csv"]
+    logs = [kept / "identify.csv", kept / "verify.csv"]
     models = [identify(robot, log, settings=only) for log in (logs[:1], logs[1:], logs)]
     one, _, both = models
     assert both.problem.information.mean_samples > 1.9 * one.problem.information.mean_samples
@@ -142,29 +155,25 @@ def test_two_logs_together_are_more_certain_than_one(tmp_path) -> None:
     assert np.median(ratios) < 0.85
 
 
-def test_model_file_gives_the_same_torques_to_the_last_bit(tmp_path) -> None:
+def test_model_file_gives_the_same_torques_to_the_last_bit(plain, tmp_path) -> None:
     rng = np.random.default_rng(1)
-    demonstrate(load_robot("clavel-delta3"), tmp_path)
-    result = identify(load_robot(tmp_path / "robot.yaml"), [tmp_path / "identify.csv"])
-    result.model.save(tmp_path / "saved.yaml")
+    plain.save(tmp_path / "saved.yaml")
     loaded = IdentifiedModel.load(tmp_path / "saved.yaml")
-    assert loaded == result.model
-    dynamics = compiled(result.model.robot)
+    assert loaded == plain
+    dynamics = compiled(plain.robot)
     z = np.array([[0.1, -0.05, -0.9]])
     q = dynamics.kinematics.inverse(np.repeat(z, 5, axis=0))
     qd, qdd = rng.standard_normal((2, 5, 3))
-    before = dynamics.inverse_dynamics(q, qd, qdd, result.model.p)
+    before = dynamics.inverse_dynamics(q, qd, qdd, plain.p)
     after = compiled(loaded.robot).inverse_dynamics(q, qd, qdd, loaded.p)
     assert before.tobytes() == after.tobytes()
-    assert loaded.sources[0].sha256 == result.model.sources[0].sha256
+    assert loaded.sources[0].sha256 == plain.sources[0].sha256
 
 
 @pytest.mark.parametrize("regularizer", ["entropic", "riemannian"])
-def test_other_metrics_fit_as_well(tmp_path, regularizer) -> None:
-    demonstrate(load_robot("clavel-delta3"), tmp_path)
-    robot = load_robot(tmp_path / "robot.yaml")
+def test_other_metrics_fit_as_well(kept: Path, plain: IdentifiedModel, regularizer) -> None:
+    robot = load_robot(kept / "robot.yaml")
     settings = Settings(regularizer=regularizer, method="log-cholesky")
-    other = identify(robot, [tmp_path / "identify.csv"], settings=settings).model
-    plain = identify(robot, [tmp_path / "identify.csv"]).model
+    other = identify(robot, [kept / "identify.csv"], settings=settings).model
     assert np.allclose(other.fit.rms, plain.fit.rms, rtol=0.01)
     assert other.consistent

@@ -1,4 +1,4 @@
-"""A model as functions of JAX, where it is installed: same numbers, derivatives, many samples."""
+"""A model as functions of JAX, where it has a wheel: same numbers, derivatives, many samples."""
 
 from __future__ import annotations
 

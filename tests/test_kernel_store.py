@@ -136,6 +136,7 @@ def test_entries_used_longest_ago_make_room(folder: Path, monkeypatch) -> None:
     folder.mkdir(parents=True)
     (folder / "letter.txt").write_bytes(b"x" * 500)
     monkeypatch.setattr(store, "_LARGEST", 350)
+    monkeypatch.setattr(store, "_LOOKS", 1)
     for i, name in enumerate(names[:3]):
         store.save(name, bytes(68))  # 100 bytes with the checksum
         os.utime(folder / name, (i + 1, i + 1))
@@ -143,6 +144,16 @@ def test_entries_used_longest_ago_make_room(folder: Path, monkeypatch) -> None:
     store.save(names[3], bytes(68))
     assert [store.load(name) is not None for name in names] == [True, False, True, True]
     assert (folder / "letter.txt").exists()
+
+
+def test_not_every_one_that_is_saved_has_all_looked_at(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr(store, "_LARGEST", 0)
+    left = []
+    for i in range(300):
+        store.save(store.key(f"{i}"), b"%d" % i)
+        left.append(len(list(folder.iterdir())))
+    assert 5 < left.count(0) < 50
+    assert max(left) < 100
 
 
 def test_writers_at_the_same_time(folder: Path) -> None:

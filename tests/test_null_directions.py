@@ -9,17 +9,16 @@ import pytest
 
 from composed import Make, twin
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.halves import with_turned_half
-from deltaid.planning.exchange import exchanges, point_mass
+from deltaid.planning.exchange import exchanges
 from deltaid.planning.joints import instances
 from deltaid.planning.motion import generic_motion
-from deltaid.planning.null_space import NullSpace, null_space, whole_null_space
+from deltaid.planning.null_space import NullSpace, null_space
 from deltaid.planning.openings import openings
 from deltaid.planning.rows import Scene, sensor_rows, torque_rows, torques
 from deltaid.planning.uses import Use
-from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, StrutForce
 from deltaid.sensors.of_robot import sensor_rows as rows_of
@@ -237,45 +236,6 @@ def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
         assert any("strut 3" in one for one in words)
 
 
-def test_what_no_proposal_explains_is_told_by_its_entries() -> None:
-    layout = parameter_layout(load_robot("clavel-delta3"))
-    names, rng = layout.names, np.random.default_rng(0)
-    at = [names.index(name) for name in ("U.m", "S.mcx", "P.Izz")]
-    rows = np.zeros((40, len(names)))
-    rows[:, at[:2]] = rng.standard_normal((40, 2))
-    rows[:, at[2]] = rows[:, at[0]] - 2 * rows[:, at[1]]
-    null = null_space(rows, layout, ())
-    assert (null.visible, null.rank) == (3, 2)
-    assert null.directions[0].words == "a combination of U.m, S.mcx, P.Izz"
-    d = null.directions[0].direction[at]
-    assert d / d[2] == pytest.approx([-1.0, 2.0, 1.0])
-    assert len(null.invisible) == len(names) - 3
-
-
-def test_what_is_left_beside_named_directions_is_told_sparsely() -> None:
-    layout = parameter_layout(load_robot("clavel-delta3"))
-    rng = np.random.default_rng(1)
-    rows = np.zeros((40, len(layout.names)))
-    a, b, c, d = 0, 1, 10, 11
-    rows[:, [a, c]] = rng.standard_normal((40, 2))
-    rows[:, b], rows[:, d] = rows[:, a], rows[:, c]
-    from deltaid.planning.exchange import Exchange
-
-    named = np.zeros(len(layout.names))
-    named[[a, b]] = 1.0, -1.0
-    null = null_space(rows, layout, [Exchange("the first two", named)])
-    assert [one.words for one in null.directions] == [
-        "the first two",
-        f"a combination of {layout.names[c]}, {layout.names[d]}",
-    ]
-
-
-def test_a_point_mass_is_a_body() -> None:
-    r = np.array([0.3, -0.2, 0.5])
-    M = pseudo_inertia(2.0 * point_mass(r))
-    assert np.allclose(M, 2.0 * np.outer([*r, 1.0], [*r, 1.0]))
-
-
 def test_what_parts_a_direction_is_what_leaves_it_no_way_out() -> None:
     where = scene("clavel-delta3")
     layout = where.dynamics.layout
@@ -299,12 +259,3 @@ def test_what_parts_a_direction_is_what_leaves_it_no_way_out() -> None:
     assert parted[ELBOW] == ("scale:S", "scale:S+P")
     assert parted[PLATFORM.format("platform")] == ("scale:S", "scale:P", "scale:S+P")
     assert [len(one.null.directions) for one in found] == [2, 1, 1, 2, 1]
-
-
-def test_a_whole_null_space_holds_what_is_not_seen_at_all() -> None:
-    layout = parameter_layout(load_robot("clavel-delta3"))
-    rows = np.zeros((5, len(layout.names)))
-    rows[:, 3:5] = np.random.default_rng(0).standard_normal((5, 2))
-    basis = whole_null_space(rows, layout)
-    assert basis.shape == (len(layout.names), len(layout.names) - 2)
-    assert np.abs(rows * [one.scale for one in layout.parameters] @ basis).max() < 1e-9

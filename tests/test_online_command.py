@@ -120,6 +120,7 @@ def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
     found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
     assert found.touches == ()
     assert found.cycles == 2900
+    assert any("1 gap" in one for one in found.doubts)
 
 
 def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked) -> None:

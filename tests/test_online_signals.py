@@ -10,6 +10,9 @@ import pytest
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model
 from deltaid.online.cycle import step_graph
+from deltaid.online.feedforward import FeedForward
+from deltaid.online.friction import friction_bounds
+from deltaid.online.knowledge import knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.robot.load import load_robot
 from online_runs import outputs, robot, running
@@ -63,3 +66,33 @@ def test_torques_are_what_drives_report_times_their_gains(monkeypatch: pytest.Mo
     monkeypatch.setattr(Model, "gains", property(lambda _: gains))
     y = outputs(step_graph(model, QUIET), replace(run, tau=run.tau / gains), run.held)
     assert y["load"][-1, 0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_feed_forward_is_what_drives_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torques at the joints by the gains."""
+    gains, (model, _) = np.array([1.2, 0.8, 1.5]), robot("clavel-delta3")
+    known, run = knowledge(model, QUIET), running(model, 3, slice(0, 0))
+    none, friction = np.zeros(len(known.entries.shown)), model.p[list(known.followed)]
+    rows = run.q[1], run.qd[1], np.array([1.0, -2.0, 3.0])
+    expected = model.dynamics.inverse_dynamics(*rows, model.p) / gains
+    monkeypatch.setattr(Model, "gains", property(lambda _: gains))
+    assert FeedForward(model, known)(*rows, none, friction) == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_offset_of_friction_near_zero_may_change_its_sign() -> None:
+    """It moves by its deviations; coefficients of one sign by a share of themselves."""
+    described = load_robot("clavel-delta3")
+    law = described.friction["drive2"].changed(offset=0.01)
+    offset = described.model_copy(update={"friction": described.friction | {"drive2": law}})
+    model = Model(offset, prior_parameters(offset), "offset")
+    known = knowledge(model, QUIET)
+    low, high = friction_bounds(model, known, 0.3)
+    for k, std, down, up in zip(known.followed, known.friction_std, low, high, strict=True):
+        value = model.p[k]
+        lowest, highest = value + std * down, value + std * up
+        if model.layout.names[k] == "offset.drive2":
+            assert lowest < -std
+            assert highest > std
+        else:
+            assert (lowest, highest) == pytest.approx((0.7 * value, 1.3 * value))
+    assert "offset.drive2" in [model.layout.names[k] for k in known.followed]

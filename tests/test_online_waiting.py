@@ -9,6 +9,8 @@ import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
+from deltaid.export.precision import DOUBLE
+from deltaid.export.structured_text import structured_text
 from deltaid.model.model import Model, load
 from deltaid.online.found import Watched
 from deltaid.online.layout import Field, Layout
@@ -16,8 +18,9 @@ from deltaid.online.rows import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.waiting import Line, Waits, line, waits
 from deltaid.online.watch import watch
-from online_runs import RATE
+from online_runs import RATE, running
 from picking import HELD, MASS, PUSHES, Picked, picked
+from st_program import Program
 
 # Two drives whose torques come late, one whose torques come early [s].
 DELAY = (1.4e-3, 1.4e-3, -0.6e-3)
@@ -91,6 +94,23 @@ def test_lags_that_cannot_be_are_refused(delay: float | tuple[float, ...]) -> No
 
 def test_without_a_lag_nothing_waits(made: Picked) -> None:
     assert "waiting" not in deltaid.Online(made.model).graph.state.places
+
+
+def test_structured_text_lets_signals_wait_too() -> None:
+    """Numbers that move on by one must not overwrite each other where the state is one array."""
+    model, cycles = load("clavel-delta3"), 30
+    settings = OnlineSettings(delay=(2.4e-3, 1e-3, -1.5e-3))
+    run = running(model, cycles, slice(10, cycles))
+    run.tau[17] = np.nan
+    online = deltaid.Online(model, settings)
+    expected = online.run(run.q, run.qd, run.tau, run.held.astype(float)).outputs
+    program = Program(structured_text(model, "rob", DOUBLE, ("online",), settings))
+    block = program.units["rob_online"]()
+    for k in range(cycles):
+        row = {"q": run.q[k].tolist(), "qd": run.qd[k].tolist(), "tau": run.tau[k].tolist()}
+        _, y = block(**row, gripper=float(run.held[k]), reset=False)
+        np.testing.assert_allclose(y["residual"], expected["residual"][k], atol=1e-9)
+        assert y["held"] == expected["held"][k, 0]
 
 
 def with_delay(model: Model, delay: tuple[float, ...]) -> Model:

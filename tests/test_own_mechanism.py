@@ -29,7 +29,6 @@ from deltaid.robot.load import bound, load_robot
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "heli4"
 HELI4, FILE = str(EXAMPLES / "robot.yaml"), str(EXAMPLES / "mechanism.py")
-
 # A Delta of the user's own formulas, from angles and not from vectors.
 DELTA = """
 import casadi as ca
@@ -282,8 +281,7 @@ def test_the_tools_range_need_not_contain_zero(heli4, tmp_path):
     data = heli4.model_dump(exclude_none=True)
     data["mechanism"] |= {"angle_deg": (20.0, 120.0), "sha256": None}
     robot = bound(RobotDescription.model_validate(data), "heli4.yaml")
-    home = Kinematics(robot).home
-    np.testing.assert_allclose(home, [0, 0, -0.675, np.deg2rad(70.0)], atol=1e-12)
+    np.testing.assert_allclose(Kinematics(robot).home, [0, 0, -0.675, np.deg2rad(70.0)], atol=1e-12)
 
 
 def test_drives_may_be_the_task_coordinates_themselves(heli4, tmp_path):

@@ -1,5 +1,6 @@
 """The report in headless Chromium: it draws, moves, fits, goes dark, prints, and asks nobody."""
 
+import shutil
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -19,17 +20,15 @@ PAGES = ("identify", "validate", "excite", "sensors", "forces", "simulate", "com
 
 
 @pytest.fixture(scope="module")
-def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def reports(tmp_path_factory: pytest.TempPathFactory, demonstration: Path) -> dict[str, Path]:
     """One report of each command."""
-    folder = tmp_path_factory.mktemp("reports")
-    assert run("demo", "--keep", folder).code == 0
-    robot, log, verify = (folder / name for name in ("robot.yaml", "identify.csv", "verify.csv"))
+    folder = shutil.copytree(demonstration, tmp_path_factory.mktemp("reports") / "demo")
+    verify = folder / "verify.csv"
     pages = {name: folder / f"{name}.html" for name in PAGES}
     model, short = folder / "model.yaml", folder / "short.csv"
     pl.read_csv(verify)[:1000].write_csv(short)
     on_truth = (model, short, "--plant", folder / "truth.yaml", "--report")
     commands = (
-        ("identify", robot, log, "--verify", verify, "--report", pages["identify"]),
         ("validate", folder / "model.yaml", verify, "--report", pages["validate"]),
         ("excite", "clavel-delta3", "--starts", 1, "--duration", 3, "--report", pages["excite"]),
         ("sensors", "clavel-delta3", "--report", pages["sensors"]),
@@ -38,7 +37,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ("simulate", *on_truth, pages["simulate"]),
         ("compare-controllers", *on_truth, pages["compare-controllers"]),
     )  # fmt: skip
-    assert [run(*command).code for command in commands] == [0] * len(PAGES)
+    assert [run(*command).code for command in commands] == [0] * (len(PAGES) - 1)
     return pages
 
 

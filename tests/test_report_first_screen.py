@@ -9,7 +9,6 @@ import pypdfium2
 import pytest
 from playwright import sync_api
 
-from command import run
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.validation import validate
@@ -47,14 +46,9 @@ CONTRAST = """(selector) => {
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(demonstration: Path) -> Path:
     """The report of the demonstration, verified."""
-    folder = tmp_path_factory.mktemp("first")
-    assert run("demo", "--keep", folder).code == 0
-    robot, log, verify = (folder / name for name in ("robot.yaml", "identify.csv", "verify.csv"))
-    page = folder / "report.html"
-    assert run("identify", robot, log, "--verify", verify, "--report", page).code == 0
-    return page
+    return demonstration / "identify.html"
 
 
 @pytest.fixture(scope="module")

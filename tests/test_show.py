@@ -1,26 +1,16 @@
-"""`deltaid show`: readings equal kinematics, reach ends at limits, page, errors, live view."""
+"""`deltaid show`: readings equal kinematics, reach ends at limits, page, errors."""
 
-import http.client
-import os
-import shutil
-import signal
-import socket
-import subprocess
-import sys
-import time
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright import sync_api
 
 from command import refused, run
 from deltaid import libraries
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import DeltaidError
 from deltaid.model.model import load
 from deltaid.robot.load import load_robot
 from deltaid.show.page import percent_of, robot_page
@@ -176,154 +166,3 @@ def test_errors_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(libraries, "find_spec", lambda _: None)
     message = refused("show", "clavel-delta3", "--live", folder=tmp_path)
     assert "pip install viser" in message
-
-
-def test_a_port_in_use_is_refused(tmp_path: Path) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        message = refused("show", "clavel-delta3", "--live", "--port", port, folder=tmp_path)
-    assert f"--port {port}" in message
-    assert "65535" in refused("show", "clavel-delta3", "--live", "--port", 99999, folder=tmp_path)
-
-
-def test_help_does_not_load_viser() -> None:
-    code = "import sys, deltaid.cli.app; sys.exit('viser' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
-def test_ctrl_c_closes_the_live_view() -> None:
-    code = "from deltaid.cli import main; main()"
-    command = [sys.executable, "-u", "-c", code, "show", "clavel-delta3", "--live", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as shown:
-        try:
-            assert "clavel-delta3 is shown at http://127.0.0.1:" in shown.stdout.readline()
-            time.sleep(1.0)  # its server runs by now
-            shown.send_signal(signal.SIGINT)
-            assert shown.wait(20) == 0
-            assert "closed" in shown.stdout.read()
-        finally:
-            shown.kill()
-
-
-def test_live_view_in_a_browser() -> None:
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("there is no chromium on the path")
-    from deltaid.show.live import LiveView
-
-    live = LiveView(at_rest("irb360-6-1600"))
-    try:
-        with sync_api.sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=chromium, args=list(_ARGUMENTS))
-            try:
-                _visit(live, browser)
-            finally:
-                browser.close()
-    finally:
-        live.close()
-
-
-_ARGUMENTS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-)  # fmt: skip
-
-
-def _visit(live, browser) -> None:
-    page = browser.new_page(viewport={"width": 1000, "height": 700})
-    said, asked = [], []
-    page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(live.url)
-    page.get_by_text("use of the limits").wait_for(timeout=15_000)
-    canvas = page.locator("canvas").first
-    page.wait_for_timeout(1500)
-    before = canvas.screenshot()
-
-    live.move(live.robot.home + np.array([0.25, 0.1, 0.05, 0.5]))
-    first = next(d for d in live.view.drives if d.name == "drive1")
-    page.get_by_text(f"{first.position:.1f} deg").first.wait_for(timeout=5000)
-    page.wait_for_timeout(500)
-    assert canvas.screenshot() != before
-    arms = live.server.scene.get_handle_by_name("/robot/U")
-    assert arms is not None
-    stood = arms.batched_positions.copy()
-
-    live.move(live.robot.home + np.array([3.0, 0.0, 0.0, 0.0]))
-    page.get_by_text("cannot reach").wait_for(timeout=5000)
-    np.testing.assert_array_equal(arms.batched_positions, stood)
-
-    page.get_by_role("button", name="home").click()
-    page.get_by_text("cannot reach").wait_for(state="detached", timeout=5000)
-    np.testing.assert_array_equal(live.view.z, live.robot.home)
-    bodies = ("base", "U", "S", "P", "TU", "TL", "EE")
-    names = (*(f"/robot/{body}" for body in bodies), "/workspace", "/target", "/reach")
-    assert all(live.server.scene.get_handle_by_name(name) is not None for name in names)
-    assert said == []
-    assert all(url.startswith((live.url, f"blob:{live.url}")) for url in asked)
-
-
-@pytest.fixture(scope="module")
-def live():
-    pytest.importorskip("viser")
-    from deltaid.show.live import LiveView
-
-    view = LiveView(at_rest("clavel-delta3"))
-    yield view
-    view.close()
-
-
-def _socket(port: int, origin: str | None, **headers: str):
-    """An attempt to open a websocket as a page of some origin would."""
-    import viser
-    from websockets.sync.client import connect
-
-    return connect(
-        f"ws://127.0.0.1:{port}",
-        origin=origin,
-        subprotocols=[f"viser-v{viser.__version__}"],
-        additional_headers=headers,
-        max_size=None,
-    )
-
-
-@pytest.mark.parametrize(
-    "origin",
-    ["https://evil.example", "http://evil.example:{port}", "http://127.0.0.1:1", "null", None,
-     "http://127.0.0.1:{port}.evil.example", "https://127.0.0.1:{port}", "127.0.0.1:{port}"],
-)  # fmt: skip
-def test_live_view_talks_to_no_other_page(live, origin: str | None) -> None:
-    from websockets.exceptions import InvalidStatus
-
-    port = live.server.get_port()
-    with pytest.raises(InvalidStatus, match="403"):
-        _socket(port, origin and origin.format(port=port)).close()
-
-
-@pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
-def test_live_view_talks_to_its_own_page(live, name: str) -> None:
-    with _socket(live.server.get_port(), f"http://{name}:{live.server.get_port()}") as opened:
-        assert opened.recv(timeout=10)
-
-
-def test_live_view_shows_its_page_under_its_own_name_only(live) -> None:
-    port = live.server.get_port()
-    for host, status in ((f"127.0.0.1:{port}", 200), (f"localhost:{port}", 200),
-                         (f"evil.example:{port}", 403), ("127.0.0.1:1", 403)):  # fmt: skip
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        connection.request("GET", "/", headers={"Host": host})
-        assert connection.getresponse().status == status
-        connection.close()
-
-
-def test_a_viser_that_cannot_be_guarded_is_not_used() -> None:
-    pytest.importorskip("viser")
-    from deltaid.show.own_page import answering_own_page_only
-
-    with pytest.raises(DeltaidError, match="this version of viser"), answering_own_page_only():
-        pass

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import get_cached_controller
 
 from deltaid.errors import DeltaidError
 
@@ -56,7 +56,7 @@ def ordered(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterato
     matrices more threads only wait.
     """
     source = iter(items)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with get_cached_controller().limit(limits=1, user_api="blas"):
         for first in source:
             yield work(first)
             break

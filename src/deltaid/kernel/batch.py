@@ -48,13 +48,12 @@ class BatchKernel:
         self._graph = ca.Function("f", [batched, shared], [dense])
         self.n_in, self.n_out, self.n_uniform = batched.numel(), dense.numel(), shared.numel()
         self._width = _vector_width()
-        self._kernel = CompiledKernel(self.function, self._graph, self._width)
+        self._kernel = CompiledKernel(self._graph, self._width)
 
     @functools.cached_property
     def function(self) -> ca.Function:
         """The same by CasADi's own evaluator: what is compiled, common subexpressions once."""
-        inputs = self._graph.sx_in()
-        return ca.Function("f", inputs, ca.cse(self._graph.call(inputs)))
+        return _once(self._graph)
 
     def __call__(
         self,
@@ -118,8 +117,7 @@ class CompiledKernel:
     """Machine code of a function, from the store or compiled and kept there.
 
     Args:
-        function: what is compiled: batched and uniform inputs, one dense output.
-        graph: what it is told apart by.
+        graph: batched and uniform inputs, one dense output.
         width: samples an instruction.
         apart: whether what `call` reads and writes is different memory.
 
@@ -127,19 +125,23 @@ class CompiledKernel:
         call: (out, stride of out, in, stride of in, uniform, number of samples).
     """
 
-    def __init__(
-        self, function: ca.Function, graph: ca.Function, width: int, *, apart: bool = True
-    ) -> None:
+    def __init__(self, graph: ca.Function, width: int, *, apart: bool = True) -> None:
         lanes = f"{width} lanes" if apart else f"{width} lanes, one memory"
         name = store.key(graph.serialize(), *_circumstances(), lanes)
         code = store.load(name)
         if code is None:
-            code = _compile(vector_ir(function, width, apart=apart))
+            code = _compile(vector_ir(_once(graph), width, apart=apart))
             store.save(name, code)
         self._engine = _engine(code)  # owns what is called
         self.call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
             self._engine.get_function_address(KERNEL_NAME)
         )
+
+
+def _once(graph: ca.Function) -> ca.Function:
+    """The same with common subexpressions once."""
+    inputs = graph.sx_in()
+    return ca.Function("f", inputs, ca.cse(graph.call(inputs)))
 
 
 def _vector_width() -> int:

@@ -28,8 +28,7 @@ class Recurrence:
         self.n_state, self.n_in, self.n_out = (v.numel() for v in (state, inputs, outputs))
         results = ca.densify(ca.vertcat(following, outputs))
         graph = ca.Function("f", [ca.vertcat(inputs, state), ca.SX(0, 1)], [results])
-        small = ca.Function("f", graph.sx_in(), ca.cse(graph.call(graph.sx_in())))
-        self._kernel = CompiledKernel(small, graph, 1, apart=False)
+        self._kernel = CompiledKernel(graph, 1, apart=False)
         self._none = np.zeros(1)
 
     def __call__(

@@ -19,6 +19,8 @@ _OFF, _SUFFIX = "off", ".kernel"
 _DIGEST = hashlib.sha256().digest_size
 # All entries together [bytes]; those of a robot take about one megabyte.
 _LARGEST = 128 << 20
+# Who saves looks at all entries once in so many times, because it takes as long as a compilation.
+_LOOKS = 16
 
 
 def key(*parts: str | bytes) -> str:
@@ -76,8 +78,10 @@ def save(name: str, content: bytes) -> None:
         return
     try:
         place.mkdir(parents=True, exist_ok=True, mode=0o700)
-        write_bytes(place / name, hashlib.sha256(content).digest() + content)
-        _make_room(place)
+        checksum = hashlib.sha256(content).digest()
+        write_bytes(place / name, checksum + content)
+        if checksum[0] % _LOOKS == 0:  # as good as at random
+            _make_room(place)
     except (OSError, DeltaidError) as error:
         if os.environ.get(VARIABLE):
             raise DeltaidError(

@@ -22,6 +22,13 @@ _ALWAYS, _LONG = 0.2, 1.0
 # One drive's torques that are so far from the model's, those of all drives that are, and by so many
 # deviations, are of another scale.
 _GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
+# Drives are alike within so many deviations; where nobody tells what is held, torques may be larger
+# by so much.
+_APART, _UNTOLD = 2.5, 0.2
+# What a load that the gripper does not tell of never makes of torques.
+_FAR = 2.0
+# Of a drive that does hardly more than rub, nothing is said: its gain is known worse than this.
+_KNOWN = 0.06
 # A torque that stays the same for so long [s] while its drive moves is none.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
@@ -47,9 +54,10 @@ def doubts(
     blind = any(one.key in _BLIND for one in of_rows)
     scale = () if blind else tuple(_of_scale(replay, seen))
     told = ()
-    if replay.is_told and not blind and not (scale and seen.common[0] < 1):
-        told = gripper_doubts(seen, loads, settings.grip_time)
-    late = () if blind else judged_lag(model, replay, _delay(settings, replay), loads)
+    if replay.is_told and not blind and not (scale and not 1 < seen.common[0] < _FAR):
+        by_column = any(load.column for load in replay.log.columns.loads)
+        told = gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
+    late = () if blind or told else judged_lag(model, replay, _delay(settings, replay), loads)
     of_model = () if told else scale
     if not (blind or told or scale):
         of_model = tuple(_of_contacts(seen, () if late else touches))
@@ -142,9 +150,11 @@ def _of_scale(replay: Replay, seen: Seen) -> Iterator[Doubt]:
     """Torques that are a multiple of the model's."""
     names = [one.column for one in replay.log.columns.torque]
     common, deviation = seen.common
-    apart = np.abs(seen.gain - common) > _GAIN + _CLEAR * seen.deviation
-    off = np.abs(seen.gain - 1.0) > np.maximum(_GAIN, _CLEAR * seen.deviation)
-    if not apart.any() and abs(common - 1.0) > max(_COMMON, _CLEAR * deviation):
+    most = _UNTOLD if not replay.is_told else 0.0  # what nobody noticed looks like larger torques
+    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
+    off = _off(seen.gain, most) > np.maximum(_GAIN, _CLEAR * seen.deviation)
+    off &= seen.deviation < _KNOWN
+    if not apart.any() and _off(np.array(common), most) > max(_COMMON, _CLEAR * deviation):
         which = f"torques of all drives are {common:.3g} times"
     elif off.any():
         bad = np.flatnonzero(off).tolist()
@@ -159,6 +169,11 @@ def _of_scale(replay: Replay, seen: Seen) -> Iterator[Doubt]:
         cure="declare it with --columns MAPPING.yaml, or identify the robot anew",
         key="drive-gain",
     )
+
+
+def _off(gain: np.ndarray, most: float) -> np.ndarray:
+    """How far from 1, and from 1 + most."""
+    return np.asarray(np.maximum(1.0 - gain, gain - 1.0 - most))
 
 
 def _too_heavy(settings: OnlineSettings, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:

@@ -19,8 +19,11 @@ from jaxtyping import Float
 _AROUND, _STEP = 0.25, 0.005
 # Over which torques that the model has not are one measurement [s].
 _ONE = 0.1
-# The most that one signal counts, what counts as something, how many must, and what all must say.
-_MOST, _SOME, _FEWEST, _SURE = 12.0, 2.0, 2, 20.0
+# The most that one signal counts, what counts as something, how many must, which share of all, and
+# what all must say.
+_MOST, _SOME, _FEWEST, _SHARE, _SURE = 12.0, 2.0, 2, 0.2, 20.0
+# What is less likely than the likeliest by no more than this may be as well.
+_NEARLY = 2.0
 # Filters show a load so much later [s].
 _FILTERED = 0.005
 _GRID = _STEP * np.arange(-round(0.2 / _STEP), round(0.2 / _STEP) + 1)
@@ -31,14 +34,21 @@ class Offset:
     """Of the signals of one kind.
 
     Attributes:
-        value: how much later than the signal the load is held, or left [s]; 0 if nothing shows.
+        low, high: how much later than the signal the load is held, or left [s]: while a robot
+            rests, friction hides when. Both 0 if nothing shows.
         signals: how many there are.
         saying: how many of them say so.
     """
 
-    value: float
+    low: float
+    high: float
     signals: int
     saying: int
+
+    @property
+    def middle(self) -> float:
+        """Of what it may be [s]."""
+        return 0.5 * (self.low + self.high)
 
 
 @dataclass
@@ -47,11 +57,9 @@ class GripTiming:
 
     Attributes:
         period: of a cycle [s].
-        weights: 1/variance of each drive's residual.
     """
 
     period: float
-    weights: Float[np.ndarray, " drives"]
     _rows: Float[np.ndarray, "rows three"] = field(default_factory=lambda: np.zeros((0, 3)))
     _next: int = 0
     _better: dict[bool, list[np.ndarray]] = field(
@@ -68,6 +76,7 @@ class GripTiming:
         told: Float[np.ndarray, " rows"],
         residual: Float[np.ndarray, "rows drives"],
         lifted: Float[np.ndarray, "rows drives"],
+        lacking: Float[np.ndarray, "rows drives"],
     ) -> None:
         """Some cycles more.
 
@@ -75,8 +84,9 @@ class GripTiming:
             told: what the gripper says.
             residual: ρ.
             lifted: ψ.
+            lacking: what the model may lack, friction that no speed tells included.
         """
-        W = self.weights * self.period / _ONE
+        W = self.period / _ONE / lacking**2
         rows = np.column_stack([told, (residual * W * lifted).sum(1), (W * lifted**2).sum(1)])
         self._rows = np.concatenate([self._rows, rows])
         self._look(last=False)
@@ -123,11 +133,11 @@ class GripTiming:
         return self._offset(taken=False)
 
     def _offset(self, *, taken: bool) -> Offset:
-        each = self._better[taken]
-        if not each:
-            return Offset(0.0, 0, 0)
-        better = np.array(each)
-        k = int(better.sum(axis=0).argmax())
-        saying = int(np.sum(better[:, k] > _SOME))
-        sure = better[:, k].sum() > _SURE and saying >= _FEWEST
-        return Offset(float(_GRID[k]) - _FILTERED if sure else 0.0, len(each), saying)
+        better = np.array(self._better[taken] or np.zeros((0, len(_GRID))))
+        total = better.sum(axis=0)
+        likely = np.flatnonzero(total > total.max() - _NEARLY)
+        saying = int(np.sum(better[:, int(total.argmax())] > _SOME))
+        if total.max() < _SURE or saying < max(_FEWEST, _SHARE * len(better)):
+            return Offset(0.0, 0.0, len(better), saying)
+        low, high = _GRID[likely[[0, -1]]] - _FILTERED
+        return Offset(float(low), float(high), len(better), saying)

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from deltaid.errors import Doubt
 from deltaid.online.found import HeldLoad
+from deltaid.online.grip_timing import Offset
 from deltaid.online.rows import EMPTY, HOLDS
 from deltaid.online.suspicion import Seen
 
@@ -20,8 +23,10 @@ def gripper_doubts(seen: Seen, loads: Sequence[HeldLoad], grip_time: float) -> t
 
     Args:
         grip_time: from the signal to the load, as it is known [s].
+        is_column: whether a column tells, which should change.
     """
-    return tuple(_constant(seen)) or tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
+    constant = tuple(_constant(seen)) if is_column else ()
+    return constant or tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
 
 
 def _constant(seen: Seen) -> Iterator[Doubt]:
@@ -57,20 +62,21 @@ def _inverted(seen: Seen, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
 def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
     """Signals that come before or after what they tell of."""
     kinds = {"are taken": seen.taken, "are left": seen.left}
-    known = {word: one for word, one in kinds.items() if one.saying and one.value}
-    off = {word: one for word, one in known.items() if abs(one.value - grip_time) > _OFF}
+    shown = {word: one for word, one in kinds.items() if one.low or one.high}
+    off = {w: o for w, o in shown.items() if abs(_least(o, grip_time)) > _OFF}
     if not off:
         return
-    values = [one.value for one in off.values()]
-    alike = len(off) == 2 and max(values) - min(values) < _ALIKE
+    low, high = max(one.low for one in off.values()), min(one.high for one in off.values())
+    alike = len(off) == 2 and high > low - _ALIKE
     if alike:
-        both = sum(values) / 2 - grip_time
-        said = f"{_in_words(both)} loads are taken, and left"
+        low, high = min(low, high), max(low, high)
+        said = f"{_in_words(low, high, grip_time)} loads are taken, and left"
     else:
-        said = " and ".join(f"{_in_words(o.value - grip_time)} loads {w}" for w, o in off.items())
-    signals = sum(one.signals for one in off.values())
-    saying = sum(one.saying for one in off.values())
-    early = min(values) > grip_time
+        said = " and ".join(
+            f"{_in_words(o.low, o.high, grip_time)} loads {w}" for w, o in off.items()
+        )
+    signals, saying = (sum(getattr(o, n) for o in off.values()) for n in ("signals", "saying"))
+    early = min(one.middle for one in off.values()) > grip_time
     yield Doubt(
         f"the gripper tells {said} ({saying} of {signals} signals show it): masses of the first "
         "tenths of a second are wrong, later ones a little, and contacts about then may be the "
@@ -78,12 +84,21 @@ def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
         cause="the signal is the command to the gripper, or parts are gripped before being lifted"
         if early
         else "the signal comes through a sensor or a bus that is slow",
-        cure=f"give the time from the signal to the load by --grip-time {sum(values) / 2:.2g}"
+        cure=f"give the time from the signal to the load by --grip-time {0.5 * (low + high):.2g}"
         if alike and early
         else "record a signal that comes with the load, or leave --gripper out",
     )
 
 
-def _in_words(offset: float) -> str:
-    """'50 ms before'."""
-    return f"{1e3 * abs(offset):.0f} ms {'before' if offset > 0 else 'after'}"
+def _least(one: Offset, grip_time: float) -> float:
+    """By how much it is off at least [s]."""
+    return float(np.clip(grip_time, one.low, one.high)) - grip_time
+
+
+def _in_words(low: float, high: float, grip_time: float) -> str:
+    """'50 ms before', '40 to 60 ms after'."""
+    first, last = sorted((abs(low - grip_time), abs(high - grip_time)))
+    word = "before" if low + high > 2 * grip_time else "after"
+    span = f"{1e3 * first:.0f} to " if last - first > _ALIKE else ""
+    value = last if span else 0.5 * (first + last)
+    return f"{span}{1e3 * value:.0f} ms {word}"

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.check.words import listed
 from deltaid.errors import Doubt, RecordingError
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
@@ -51,32 +52,34 @@ def judged_lag(
     if study is None:
         return ()
     lag = study.common if study.alike else study.each
-    clear = lag.interval * (_HIDDEN if study.hidden else _CLEAR)
-    if not np.any(np.abs(lag.values - delay) > np.maximum(_LAG, clear)):
+    surely = lag.interval * (_HIDDEN if study.hidden else _CLEAR)
+    clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
+    if not clear.any():
         return ()
-    return (_told(lag.values, lag.interval, delay),)
+    return (_told(np.where(clear, lag.values, delay), lag.interval, delay, model.robot.drives),)
 
 
-def _told(
-    lag: Float[np.ndarray, " drives"],
-    half: Float[np.ndarray, " drives"],
-    known: Delay,
-) -> Doubt:
-    alike = np.ptp(lag) == 0 and np.ptp(known) == 0
-    found, put_right = (one[:1] if alike else one for one in (lag, known))
-    given = ",".join(f"{1e3 * one:.2g}" for one in found)
+def _told(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
+    off: list[int] = np.flatnonzero(found != known).tolist()
+    alike = np.ptp(found) == 0 and np.ptp(known) == 0
+    if alike:
+        said = f"torques are {_in_words(found[0], half[0])}"
+    else:
+        each = [f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off]
+        said = listed(each)
+    given = ",".join(f"{1e3 * one:.2g}" for one in (found[:1] if alike else found))
+    words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
+    put_right = listed(words) if known.any() else "no lag"
     return Doubt(
-        f"torques are {_in_words(found)} against positions (± {1e3 * float(half.max()):.1g} ms), "
-        f"and {_in_words(put_right)} is put right: masses are wrong by a per cent or two for each "
-        "ms between",
+        f"{said} against positions, and {put_right} is put right: masses are wrong by a per cent "
+        "or two for each ms between",
         cause="this recording was made another way than the model's, through another filter or bus",
         cure=f"record as the model's recordings were made, or give it by --lag={given}",
         key="torque-lag",
     )
 
 
-def _in_words(lag: Float[np.ndarray, " _"]) -> str:
-    """'2 ms late', or 'late by 2, 2, -1.5 ms'."""
-    if len(lag) == 1:
-        return f"{1e3 * abs(lag[0]):.2g} ms {'late' if lag[0] >= 0 else 'early'}"
-    return f"late by {', '.join(f'{1e3 * one:.2g}' for one in lag)} ms"
+def _in_words(lag: float, half: float | None = None) -> str:
+    """'2 ± 0.2 ms late'."""
+    about = "" if half is None else f" ± {1e3 * half:.1g}"
+    return f"{1e3 * abs(lag):.2g}{about} ms {'late' if lag >= 0 else 'early'}"

@@ -31,7 +31,7 @@ NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 # Cycles a second that an observer can be run at.
 _LEAST_RATE = 100.0
 # Brakes hold for so long [s] at least: a robot that rests for a moment may need hardly any torque.
-_BRAKED, _BRAKES = 1.0, ("on brakes", "emergency stop")
+_BRAKED, _BRAKES = 0.5, ("on brakes", "emergency stop")
 # A recording must be so long [s], and no more of its rows may repeat the one before.
 _LEAST_TIME, _MOST_STALE = 0.5, 0.2
 # Rows of a block, so that all that cycles give of it has room.

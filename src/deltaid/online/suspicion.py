@@ -32,8 +32,9 @@ def measured_of(cycle: Cycle) -> Part:
     friction = Field("rubs", s.qd.numel(), "filtered friction of the drives, as the model has it")
     lifted = Field("lifted", s.qd.numel(), "filtered torque of one kilogram")
     a_kilogram = s.columns[:, s.at_load][:, 0] / known.load_scales[0]
-    given = (Given(torque, s.torque), Given(friction, ca.densify(rubs)), Given(lifted, a_kilogram))
-    return Part((), given)
+    dry = Field("dry_friction", s.qd.numel(), "filtered size of torques that no speed tells")
+    values = (torque, s.torque), (friction, rubs), (lifted, a_kilogram), (dry, s.dry)
+    return Part((), tuple(Given(field, ca.densify(value)) for field, value in values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class Suspicion:
 
     def __post_init__(self) -> None:
         self.drives = len(self.ends)
-        self._timing = GripTiming(self.period, 1 / self.lacking**2)
+        self._timing = GripTiming(self.period)
         self._stuck, self._at = np.zeros(self.drives), np.zeros(self.drives)
 
     def add(self, rows: Rows, found: OnlineEstimate) -> None:
@@ -99,7 +100,8 @@ class Suspicion:
         out = found.outputs
         if rows.begins:
             self._timing.broken()
-        self._timing.add(rows.gripper, found.residual, out["lifted"])
+        lacking = np.hypot(self.lacking, out["dry_friction"])
+        self._timing.add(rows.gripper, found.residual, out["lifted"], lacking)
         live = found.good & (out["torque"] != 0).any(axis=1)
         cut = np.any(np.abs(rows.tau) >= 0.999 * np.array(self.ends), axis=1)
         remembered = max(1, round(_REMEMBERED / self.period))
@@ -120,11 +122,15 @@ class Suspicion:
         friction: Float[np.ndarray, "rows drives"],
         empty: Bool[np.ndarray, " rows"],
     ) -> None:
-        m, f = torque - residual - friction, friction
-        products = np.stack([m * m, m * f, f * f, m * torque, f * torque], axis=1)
-        products *= empty[:, None, None]
+        m = torque - residual - friction
+        columns = np.stack([m, friction, self._rate(m + friction), torque], axis=2)
+        columns *= empty[:, None, None]
+        products = np.einsum("tdi,tdj->tdij", columns, columns)
         starts = np.arange(0, len(products), max(1, round(1 / self.period)))
         self._sums.append(np.add.reduceat(products, starts, axis=0))
+
+    def _rate(self, x: Float[np.ndarray, "rows drives"]) -> Float[np.ndarray, "rows drives"]:
+        return np.gradient(x, self.period, axis=0) if len(x) > 1 else np.zeros_like(x)
 
     def _look_for_stuck(self, rows: Rows) -> None:
         """The longest time for which a torque is the same, no end of its channel, while its drive
@@ -144,7 +150,7 @@ class Suspicion:
     @property
     def seen(self) -> Seen:
         """All of them."""
-        none = np.zeros((0, 5, self.drives))
+        none = np.zeros((0, self.drives, 4, 4))
         gain, deviation = _gain(np.concatenate([none, *self._sums]))
         touched, untouched, touched_empty, empty = self._seconds.tolist()
         self._timing.broken()
@@ -164,15 +170,17 @@ class Suspicion:
 
 
 def _gain(
-    parts: Float[np.ndarray, "parts five drives"],
+    parts: Float[np.ndarray, "parts drives 4 4"],
 ) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
-    """g of each drive, and how sure it is by what each part says."""
-    mm, mf, ff, mt, ft = parts.sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        alone = mm * ff - mf**2  # what m is without f, times ff
-        gain = (mt * ff - ft * mf) / alone
-        friction = (ft * mm - mt * mf) / alone
-        left_m = parts[:, 3] - gain * parts[:, 0] - friction * parts[:, 1]
-        left_f = parts[:, 4] - gain * parts[:, 1] - friction * parts[:, 2]
-        score = (left_m * ff - left_f * mf) / alone
-    return gain, np.sqrt(np.sum(score**2, axis=0))
+    """g of each drive, and how sure it is by what each part says; NaN where nothing shows it."""
+    A, b = parts[..., :3, :3], parts[..., :3, 3]
+    total = A.sum(axis=0)
+    size = np.sqrt(np.einsum("dii->di", total))
+    if not (size > 0).all():
+        return np.full(len(size), np.nan), np.full(len(size), np.nan)
+    inverse = np.linalg.pinv(total / size[:, :, None] / size[:, None, :], hermitian=True)
+    inverse = inverse / size[:, :, None] / size[:, None, :]
+    x = np.einsum("dij,dj->di", inverse, b.sum(axis=0))
+    left = b - np.einsum("pdij,dj->pdi", A, x)
+    score = np.einsum("dj,pdj->pd", inverse[:, 0], left)
+    return x[:, 0], np.sqrt(np.sum(score**2, axis=0))

@@ -94,8 +94,9 @@ class _Run:
         self.cycles += len(rows.time)
         self.bad += int(np.sum(~found.good))
         at = rows.time - self.late
-        self.loads.add(at, found)
-        self.touches.add(at, found)
+        events = np.maximum(at, rows.time[0]) if rows.begins else at  # what was held before
+        self.loads.add(events, found)
+        self.touches.add(events, found)
         self.suspicion.add(rows, found)
         self.series.append(self._thinned(at, found))
 

@@ -12,14 +12,15 @@ UNTOLD = (
 
 def loads_table(watched: Watched) -> Table:
     """Each load with its interval, when it was held, and its centre as far as that showed."""
-    rows = [_load(one) for one in watched.loads]
+    last = watched.loads[-1:]
+    rows = [_load(one, "held still" if one in last else "a hole") for one in watched.loads]
     head = ("taken [s]", "left [s]", "mass [kg]", "95 %", "after 0.2 s [kg]", "centre [mm]")
     by = "as the gripper told" if watched.told else "found from torques alone"
     return Table(head, tuple(rows), title=f"Loads, {by}")
 
 
-def _load(one: HeldLoad) -> tuple[str, ...]:
-    end = "held still" if one.end is None else f"{one.end:.3f}"
+def _load(one: HeldLoad, until: str) -> tuple[str, ...]:
+    end = until if one.end is None else f"{one.end:.3f}"
     soon = "left before" if one.soon is None else f"{one.soon[0]:.3f}"
     centre = ", ".join(f"{axis} {1e3 * x:.0f}" for axis, x in one.centre) or "not shown"
     mass = one.mass

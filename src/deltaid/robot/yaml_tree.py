@@ -4,6 +4,7 @@ Of the YAML library only the parser is used. What its events mean is decided her
 schema of YAML 1.2 and without tags: no text can name a type, run a constructor or contain itself.
 """
 
+import functools
 import math
 import re
 from collections.abc import Iterator
@@ -53,8 +54,11 @@ class Entry:
     value: Value
 
 
+@functools.lru_cache(maxsize=16)  # parsing takes most of the time that it takes to load a robot
 def read_tree(text: str, where: str) -> Entry | None:
     """The one document of a YAML text; None if it is empty. `where` names the text in messages.
+
+    Nobody changes what this returns: the same text gives the same tree.
 
     Raises:
         DescriptionError: the text is not YAML, has tags, keys that are not words, references to

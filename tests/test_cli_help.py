@@ -1,0 +1,75 @@
+"""Help, version and the installed script, and how fast help comes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from command import run
+from deltaid.cli.app import app
+
+COMMANDS = sorted(typer.main.get_command(app).commands)
+
+
+@pytest.mark.parametrize("arguments", [[], *([name] for name in COMMANDS)])
+def test_help(arguments: list[str]) -> None:
+    outcome = run(*arguments, "--help")
+    assert outcome.code == 0
+    assert outcome.err == ""
+    assert max(map(len, outcome.out.splitlines())) <= 80
+    commands = typer.main.get_command(app).commands
+    if not arguments:
+        assert all(name in outcome.out for name in COMMANDS)
+        return
+    assert commands[arguments[0]].help
+    for parameter in commands[arguments[0]].params:
+        assert parameter.name == "help" or parameter.help, parameter.name
+
+
+def test_version() -> None:
+    assert run("--version").out.startswith("deltaid ")
+
+
+def test_no_arguments_show_help() -> None:
+    outcome = run()
+    assert "identify" in outcome.out + outcome.err
+
+
+HEAVY = ("casadi", "polars", "scipy", "numpy", "ruamel", "pint", "llvmlite", "clarabel")
+
+
+START = "from deltaid.cli import main; import sys; sys.argv = ['deltaid', {}]; main()"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import deltaid; dir(deltaid); deltaid.__version__",
+        START.format("'--help'"),
+        START.format("'identify', '-h'"),
+    ],
+)
+def test_nothing_heavy_is_imported_for_help(code: str) -> None:
+    report = f"import atexit, sys; atexit.register(lambda: print(*sys.modules, sep='\\n'))\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", report], capture_output=True, check=True, encoding="utf-8"
+    )
+    loaded = {name.split(".")[0] for name in done.stdout.splitlines()}
+    assert "deltaid" in loaded
+    assert loaded.isdisjoint(HEAVY)
+
+
+def test_the_console_script() -> None:
+    script = Path(sys.executable).with_name("deltaid")
+    good = subprocess.run([script, "robots"], capture_output=True, encoding="utf-8")
+    assert (good.returncode, good.stderr) == (0, "")
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    schema = subprocess.run([script, "schema"], capture_output=True, env=environment, check=True)
+    assert "m/s²" in schema.stdout.decode("utf-8")
+    assert "‖J‖" in schema.stdout.decode("utf-8")
+    bad = subprocess.run([script, "robots", "x"], capture_output=True, encoding="utf-8")
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr.startswith("error: no robot file")
