@@ -1,6 +1,7 @@
 """Robots of a type for simulated production: true ones, and a model of each by identification."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from _pick_cycles import draw_cycles
@@ -23,6 +24,10 @@ ENCODER = 2 * np.pi / 2**20
 _AT_REST = 0.01
 
 
+# Of one robot, or of many in a column.
+Number = float | Float[np.ndarray, "robots 1"]
+
+
 @dataclass(frozen=True)
 class Strange:
     """Friction of drives that their model lacks, as shares.
@@ -32,15 +37,36 @@ class Strange:
         carried: of what gears carry.
         ripple: of Coulomb friction, `waves` to a radian or metre.
         cold: of viscous friction, at the start, and how fast it goes [s].
+        hose: of Coulomb friction, what a hose or cable pulls, by the angle.
     """
 
-    stribeck: float = 0.25
-    speed: float = 0.05
-    carried: float = 0.02
-    ripple: float = 0.05
-    waves: float = 50.0
-    cold: float = 0.1
-    warming: float = 900.0
+    stribeck: Number = 0.25
+    speed: Number = 0.05
+    carried: Number = 0.02
+    ripple: Number = 0.05
+    waves: Number = 50.0
+    cold: Number = 0.1
+    warming: Number = 900.0
+    hose: Number = 0.0
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> "Strange":
+        """Of one robot."""
+        return cls(
+            stribeck=rng.uniform(0.0, 0.4),
+            speed=np.exp(rng.uniform(np.log(0.02), np.log(0.12))),
+            carried=rng.uniform(0.0, 0.04),
+            ripple=rng.uniform(0.0, 0.1),
+            waves=rng.uniform(20.0, 100.0),
+            cold=rng.uniform(0.0, 0.2),
+            hose=rng.uniform(0.0, 0.1),
+        )
+
+    @classmethod
+    def of_many(cls, each: Sequence["Strange"]) -> "Strange":
+        """All robots' numbers, one robot a row."""
+        names = [one.name for one in fields(cls)]
+        return cls(**{name: np.array([[getattr(one, name)] for one in each]) for name in names})
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +78,7 @@ class Production:
         truth: of each, one robot a row.
         models: of each, by an identification.
         payload: largest mass that is picked [kg].
+        strange: friction that each robot's model lacks.
         fastest: typical largest speed of each drive.
     """
 
@@ -59,7 +86,7 @@ class Production:
     truth: Float[np.ndarray, "robots parameters"]
     models: tuple[Model, ...]
     payload: float
-    strange: Strange
+    strange: tuple[Strange, ...]
     noise: float
     largest: Float[np.ndarray, "robots dof"]
     fastest: Float[np.ndarray, " dof"]
@@ -76,19 +103,26 @@ def production_of(
     recording: float = 20.0,
 ) -> Production:
     """Draw robots of a type and identify each of them from a recording of its own."""
-    robot, strange = load_robot(name), strange or Strange()
-    rng = np.random.default_rng([seed, 1])
-    truth, models, largest, fastest = [], [], [], []
+    robot, rng = load_robot(name), np.random.default_rng([seed, 1])
+    truth, models, largest, fastest, all_strange = [], [], [], [], []
     for _ in range(robots):
-        p = surrogate_parameters(robot, rng)
-        model, sizes = _identified(robot, p, payload, strange, noise, recording, rng)
+        p, own = surrogate_parameters(robot, rng), strange or Strange.drawn(rng)
+        model, sizes = _identified(robot, p, payload, own, noise, recording, rng)
+        all_strange.append(own)
         truth.append(p)
         models.append(model)
         largest.append(sizes[0])
         fastest.append(sizes[1])
     speed = np.median(fastest, axis=0)
     return Production(
-        robot, np.array(truth), tuple(models), payload, strange, noise, np.array(largest), speed
+        robot,
+        np.array(truth),
+        tuple(models),
+        payload,
+        tuple(all_strange),
+        noise,
+        np.array(largest),
+        speed,
     )
 
 
@@ -157,4 +191,5 @@ def lacking(
     falling = s.stribeck * coulomb * np.exp(-((x / s.speed) ** 2))
     ripple = s.ripple * coulomb * np.sin(s.waves * q)
     cold = s.cold * np.exp(-time / s.warming) * viscous * qd
-    return sign * (falling + s.carried * np.abs(tau)) + ripple * np.abs(sign) + cold
+    pulls = s.hose * coulomb * np.cos(2 * q)
+    return sign * (falling + s.carried * np.abs(tau)) + ripple * np.abs(sign) + cold + pulls

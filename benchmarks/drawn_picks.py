@@ -4,8 +4,9 @@
     log = produced(kind, duration=20.0, seed=2, push=30.0)                  # all robots at once
 
 Plants have bodies and friction away from the description, and friction that no model of theirs
-has: it falls with speed (Stribeck), grows with what gears carry, ripples with the angle, and is
-higher while the robot is cold. Each has a model of its own, identified from a recording of it.
+has: it falls with speed (Stribeck), grows with what gears carry, ripples with the angle, is higher
+while the robot is cold, and a hose pulls; how much of each, and at what speed, is drawn for each
+robot. Each has a model of its own, identified from a recording of it.
 The drives follow cycles by feed-forward of that model, without the load, and PD; their torque is
 measured with noise and their angle in steps. Friction at rest is that of `ForwardDynamics.step`.
 
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from _pick_cycles import Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushes
-from _pick_robots import ENCODER, RATE, Production, coefficients, lacking, production_of
+from _pick_robots import ENCODER, RATE, Production, Strange, coefficients, lacking, production_of
 from jaxtyping import Bool, Float, Int
 
 from deltaid.control.control_model import ControlModel
@@ -125,6 +126,7 @@ def _run(
         effort_limits(robot),
         coefficients(robot, kind.truth),
     )
+    strange = Strange.of_many(kind.strange)
     substeps, h = time_steps(RATE)
     z, qd = np.stack([w.z[0] for w in ways]), speeds[0]
     qs, taus, poses = (np.empty((n, count, dof)) for _ in range(3))
@@ -140,7 +142,7 @@ def _run(
         command = np.clip(command, -limits, limits)
         taus[k] = 0.5 * (tau + command)
         tau = command
-        lost = lacking(kind.strange, known, kind.fastest, q, qd, tau, begin + time[k])
+        lost = lacking(strange, known, kind.fastest, q, qd, tau, begin + time[k])
         acting = tau - lost + forces.at(time[k], z, plants)
         more = np.hstack([p(k), np.full((count, 1), h)]).T
         for _ in range(substeps):

@@ -45,10 +45,11 @@ def running(
     noise: float = 0.0,
     load: np.ndarray = LOAD,
     rate: float = RATE,
+    period: float = 3.0,
 ) -> Running:
     """Along a random motion, with a load held in some of the cycles."""
     rng, dynamics = np.random.default_rng(6), model.dynamics
-    motion = random_motion(dynamics.kinematics, rng, period=3.0)
+    motion = random_motion(dynamics.kinematics, rng, period=period)
     z, zd, zdd = motion.evaluate(np.arange(cycles) / rate)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     tau, holds = dynamics.torque(z, qd, qdd), np.zeros(cycles, dtype=bool)

@@ -122,7 +122,8 @@ def estimates(
     found = change(seen, held, gripper, behind.x[0], spread, rules)
     of_drives = slice(n - s.qd.numel(), n)
     size = behind.x[of_drives] ** 2 + ca.diag(behind.P)[of_drives] - 1
-    calm = weight * (ca.fabs(seen.score) < 0.5 * settings.alarm)
+    judged = ca.logic_and(gripper <= -0.5, ca.fabs(seen.score) > settings.alarm)
+    calm = weight * (1 - judged)
     step = period / _LEVEL * calm * ca.fmin(size, _LARGEST_STEP)
     behind = after(_bounded(behind, s.at_friction, bounds, calm), seen, found, n_load)
     at = slice(0, n_load)

@@ -1,0 +1,60 @@
+"""What models lack, learnt while a robot runs: friction near rest and by load, and how much else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltaid.model.model import Model
+from deltaid.online.graph import StepGraph
+from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.settings import OnlineSettings
+from online_runs import Running, outputs, robot, running
+
+CYCLES = 4000
+
+
+def lacking(run: Running, known: Knowledge, falling: float, carried: float) -> Running:
+    """With friction that the model has not: more at low speed, and a share of the torque."""
+    slow = np.exp(-((run.qd / known.slow_speed) ** 2))
+    more = falling * known.unmodelled_slow * slow + carried * np.abs(run.tau)
+    return replace(run, tau=run.tau + np.sign(run.qd) * more)
+
+
+@pytest.fixture(scope="module")
+def delta() -> tuple[Model, StepGraph, Knowledge, Running]:
+    model, graph = robot("clavel-delta3")
+    run = running(model, CYCLES, slice(0, 0), noise=0.1, period=6.0)
+    return model, graph, knowledge(model, OnlineSettings()), run
+
+
+@pytest.mark.parametrize(("falling", "carried"), [(1.0, 0.02), (-0.8, 0.03), (0.0, 0.0)])
+def test_friction_that_a_model_has_not_is_found(
+    delta: tuple[Model, StepGraph, Knowledge, Running], falling: float, carried: float
+) -> None:
+    _, graph, known, run = delta
+    y = outputs(graph, lacking(run, known, falling, carried), np.zeros(CYCLES))
+    first = len(known.entries.shown) + known.directions.shape[1] + len(known.followed)
+    state = graph.state.split(y["state"][-1])
+    n = state["x"].size
+    P = np.zeros((n, n))
+    P.T[np.triu_indices(n)] = state["P"]
+    x, std = state["x"][first : first + 2], np.sqrt(np.diag(P)[first : first + 2])
+    off = x - np.array([falling, carried / 0.03])
+    assert np.all(np.abs(off) < 3 * std)
+    assert std[0] < 0.3
+    assert std[1] < 0.7
+
+
+def test_how_much_a_model_lacks_is_learnt(
+    delta: tuple[Model, StepGraph, Knowledge, Running],
+) -> None:
+    _, graph, _, run = delta
+    t = np.arange(CYCLES)[:, None] / 1000.0
+    pulled = replace(run, tau=run.tau + 3.0 * np.sin(2 * np.pi * 5.0 * t + np.arange(3)))
+    levels = [
+        outputs(graph, one, np.zeros(CYCLES))["state"][-1, graph.state.places["moving_level"]]
+        for one in (run, pulled)
+    ]
+    assert np.all(levels[0] < 0.98)
+    assert np.all(levels[1] > 1.3)
