@@ -145,10 +145,5 @@ def _online(
             cure="add --with online, or leave it out",
         )
     usual = OnlineSettings()
-    rate = rate or usual.rate
-    return OnlineSettings(
-        rate=rate,
-        corner=min(usual.corner, rate / 5),
-        largest_mass=payload_max,
-        false_alarms=usual.false_alarms if false_alarms is None else false_alarms,
-    )
+    alarms = usual.false_alarms if false_alarms is None else false_alarms
+    return OnlineSettings(largest_mass=payload_max, false_alarms=alarms).at(rate or usual.rate)
