@@ -32,9 +32,11 @@ _KNOWN = 0.06
 # A torque that stays the same for so long [s] while its drive moves is none.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
-_NOISY = 0.05
+_NOISY = 0.015
 # Verdicts on rows that leave nothing to be said of gripper and model.
 _BLIND = {"stuck", "encoder", "standing"}
+# Rows a second that are few.
+_SLOW = 200.0
 # Shares of rows that are told.
 _STALE, _ENDS, _RESTING = 0.005, 0.001, 0.9
 
@@ -72,6 +74,14 @@ def _delay(settings: OnlineSettings, replay: Replay) -> Float[np.ndarray, " driv
 
 def _of_rows(replay: Replay, settings: OnlineSettings, seen: Seen) -> Iterator[Doubt]:
     drives = replay.log.columns.torque
+    if replay.rate < _SLOW:
+        yield Doubt(
+            f"{replay.rate:.4g} rows a second are few: masses are off by some per cent more than "
+            "their intervals say, and contacts are told later and for longer",
+            cause="the recording is thinned out",
+            cure="record at the controller's rate, 1000 a second is good",
+            key="rate",
+        )
     for i in np.flatnonzero(seen.stuck > _STUCK).tolist():
         yield Doubt(
             f"column {drives[i].column} stays the same for {seen.stuck[i]:.3g} s from "

@@ -55,6 +55,7 @@ def watch(
     for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
         run.add(rows)
+    progress("judging what speaks against it")
     return run.watched(replay)
 
 
