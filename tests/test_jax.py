@@ -112,6 +112,8 @@ def test_what_closes_no_loop_is_nan(delta: JaxFunctions) -> None:
     assert 0 < good.sum() < len(q)
     np.testing.assert_allclose(jax.vmap(delta.forward_kinematics)(q), want, atol=1e-12)
     assert np.isnan(delta.inverse_kinematics(np.array([5.0, 0.0, -1.0]))).any()
+    whole = np.asarray(delta.inverse_kinematics(np.array([0, 0, -1])))
+    assert_close(whole, kinematics.inverse(np.array([0.0, 0.0, -1.0])), 1e-12)
 
 
 def test_poses_found_by_iteration_are_on_the_branch_of_home() -> None:
@@ -182,7 +184,7 @@ def test_every_operation_of_a_kernel() -> None:
     used = {graph.instruction_id(k) for k in range(graph.n_instructions())}
     left = set(_OPERATIONS) - used
     assert left <= {ca.OP_ASSIGN, ca.OP_CONSTPOW, ca.OP_IF_ELSE_ZERO}
-    for x, y in ((0.3, 0.7), (0.8, -0.4), (0.5, 0.5)):
+    for x, y in ((0.3, 0.7), (0.8, -0.4), (0.5, 0.5), (0.7, 0.4), (0.3, 0.0)):
         want = np.array(graph(x, y)).ravel()
         np.testing.assert_allclose(function(np.array([x]), np.array([y])), want, rtol=1e-14)
 

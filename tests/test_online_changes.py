@@ -27,14 +27,14 @@ def test_other_estimates_are_those_of_a_filter_that_knew(free: float) -> None:
     shown, friction = rng.uniform(0.2, 0.6, 60), 0.3
     start = Estimate(ca.SX.zeros(2), ca.diag(ca.SX([free, 1.0])))
     blamed = knew = start
-    onset = Onset(ca.SX.zeros(2), NONE, NONE)
+    onset = Onset(ca.SX.zeros(2), NONE, NONE, NONE, NONE)
     for k, psi in enumerate(shown):
         row, load = ca.SX([[psi, 1.0]]), mass * psi * (k >= 30)
         y = friction + load + 0.1 * rng.standard_normal()
         blamed, told = blamed.measured(row, ca.SX(y), noise, ONE)
         knew, _ = knew.measured(row, ca.SX(y - load), noise, ONE)
         if k >= 30:
-            onset = onset.told(ca.SX(psi), told)
+            onset = onset.told(0, ca.SX(psi), told)
     other = Change(changed=ONE, held=ONE, told=NONE, seen=ONE, kept=())
     found = after(blamed, onset, other, 1)
     wrong, right, mended = (float(ca.evalf(one.x)[1]) for one in (blamed, knew, found))

@@ -104,6 +104,7 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
     found = kinematics.regularity(z)
     side = np.sign(found.determinant) == np.sign(found.determinant[0])
     good = (found.condition < CONDITION) & side
+    good[0] = True  # home, so that there is one
     z, condition = z[good], found.condition[good]
     near = np.argsort(condition)[::-1][:_KEPT]
     z = np.vstack([z[:_KEPT], z[near]])
