@@ -5,8 +5,8 @@ A load that changes by Δ at a time θ moves the filter's innovations by G Δ an
     G = ψ − h F,   F ← F + gain · G,   F = 0 at θ,
 
 for a measurement with the row h that shows the change by ψ: by the load's filtered column, less
-what the filters remember of it from before θ, when nothing was there. Innovations ν are white with variances
-s as long as nothing changed, so
+what the filters remember of it from before θ, when nothing was there. Innovations ν are white with
+variances s as long as nothing changed, so
 
     D = Σ G ν / s,   C = Σ G² / s,   score D / √C,   Δ = D / C  with variance 1 / C
 
