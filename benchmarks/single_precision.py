@@ -138,9 +138,11 @@ def single(
             function = getattr(library, f"r_{name}")
             for i in range(len(z)):
                 out = (
-                    results[i].ravel() if name != "forward_kinematics" else np.float32(z[i] + 2e-3)
+                    results[i].ravel()
+                    if name != "forward_kinematics"
+                    else (z[i] + 2e-3).astype(np.float32)
                 )
-                pose = [np.float32(z[i] + 2e-3)] if name == "inverse_dynamics" else []
+                pose = [(z[i] + 2e-3).astype(np.float32)] if name == "inverse_dynamics" else []
                 arrays = [*(x[i] for x in given), *pose, out]
                 status = function(*(ctypes.c_void_p(x.ctypes.data) for x in arrays))
                 results[i] = np.nan if status else out.reshape(results[i].shape)

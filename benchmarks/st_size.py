@@ -29,7 +29,7 @@ def main() -> None:
                 kinds = {"FUNCTION": "local variables", "FUNCTION_BLOCK": "an instance"}
                 for kind, words in kinds.items():
                     sizes = {u.name: taken(u, precision) for u in program.units if u.kind == kind}
-                    for largest in sorted(sizes, key=sizes.get, reverse=True)[:2]:
+                    for largest in sorted(sizes, key=lambda name: -sizes[name])[:2]:
                         print(f"  {largest}: {sizes[largest] / 1e3:.1f} kB of {words}")
 
 

@@ -59,9 +59,9 @@ def test_too_few_rows_and_rows_that_only_repeat_are_refused(made: Picked) -> Non
 
 
 def test_torques_of_another_scale(made: Picked) -> None:
-    found = watched(made, changed(made, {name: 0.9 * pl.col(name) for name in TORQUES}))
+    found = watched(made, changed(made, {name: 0.7 * pl.col(name) for name in TORQUES}))
     (doubt,) = found.doubts
-    assert "torques of all drives are 0.9" in doubt
+    assert "torques of all drives are 0.7" in doubt
     assert "torque constant" in doubt
     assert max(one.mass.value for one in found.loads) < 0.8 * MASS  # so it has to be said
 
@@ -80,6 +80,20 @@ def test_a_torque_that_stays(made: Picked) -> None:
     tau[5000:] = tau[5000]
     found = watched(made, changed(made, {"tau1": tau}))
     assert "column tau1 stays the same for 5 s from 5 s on" in found.doubts[0]
+
+
+def test_brakes_are_no_contact(made: Picked) -> None:
+    table, rng = made.table[:6000], np.random.default_rng(2)
+    on = np.arange(6000) >= 5200
+    stopped = {q: np.where(on, table[q][5200], table[q].to_numpy()) for q in ("q1", "q2", "q3")}
+    off = {
+        name: np.where(on, 0.02 * rng.standard_normal(6000), table[name].to_numpy())
+        for name in TORQUES
+    }
+    found = watched(made, table.with_columns(**stopped, **off))
+    assert "brakes hold the robot in 13 % of the rows" in found.doubts[0]
+    assert found.bad == 800
+    assert [round(one.start, 1) for one in found.touches] == [PUSHES[0][0]]
 
 
 def test_velocities_that_are_late_or_noisy_are_left_out(made: Picked) -> None:

@@ -115,7 +115,7 @@ def test_the_online_cycle_closes_its_loops(tmp_path: Path) -> None:
     cycle = ctypes.CDLL(str(compiled(tmp_path / "pose.c", tmp_path / "pose.so"))).cycle
     z, q, *_ = states(chosen, 20)
     for one, drives in zip(z, q, strict=True):
-        given = [np.float32(one + 0.003), np.float32(drives), np.empty(5, np.float32)]
+        given = [x.astype(np.float32) for x in (one + 0.003, drives, np.empty(5))]
         cycle(*(ctypes.c_void_p(x.ctypes.data) for x in given))
         assert given[2][4] == 1
         assert_close(given[2][:4].astype(float), one, SHARE)

@@ -55,7 +55,7 @@ class Care:
         states: values of a graph's inputs by their names, entries × states.
     """
 
-    states: Mapping[str, Float[np.ndarray, "entries states"]]
+    states: Mapping[str, Float[np.ndarray, "_ states"]]
 
     def pairs(self, f: ca.Function, names: Sequence[str], parts: Sequence[Part]) -> frozenset[int]:
         """Numbers of the instructions whose results need twice the digits.
@@ -117,7 +117,7 @@ class _Judged:
     def __init__(
         self,
         f: ca.Function,
-        states: Sequence[Float[np.ndarray, "entries states"]],
+        states: Sequence[Float[np.ndarray, "_ states"]],
         sizes: Sequence[int],
         largest: Sequence[np.ndarray | None],
     ) -> None:

@@ -119,7 +119,7 @@ def draw(element: ET.Element, shape: Shape) -> None:
 def draw_middle(element: ET.Element, subject: Model, body: str, length: float) -> None:
     """The line in the middle of a limb's struts, for programs that draw no tendons."""
     ET.SubElement(element, "geom", name=f"{body}_middle", type="capsule", material=_HIDDEN,
-                  rgba=_DEFAULT_COLOUR, fromto=numbers([0, 0, 0, length, 0, 0]),
+                  rgba=_DEFAULT_COLOUR, fromto=numbers([0.0, 0.0, 0.0, length, 0.0, 0.0]),
                   size=numbers([strut_radius(subject)]))  # fmt: skip
 
 

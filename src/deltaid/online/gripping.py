@@ -18,7 +18,9 @@ _SHARE = 0.5
 _OFF, _ALIKE = 0.008, 0.011
 
 
-def gripper_doubts(seen: Seen, loads: Sequence[HeldLoad], grip_time: float) -> tuple[Doubt, ...]:
+def gripper_doubts(
+    seen: Seen, loads: Sequence[HeldLoad], grip_time: float, *, is_column: bool = True
+) -> tuple[Doubt, ...]:
     """All that speaks against the gripper's signal.
 
     Args:

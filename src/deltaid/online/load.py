@@ -88,7 +88,7 @@ def estimates(
     period, n_load = settings.period, len(known.entries.shown)
     moving, slow = ca.SX.sym("moving", s.qd.numel()), ca.SX.sym("slow", s.qd.numel())
     parts = known.unmodelled * moving, known.unmodelled_slow * slow * s.slow
-    lacking = parts[0] + parts[1]
+    lacking = ca.SX(parts[0]) + parts[1]
     rows = ca.horzcat(s.smooth_columns, ca.diag(lacking))
     kinds = _kinds(known, s)
     stays = np.exp(-period / np.array(_memory(settings))[kinds])
