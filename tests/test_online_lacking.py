@@ -1,4 +1,4 @@
-"""What models lack, learnt while a robot runs: friction near rest and by load, and how much else."""
+"""What models lack, learnt while a robot runs: friction, and how much else."""
 
 from dataclasses import replace
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from deltaid.model.model import Model
+from deltaid.online.contact_part import contact_of
+from deltaid.online.cycle import step_graph
 from deltaid.online.graph import StepGraph
 from deltaid.online.knowledge import Knowledge, knowledge
 from deltaid.online.settings import OnlineSettings
@@ -58,3 +60,16 @@ def test_how_much_a_model_lacks_is_learnt(
     ]
     assert np.all(levels[0] < 0.98)
     assert np.all(levels[1] > 1.3)
+
+
+@pytest.mark.parametrize("early", [0, 4])
+def test_taking_and_leaving_a_load_is_no_contact(early: int) -> None:
+    """Also where the gripper opens some milliseconds before the load is gone."""
+    model, _ = robot("clavel-delta3")
+    settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
+    graph = step_graph(model, settings, more=(contact_of,))
+    run = running(model, 600, slice(250, 400), noise=0.1)
+    y = outputs(graph, run, np.roll(run.held, -early))
+    assert not np.any(y["contact"])
+    late = outputs(graph, run, np.zeros(600))
+    assert np.any(late["contact"][250:290])

@@ -37,7 +37,7 @@ class Expected:
         dry: filtered size of torques that no speed tells.
         mass: of the load held, in units of the largest one.
         lifted: columns of the load, the mass first, one for each entry's largest size.
-        hangs_on: of the load that was let go last, in the same units, what may still be there.
+        partly: of a load that was taken or let go just now, in the same units, what may be there.
         told: 1 where the gripper tells what it holds.
         lacking: size of torques that the model has not.
         live: 1 where the residual's filter has forgotten what it began with.
@@ -50,7 +50,7 @@ class Expected:
     covariance: ca.SX
     dry: ca.SX
     mass: ca.SX
-    hangs_on: ca.SX
+    partly: ca.SX
     lifted: ca.SX
     told: ca.SX
     lacking: ca.SX
@@ -90,7 +90,7 @@ def residual_of(
     behind = e.lacking**2 + settings.noise**2 * (0.5 * settings.corner * settings.period)
     untold = 1 - e.told
     speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
-    aside = ca.horzcat(e.lifted[:, 1:] * (_ASIDE * untold), e.lifted[:, 0] * e.hangs_on)
+    aside = ca.horzcat(e.lifted[:, 1:] * (_ASIDE * untold), e.lifted[:, 0] * e.partly)
     S = e.columns @ e.covariance @ e.columns.T + ca.diag(behind) + speeds @ speeds.T
     S += aside @ aside.T
     T = mechanism.speeds.inverse_jacobian[robot.task.moves, :]
@@ -154,6 +154,8 @@ def contact_of(cycle: Cycle) -> Part:
     dof = s.qd.numel()
     n = s.columns.shape[1]
     x, P, hung = e.before.x[:n], e.before.P[:n, :n], ca.SX.sym("hangs_on")
+    mass, taken = ca.fmax(x[0], 0), s.gripper > 0.5
+    partly = ca.if_else(e.differs, ca.if_else(taken, 1.0, mass), hung)
     M = ca.Function("M", [s.momentum.z, s.momentum.p], [s.momentum.M])
     loaded = ca.SX(cycle.model.p)
     first = cycle.model.layout.body(known.entries.body).start
@@ -167,7 +169,7 @@ def contact_of(cycle: Cycle) -> Part:
         covariance=P,
         dry=s.dry,
         mass=x[0],
-        hangs_on=hung,
+        partly=partly,
         lifted=s.columns[:, s.at_load],
         told=ca.if_else(s.gripper > -0.5, 1.0, 0.0),
         lacking=e.lacking,
@@ -183,7 +185,7 @@ def contact_of(cycle: Cycle) -> Part:
     )
     model = cycle.model
     _, part = contact_part(model.robot, model.dynamics.kinematics.mechanism, expected, of)
-    let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
-    left = ca.if_else(let_go, ca.fmax(x[0], 0), hung * np.exp(-settings.period / _HANGS_ON))
     field = Field("hangs_on", 1, "of the load let go last, what may still be there")
+    let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
+    left = ca.if_else(let_go, mass, hung * np.exp(-settings.period / _HANGS_ON))
     return Part((*part.kept, Kept(field, hung, left)), part.given)

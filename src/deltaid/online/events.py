@@ -16,6 +16,8 @@ SOON = 0.2
 _HALF = 1.959964
 # An entry is shown if half of its interval is below this share of what such a load may have.
 _SHOWN = 0.25
+# A release that nobody told is found so late [s]; what was known before that is the load.
+_UNSEEN = 0.05
 # What is held for less is a step on the way to another load [s].
 _STEP = 0.06
 # Contacts that are no farther apart are one [s].
@@ -30,6 +32,7 @@ class _Held:
     soon: tuple[float, float, float] | None = None
     load: np.ndarray | None = None
     std: np.ndarray | None = None
+    last: np.ndarray | None = None  # rows of time, load and std
 
 
 class Loads:
@@ -70,8 +73,12 @@ class Loads:
         """The load that is held, over some cycles."""
         if self._held is None or not len(time):
             return
-        self._held.load, self._held.std = found.load[rows][-1], found.load_std[rows][-1]
+        now = np.column_stack([time, found.load[rows], found.load_std[rows]])
+        last = now if self._held.last is None else np.concatenate([self._held.last, now])
+        last = last[last[:, 0] >= time[-1] - _UNSEEN]
         since = time - self._held.start
+        known = last[-1] if self._told or since[-1] < 2 * _UNSEEN else last[0]
+        self._held.last, (self._held.load, self._held.std) = last, np.split(known[1:], 2)
         if self._held.soon is None and since[-1] >= SOON:
             k = int(np.argmax(since >= SOON - 1e-9))
             low, high = found.mass_interval[rows][k]

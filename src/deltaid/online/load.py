@@ -54,6 +54,7 @@ class Estimates:
         held: 1 while a load is held, behind this cycle.
         changed: 1 where that is another one from now on.
         told: 1 where the gripper told that.
+        differs: 1 where the gripper tells something else than what was held before.
         load: entries of the load, consistent; zero while none is held.
         lacking: size of torques that the model has not, δ.
         part: of the graph.
@@ -67,6 +68,7 @@ class Estimates:
     held: ca.SX
     changed: ca.SX
     told: ca.SX
+    differs: ca.SX
     load: ca.SX
     lacking: ca.SX
     part: Part
@@ -100,7 +102,8 @@ def estimates(
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
     gripper = s.gripper
-    weight = s.live * (1 - touched) * (1 - waits(held, gripper))
+    differs = waits(held, gripper)
+    weight = s.live * (1 - touched) * (1 - differs)
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
     of_load = before.x[:n_load] / ca.fmax(before.x[0], _LEAST_SHARE)
     shape = chosen(ca.logic_and(held, before.x[0] > _LEAST_SHARE), of_load, unit)
@@ -161,8 +164,8 @@ def estimates(
         Given(Field("unexplained", s.qd.numel(), "what load and model leave of it"), innovations),
     )
     return Estimates(
-        rows, innovations, variances, before, behind, found.held, found.changed, found.told, load,
-        lacking,
+        rows, innovations, variances, before, behind,
+        found.held, found.changed, found.told, differs, load, lacking,
         Part(kept, given),
     )  # fmt: skip
 
