@@ -35,6 +35,9 @@ _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 _LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
+# A load that the gripper tells of may be taken so much later [s]; until then, what torques say of it
+# is forgotten within this time [s].
+_GRIPS, _LOOSE = 0.05, 0.01
 # A change must be likely for so long, in time constants of the filter.
 _CONFIRMED = 1.0
 # Torques whose direction no speed tells stay for so long [s].
@@ -93,12 +96,14 @@ def estimates(
     lacking = ca.SX(parts[0]) + parts[1]
     rows = ca.horzcat(s.smooth_columns, ca.diag(lacking))
     kinds = _kinds(known, s)
-    stays = np.exp(-period / np.array(_memory(settings))[kinds])
+    stays = ca.SX(np.exp(-period / np.array(_memory(settings))[kinds]))
+    gripping = ca.SX.sym("gripping")
+    stays[:n_load] = ca.if_else(gripping > 0, np.exp(-period / _LOOSE), stays[0])
     n, held = rows.shape[1], ca.SX.sym("held")
     x, packed = ca.SX.sym("x", n), ca.SX.sym("P", ca.Sparsity.lower(n).nnz())
     P = ca.tril2symm(ca.SX(ca.Sparsity.lower(n), packed))
     prior = ca.vertcat(*(held if kind == 0 else ca.SX(1) for kind in kinds))
-    before = Estimate(x, P).forgotten(ca.SX(stays), prior, ca.SX((kinds == 3).astype(float)))
+    before = Estimate(x, P).forgotten(stays, prior, ca.SX((kinds == 3).astype(float)))
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
     gripper = s.gripper
@@ -146,6 +151,11 @@ def estimates(
         ),
         *(_level(name, level, step * (part / lacking) ** 2)
           for name, level, part in zip(("moving", "slow"), (moving, slow), parts, strict=True)),
+        Kept(
+            Field("gripping", 1, "for which a load may still be on its way", "s"),
+            gripping,
+            ca.if_else(ca.logic_and(found.told, found.held), _GRIPS, ca.fmax(gripping - period, 0)),
+        ),
         *found.kept,
         *onsets.kept(found.changed, once, twice),
     )  # fmt: skip
