@@ -1,6 +1,6 @@
 """What `deltaid online` finds in simulated production: masses, pushes, false alarms.
 
-    python benchmarks/online.py [--minutes M] [--robots N] [--kinds NAME,…]
+    python benchmarks/online.py [--minutes M] [--robots N] [--kinds NAME,…] [--processes N]
 
 Robots pick, place and are pushed as `drawn_picks.py` draws them: true bodies and friction are away
 from the description, friction that no model has is on top, each robot's model is an identification
@@ -12,6 +12,7 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -182,14 +183,18 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
 def main() -> int:
     """Simulate, watch, count, and write a table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=12.0, help="of production, a kind")
-    parser.add_argument("--robots", type=int, default=3, help="of each kind")
+    parser.add_argument("--minutes", type=float, default=6.0, help="of production, a kind")
+    parser.add_argument("--robots", type=int, default=6, help="of each kind")
     parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--processes", type=int, default=2, help="kinds at a time")
     given = parser.parse_args()
+    names = given.kinds.split(",")
+    own = [KINDS[name] for name in names], [given.robots] * len(names), [given.minutes] * len(names)
     rows = []
-    for name in given.kinds.split(","):
-        rows += counted(name, KINDS[name], given.robots, given.minutes)
-        leave(HEAD, rows, NOTE)
+    with ProcessPoolExecutor(given.processes) as pool:
+        for of_kind in pool.map(counted, names, *own):
+            rows += of_kind
+            leave(HEAD, rows, NOTE)
     return 0
 
 

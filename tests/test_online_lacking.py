@@ -1,4 +1,4 @@
-"""What models lack, learnt while a robot runs: friction, and how much else."""
+"""What models lack, learnt while a robot runs: friction near rest and by load, and what else."""
 
 from dataclasses import replace
 

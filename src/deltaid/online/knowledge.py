@@ -48,7 +48,7 @@ class Knowledge:
         noise: of one cycle's torque, drive by drive.
         unmodelled: torques that the model has not, drive by drive, and
         unmodelled_slow: further ones of drives that are slow, that is near or below
-        slow_speed [rad/s or m/s].
+        slow_speed: of each drive [rad/s or m/s].
         largest: torque along a typical motion, drive by drive.
     """
 
