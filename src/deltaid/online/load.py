@@ -35,8 +35,8 @@ _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 _LEVEL, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
-# A load that the gripper tells of may be taken so much later [s]; until then, what torques say of it
-# is forgotten within this time [s].
+# A load that the gripper tells of may be taken so much later [s]; until then, what torques say of
+# it is forgotten within this time [s].
 _GRIPS, _LOOSE = 0.05, 0.01
 # A change must be likely for so long, in time constants of the filter.
 _CONFIRMED = 1.0
@@ -98,7 +98,7 @@ def estimates(
     kinds = _kinds(known, s)
     stays = ca.SX(np.exp(-period / np.array(_memory(settings))[kinds]))
     gripping = ca.SX.sym("gripping")
-    stays[:n_load] = ca.if_else(gripping > 0, np.exp(-period / _LOOSE), stays[0])
+    stays[:n_load] = ca.if_else(gripping > 0.5 * period, np.exp(-period / _LOOSE), stays[0])
     n, held = rows.shape[1], ca.SX.sym("held")
     x, packed = ca.SX.sym("x", n), ca.SX.sym("P", ca.Sparsity.lower(n).nnz())
     P = ca.tril2symm(ca.SX(ca.Sparsity.lower(n), packed))

@@ -204,7 +204,7 @@ def open_replay(
     ends = _ends(opened)
     doubts = (
         *opened.cut_at(None, 1).warnings,
-        *judged_wiring(model, log, mapping, str(opened.path)),
+        *judged_wiring(model, opened, log, mapping),
         *speeds.doubts,
     )
     stale = tuple(mask for mask in opened.masks if mask.reason == "stale rows")
