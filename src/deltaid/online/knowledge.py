@@ -32,6 +32,9 @@ _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Typical motion: seconds and samples.
 _PERIOD, _SAMPLES = 8.0, 800
 _LOAD_SHARE = 3.0
+# What carries a load may be heavier or lighter than identified, beside what the intervals say, by
+# this share of the largest load: nothing that a model lacks is wholly without a mean.
+_TARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +110,13 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
     count = min(_DIRECTIONS, int(np.sum(sizes > _SMALLEST)))
     left_out = np.sqrt(np.mean(np.sum((Y @ (rest @ V[count:].T)) ** 2, axis=2), axis=0))
     mass = settings.largest_mass or _LOAD_SHARE * float(model.body(entries.body)[0])
+    tare = np.zeros((len(model.p), 1))
+    tare[layout.body(entries.body).start] = _TARE * mass
     return Knowledge(
         entries=entries,
         load_scales=entries.scales(mass, settings.extent),
         least_mass=settings.least_mass or 0.01 * mass,
-        directions=rest @ V[:count].T,
+        directions=np.hstack([rest @ V[:count].T, tare]),
         followed=followed,
         friction_std=tuple(std.tolist()),
         noise=noise,
