@@ -73,3 +73,19 @@ def test_taking_and_leaving_a_load_is_no_contact(early: int) -> None:
     assert not np.any(y["contact"])
     late = outputs(graph, run, np.zeros(600))
     assert np.any(late["contact"][250:290])
+
+
+def test_noise_of_speeds_that_nobody_told_is_learnt() -> None:
+    """From positions in steps, speeds have noise, and it is no contact."""
+    model, _ = robot("clavel-delta3")
+    settings = OnlineSettings(
+        noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, speed="differenced"
+    )
+    graph = step_graph(model, settings, more=(contact_of,))
+    run = running(model, CYCLES, slice(0, 0), noise=0.1)
+    u = np.column_stack([np.round(run.q / 2e-5) * 2e-5, run.tau, np.zeros(CYCLES)])
+    y = graph.outputs.split(
+        np.array(graph.function.mapaccum(CYCLES)(graph.state.initial, u.T)[1]).T
+    )
+    assert not np.any(y["contact"])
+    assert 1 / 3 < np.quantile(y["contact_size"][2000:], 0.99) < 1

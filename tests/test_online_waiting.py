@@ -148,8 +148,7 @@ def test_loads_and_contacts_are_those_without_a_lag(made: Picked) -> None:
     assert_right(found)
     assert not found.doubts
     wrong = replace(settings, delay=tuple(-one for one in DELAY))
-    with pytest.raises(AssertionError):
-        assert_right(watch(lagging, replay, wrong))
+    assert any("against positions" in one for one in watch(lagging, replay, wrong).doubts)
 
 
 def test_a_stream_with_a_lag_is_the_replay(made: Picked) -> None:

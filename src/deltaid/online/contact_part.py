@@ -1,6 +1,6 @@
 """Contact as a part of the cycle: covariance of the residual, and what a cycle gives of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -23,6 +23,12 @@ _FOREVER = 1e6
 # While something pushes the robot, and filters remember it [s], nothing is learnt, for so long
 # at most [s]: what stays is no push but something the model lacks, and estimates take it up.
 _REMEMBERED, _LONGEST = 0.03, 1.0
+
+
+# How much larger a residual is than expected, χ² of each drive, is learnt over [s] where it is
+# larger and where it is smaller, from so much at most; what chance makes where all noise is known;
+# and what is thought of speeds of unknown noise.
+_GROWS, _FALLS, _MOST, _TOLERATED, _UNKNOWN = 2.0, 10.0, 25.0, 2.0, 9.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +74,7 @@ class ContactSettings:
         speed_noise: of one cycle's speed, drive by drive [rad/s or m/s].
         corner: K of the filter [1/s].
         period: of a cycle [s].
+        excess: how much larger the covariance may be than all that, to begin with.
     """
 
     false_alarms: float
@@ -75,6 +82,7 @@ class ContactSettings:
     speed_noise: Float[np.ndarray, " drives"]
     corner: float
     period: float
+    excess: float = 1.0
 
     @property
     def threshold(self) -> float:
@@ -110,18 +118,31 @@ def contact_part(
     robot: RobotDescription, mechanism: Mechanism, e: Expected, settings: ContactSettings
 ) -> tuple[Contact, Part]:
     """Contact of one cycle, and the fields that it keeps and gives."""
-    since = ca.SX.sym("contact_time")
+    since, excess = ca.SX.sym("contact_time"), ca.SX.sym("excess")
+    known = settings.excess == 1.0
+    larger = ca.fmax(excess / (_TOLERATED if known else 1.0), 1.0)
     residual = residual_of(robot, mechanism, e, settings)
+    residual = replace(residual, covariance=residual.covariance * larger)
     seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), settings.threshold, e.live)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     rests = ca.SX.sym("contact_rests")
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     moves, dof = residual.levers.shape
+    found = ca.fmin((seen.size * settings.threshold) ** 2 * larger / dof, _MOST)
+    falls = _FALLS if known else 2 * _FALLS  # what is guessed is left slowly
+    memory = ca.if_else(found > excess, _GROWS, falls)
+    learns = ca.logic_and(e.live, seen.found < 0.5)
+    learnt = excess + settings.period / memory * learns * (found - excess)
     unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
     kept = (
         Kept(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts),
         Kept(Field("contact_rests", 1, "for which nothing is learnt yet", "s"), rests, waits),
+        Kept(
+            Field("excess", 1, "how much larger residuals are", initial=settings.excess),
+            excess,
+            learnt,
+        ),
     )
     given = (
         Given(Field("contact", 1, "1 while there is a contact"), seen.found),
@@ -182,6 +203,7 @@ def contact_of(cycle: Cycle) -> Part:
         speed_noise,
         settings.corner,
         settings.period,
+        1.0 if settings.speed_noise is not None else _UNKNOWN,
     )
     model = cycle.model
     _, part = contact_part(model.robot, model.dynamics.kinematics.mechanism, expected, of)

@@ -3,8 +3,9 @@
 What may be off, and by how much: coefficients of the drives' friction, each by itself, because they
 change; and of all else the few directions of p that make most of the torque's uncertainty along the
 robot's motions. With p's covariance R Rᵀ and torques Y p along a typical motion, weighed by the
-noise, these are the leading singular vectors of Y R. So a model's error is a constant that is
-estimated beside the load, and does not average out as noise would.
+noise, these are the leading singular vectors of Y R; and the mass of what carries the load, a tare.
+So a model's error is a constant that is estimated beside the load, and does not average out as
+noise would.
 """
 
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ _PERIOD, _SAMPLES = 8.0, 800
 _LOAD_SHARE = 3.0
 # What carries a load may be heavier or lighter than identified, beside what the intervals say, by
 # this share of the largest load: nothing that a model lacks is wholly without a mean.
-_TARE = 0.02
+_TARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)

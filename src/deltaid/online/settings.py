@@ -32,13 +32,14 @@ class OnlineSettings:
         noise: standard deviation of one cycle's torque, drive by drive, on the joint's side
             [N m or N]; None for what the identification left, 2 % of a drive's torque without one.
         unmodelled: standard deviation of torques that the model does not have and that stay for
-            some hundredths of a second, drive by drive; None for what the identification left.
+            some hundredths of a second, drive by drive, while it moves: what it begins with, and
+            how large they are is learnt; None for what the identification left.
         rest_speed: speed [rad/s or m/s] below which the direction of friction is not known.
         friction_range: share by which friction may be off or may change.
         friction_time: over which friction may change by that much [s].
         false_alarms: of contact that are accepted in an hour.
         speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None
-            for none.
+            where it is not known: how large residuals are is learnt then, from some seconds on.
         alarm: how many standard deviations make a change of load.
         delay: by how much torques are reported later than their motion, drive by drive or one for
             all [s], negative where they are early; None for what the identification found, 0 for
