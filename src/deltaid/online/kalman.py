@@ -38,6 +38,10 @@ class Estimate:
     x: ca.SX
     P: ca.SX
 
+    def part(self, which: slice) -> "Estimate":
+        """Of some of the states."""
+        return Estimate(self.x[which], self.P[which, which])
+
     def forgotten(self, kept: ca.SX, prior: ca.SX, wanders: ca.SX) -> "Estimate":
         """A cycle later.
 

@@ -48,8 +48,11 @@ def judged_wiring(
                 where=str(opened.path),
                 cure=f"{one.cure}; `deltaid check` tells more",
             )
-    doubtful = (one for one in told if one.grade is Grade.DOUBTFUL)
-    return tuple(Doubt(one.finding, cause="", cure=one.cure, key=one.key) for one in doubtful)
+    return tuple(
+        Doubt(one.seen, cause=one.cause, cure=one.cure, key=one.key)
+        for one in told
+        if one.grade is Grade.DOUBTFUL
+    )
 
 
 def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:

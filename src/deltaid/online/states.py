@@ -1,0 +1,93 @@
+"""What is estimated, from one cycle to the next: how long it is remembered, and its prior."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.online.changes import Change
+from deltaid.online.graph import Kept
+from deltaid.online.kalman import Estimate
+from deltaid.online.layout import Field
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.signals import Signals
+
+# Memory [s] of a load, of the model's own errors, and of torques that the model has not.
+_LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
+# A load that the gripper tells of may be taken so much later [s]; until then, what torques say of
+# it is forgotten within this time [s].
+_GRIPS, _LOOSE = 0.05, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """What is estimated, as the cycle before left it.
+
+    Attributes:
+        kinds: of each: 0 load, 1 model, 2 friction, 3 unmodelled.
+        x, P: symbols; of P the lower triangle.
+        held: 1 while a load was held.
+        gripping: for how long one may still be on its way [s].
+        period, friction_time: [s].
+    """
+
+    kinds: np.ndarray
+    x: ca.SX
+    P: ca.SX
+    held: ca.SX
+    gripping: ca.SX
+    period: float
+    friction_time: float
+
+    @classmethod
+    def named(cls, s: Signals, settings: OnlineSettings) -> "States":
+        """New symbols."""
+        kinds = _kinds(s)
+        n, symbol = len(kinds), ca.SX.sym
+        P = symbol("P", ca.Sparsity.lower(n).nnz())
+        times = settings.period, settings.friction_time
+        return cls(kinds, symbol("x", n), P, symbol("held"), symbol("gripping"), *times)
+
+    @property
+    def count(self) -> int:
+        """Of states."""
+        return len(self.kinds)
+
+    @property
+    def later(self) -> Estimate:
+        """A cycle later, before anything is measured."""
+        memory = np.array([_LOAD, _MODEL, self.friction_time, _UNMODELLED])[self.kinds]
+        stays = ca.SX(np.exp(-self.period / memory))
+        of_load = np.flatnonzero(self.kinds == 0)
+        loose = np.exp(-self.period / _LOOSE)
+        on_its_way = self.gripping > 0.5 * self.period
+        stays[: len(of_load)] = ca.if_else(on_its_way, loose, stays[0])
+        prior = ca.vertcat(*(self.held if kind == 0 else ca.SX(1) for kind in self.kinds))
+        P = ca.tril2symm(ca.SX(ca.Sparsity.lower(self.count), self.P))
+        wanders = ca.SX((self.kinds == 3).astype(float))
+        return Estimate(self.x, P).forgotten(stays, prior, wanders)
+
+    def kept(self, behind: Estimate, found: Change) -> tuple[Kept, ...]:
+        """Fields of the state."""
+        n, initial = self.count, np.diag(np.where(self.kinds == 0, 0.0, 1.0))
+        first = tuple(initial.T[np.triu_indices(n)].tolist())
+        triangle = Field("P", len(first), "its covariance, columns of the lower triangle",
+                         initial=first)  # fmt: skip
+        gripping = Field("gripping", 1, "for which a load may still be on its way", "s")
+        taken = ca.logic_and(found.told, found.held)
+        return (
+            Kept(Field("x", n, "estimate, in deviations of its prior"), self.x, behind.x),
+            Kept(triangle, self.P, ca.tril(ca.densify(behind.P)).nz[:]),
+            Kept(
+                gripping,
+                self.gripping,
+                ca.if_else(taken, _GRIPS, ca.fmax(self.gripping - self.period, 0)),
+            ),
+        )
+
+
+def _kinds(s: Signals) -> np.ndarray:
+    """For each state: 0 load, 1 model, 2 friction, 3 unmodelled."""
+    parts = (s.at_load, 0), (s.at_directions, 1), (s.at_friction, 2), (s.at_lacked, 1)
+    sizes = [part.stop - part.start for part, _ in parts]
+    return np.repeat([*(kind for _, kind in parts), 3], [*sizes, s.qd.numel()])
