@@ -28,7 +28,8 @@ def gripper_doubts(
         is_column: whether a column tells, which should change.
     """
     constant = tuple(_constant(seen)) if is_column else ()
-    return constant or tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
+    wrong = tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
+    return constant or wrong or tuple(_without_part(loads))
 
 
 def _constant(seen: Seen) -> Iterator[Doubt]:
@@ -42,23 +43,31 @@ def _constant(seen: Seen) -> Iterator[Doubt]:
         )
 
 
-def _inverted(seen: Seen, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+def _weightless(loads: Sequence[HeldLoad]) -> int:
+    """How many weigh nothing, if that is worth a word; else 0."""
     nothing = sum(one.mass.low <= 0 for one in loads)
-    if nothing < max(1, _SHARE * len(loads)):
-        return
-    if seen.touched_empty > _TOUCHED * seen.empty:
+    return nothing if nothing >= max(1, _SHARE * len(loads)) else 0
+
+
+def _inverted(seen: Seen, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+    nothing = _weightless(loads)
+    if nothing and seen.touched_empty > _TOUCHED * seen.empty:
         yield Doubt(
             f"{nothing} of {len(loads)} loads weigh nothing, and torques are beyond the model for "
             f"{seen.touched_empty:.3g} s while the gripper tells of nothing held",
             cause="the signal is 0 while something is held, and 1 while not",
             cure="give the numbers that mean held in a mapping, load: {column: …, when: [0]}",
         )
-        return
-    yield Doubt(
-        f"{nothing} of {len(loads)} loads weigh nothing that torques show",
-        cause="the gripper closed without a part, or its signal is another one",
-        cure="check what the column holds",
-    )
+
+
+def _without_part(loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+    nothing = _weightless(loads)
+    if nothing:
+        yield Doubt(
+            f"{nothing} of {len(loads)} loads weigh nothing that torques show",
+            cause="the gripper closed without a part, or its signal is another one",
+            cure="check what the column holds",
+        )
 
 
 def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
