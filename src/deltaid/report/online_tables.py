@@ -22,7 +22,7 @@ def loads_table(watched: Watched) -> Table:
 def _load(one: HeldLoad, until: str) -> tuple[str, ...]:
     end = until if one.end is None else f"{one.end:.3f}"
     soon = "left before" if one.soon is None else f"{one.soon[0]:.3f}"
-    centre = ", ".join(f"{axis} {1e3 * x:.0f}" for axis, x in one.centre) or "not shown"
+    centre = ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in one.centre) or "not shown"
     mass = one.mass
     return (
         f"{one.start:.3f}",
