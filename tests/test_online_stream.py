@@ -11,6 +11,7 @@ from deltaid.online.knowledge import knowledge
 from deltaid.online.layout import Field, Layout
 from deltaid.online.settings import OnlineSettings
 from online_runs import LOAD, outputs, robot, running
+from picking import picked
 
 SETTINGS = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
 
@@ -117,3 +118,21 @@ def test_a_layout_has_places_and_refuses_what_does_not_fit() -> None:
     assert both.split(np.arange(6.0).reshape(2, 3))["b"].tolist() == [[2.0], [5.0]]
     with pytest.raises(ValueError, match="one name"):
         Layout.of(a, a)
+
+
+def test_a_stream_tells_of_contacts_where_the_model_is_identified() -> None:
+    made = picked()
+    q, tau = (
+        np.column_stack([made.table[f"{name}{i}"].to_numpy() for i in (1, 2, 3)])
+        for name in ("q", "tau")
+    )
+    online = deltaid.Online(made.model, OnlineSettings(speed="differenced", largest_mass=2.0))
+    found = online.run(q[:3700], None, tau[:3700], made.table["gripper"].to_numpy()[:3700] * 1.0)
+    at = np.flatnonzero(found.contact)
+    assert 3500 <= at[0] < 3520
+    assert np.all(found.contact_limb[at[10:60]] == 0)
+    force = found.contact_force[3560]
+    assert force == pytest.approx([25.0, -15.0, 5.0], abs=4.0)
+    prior = deltaid.Online("clavel-delta3").step(np.full(3, 0.4), np.zeros(3), np.zeros(3))
+    with pytest.raises(DeltaidError, match="identify a model"):
+        _ = prior.contact

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.kernel.recurrence import Recurrence
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.online.contact_part import contact_of
 from deltaid.online.cycle import MorePart, step_graph
 from deltaid.online.entries import LoadEntries
 from deltaid.online.feedforward import FeedForward
@@ -60,6 +61,43 @@ class OnlineEstimate(Named):
         return np.asarray(self.load[..., 0])
 
     @property
+    def contact(self) -> np.ndarray:
+        """Whether something pushes the robot.
+
+        Raises:
+            DeltaidError: nothing looked for contacts.
+        """
+        return np.asarray(self._of_contact("contact")[..., 0] > 0.5)
+
+    @property
+    def contact_limb(self) -> np.ndarray:
+        """Drive whose limb is pushed, from 1 on; 0 for the platform, −1 without a contact.
+
+        Raises:
+            DeltaidError: nothing looked for contacts.
+        """
+        return np.asarray(self._of_contact("contact_limb")[..., 0].astype(int))
+
+    @property
+    def contact_force(self) -> Float[np.ndarray, "*samples moves"]:
+        """On the platform point, if it is that that is pushed [N].
+
+        Raises:
+            DeltaidError: nothing looked for contacts.
+        """
+        return np.asarray(self._of_contact("contact_force"))
+
+    def _of_contact(self, name: str) -> np.ndarray:
+        if name not in self.outputs:
+            raise DeltaidError(
+                "was not looked for: the robot is at its prior, and without an identification "
+                "nothing says what is a contact",
+                where="contact",
+                cure="identify a model from a recording first, `deltaid identify`",
+            )
+        return self.outputs[name]
+
+    @property
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
         """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
         be held unnoticed."""
@@ -76,7 +114,8 @@ class Online(Named):
             intervals then are in those of the load.
         settings: what else is known of the robot; or `rate` alone.
         rate: cycles a second [Hz], in place of that of the settings (`OnlineSettings.at`).
-        more: further parts of the cycle.
+        more: further parts of the cycle. Contact is one of them by itself where the model is
+            identified: without its intervals nothing says what is a contact.
 
     Raises:
         DeltaidError: settings and robot do not fit each other.
@@ -95,7 +134,9 @@ class Online(Named):
         if rate is not None:
             self.settings = self.settings.at(rate)
         self.known: Knowledge = knowledge(self.model, self.settings)
-        self.graph: StepGraph = step_graph(self.model, self.settings, more, self.known)
+        own = () if self.model.identified is None else (contact_of,)
+        parts = (*own, *(one for one in more if one not in own))
+        self.graph: StepGraph = step_graph(self.model, self.settings, parts, self.known)
         self.reset()
 
     def reset(self) -> None:
