@@ -19,10 +19,6 @@ counted off.
 
 import argparse
 import os
-import shutil
-import subprocess
-import tempfile
-from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -34,6 +30,7 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pinocchio as pin
+from _c_program import printed
 from _mujoco_bare import bare
 from _timing import machine
 
@@ -57,33 +54,17 @@ FUNCTIONS = (
     ("FD from z", "status |= r_forward_dynamics(zs + i * D, qd + i * D, tau + i * D, out);"),
 )
 MAIN = """
-#define _POSIX_C_SOURCE 200809L
-#include "r.h"
-#include <stdio.h>
-#include <stdlib.h>
-#include <time.h>
 #define D R_DOF
-static double now(void)
-{{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
-}}
 int main(void)
 {{
     static {real} x[5][{states} * D], out[D * D], z[D];
     {real} *zs = x[0], *q = x[1], *qd = x[2], *qdd = x[3], *tau = x[4];
-    double clock = 1e9;
+    const double clock = clock_cost();
     volatile double sum = 0;
     int i, k, status = 0;
-    FILE *file = fopen("states", "rb");
+    FILE *file = fopen("data", "rb");
     if (!file || fread(x, sizeof x, 1, file) != 1)
         return 1;
-    for (i = 0; i < 10000; ++i) {{
-        const double t = -now(), d = t + now();
-        if (d < clock)
-            clock = d;
-    }}
 {parts}
     (void)qdd; (void)tau; (void)sum;
     return status;
@@ -177,19 +158,10 @@ def in_c(
     code, real = c_code(subject, "r", precision), precision.c_type
     numbers = {"states": STATES, "real": real}
     parts = [PART.format(call=call, rounds=ROUNDS, **numbers) for _, call in FUNCTIONS]
-    compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
-    with tempfile.TemporaryDirectory() as folder:
-        work = Path(folder)
-        (work / "r.h").write_text(code.header)
-        (work / "r.c").write_text(code.source)
-        (work / "main.c").write_text(MAIN.format(parts="".join(parts), **numbers))
-        flat = np.concatenate([part.ravel() for part in states])
-        flat.astype(np.float64 if precision is DOUBLE else np.float32).tofile(work / "states")
-        command = [compiler, "-std=c99", *options, "r.c", "main.c", "-o", "run", "-lm"]
-        subprocess.run(command, cwd=work, check=True)
-        done = subprocess.run([work / "run"], cwd=work, capture_output=True, check=True)
-    rows = [line.split() for line in done.stdout.decode().splitlines()]
-    return [(float(best), float(worst)) for best, worst in rows]
+    flat = np.concatenate([part.ravel() for part in states])
+    main = MAIN.format(parts="".join(parts), **numbers)
+    rows = printed(code, main, flat, precision, *options)
+    return [(best, worst) for best, worst in rows]
 
 
 def tree_states(

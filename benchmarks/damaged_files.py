@@ -105,7 +105,7 @@ def _open(kind: str, folder: Path, numbers: range) -> None:
         try:
             found = outcome(path, KINDS[kind].columns, ROWS, kinematics)
             wrong, end = complaint(found, path), found.end
-        except Exception as error:
+        except Exception as error:  # what it counts: whatever comes out beside a refusal
             wrong, end = f"{type(error).__name__}: {error}", "else"
         print(f"else\t{i}\t{wrong!r}" if wrong else end, flush=True)
 

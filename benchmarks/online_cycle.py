@@ -11,15 +11,12 @@ best it took in any round, so neither counts what the operating system does in b
 
 import argparse
 import os
-import shutil
-import subprocess
-import tempfile
-from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
+from _c_program import printed
 from _table import leave
 from drawn_picks import production_of
 
@@ -46,32 +43,17 @@ NOTE = (
     """A cycle of `…_online` in C with payload, friction and contact, `gcc -O2`, processor time."""
 )
 MAIN = """
-#define _POSIX_C_SOURCE 200809L
-#include "r.h"
-#include <stdio.h>
-#include <time.h>
-static double now(void)
-{{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
-}}
 int main(void)
 {{
     static r_online_inputs u[{cycles}];
     static double least[{cycles}];
     r_online_state state;
     r_online_outputs y;
-    double best = 1e9, worst = 0, clock = 1e9;
+    double best = 1e9, worst = 0, clock = clock_cost();
     int i, k, bad = 0;
-    FILE *file = fopen("inputs", "rb");
+    FILE *file = fopen("data", "rb");
     if (!file || fread(u, sizeof u, 1, file) != 1)
         return 1;
-    for (i = 0; i < 10000; ++i) {{
-        const double t = -now(), d = t + now();
-        if (d < clock)
-            clock = d;
-    }}
     for (i = 0; i < {cycles}; ++i)
         least[i] = 1e9;
     for (k = 0; k < {rounds}; ++k) {{
@@ -132,17 +114,8 @@ def picks(model: Model) -> np.ndarray:
 def in_c(model: Model, inputs: np.ndarray, precision: Precision) -> tuple[float, float]:
     """Mean and slowest cycle [µs]."""
     code = c_code(model, "r", precision, ("online",))
-    compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
-    with tempfile.TemporaryDirectory() as folder:
-        work = Path(folder)
-        (work / "r.h").write_text(code.header)
-        (work / "r.c").write_text(code.source)
-        (work / "main.c").write_text(MAIN.format(cycles=CYCLES, rounds=ROUNDS))
-        inputs.astype(np.float64 if precision is DOUBLE else np.float32).tofile(work / "inputs")
-        command = [compiler, "-std=c99", "-O2", "r.c", "main.c", "-o", "run", "-lm"]
-        subprocess.run(command, cwd=work, check=True)
-        done = subprocess.run([work / "run"], cwd=work, capture_output=True, check=True)
-    mean, slowest = map(float, done.stdout.split())
+    main = MAIN.format(cycles=CYCLES, rounds=ROUNDS)
+    ((mean, slowest),) = printed(code, main, inputs, precision, "-O2")
     return mean, slowest
 
 

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from statistics import median
 
@@ -184,7 +185,7 @@ def main() -> None:
 
 def _read(path: Path) -> dict[str, float]:
     """Time, memory and samples of reading one file."""
-    import deltaid.recording.recording  # noqa: F401 - loads what every command loads
+    import_module("deltaid.recording.recording")  # what every command loads
     from deltaid.recording.resolution import resolve_columns
     from deltaid.recording.table import open_table, read_batches
 

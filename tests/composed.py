@@ -74,6 +74,24 @@ def dynamics(make: Make, seed: int = 0) -> Dynamics:
     return Dynamics(twin(make, seed).robot)
 
 
+# Between the struts of a limb, where an oracle tells them apart [m].
+SPACING = 0.6
+# Robots in which the force of each single strut is told by the motion.
+SINGLE = [
+    Make(unequal=True, own=True),
+    Make(telescope=True, unequal=True, tilt=(-10, 20)),
+    Make(linear=True, tilt=(10, 30), inwards=(1,)),
+    Make(kind="h4", own=True),
+    Make(kind="h4", linear=True, unequal=True),
+]
+
+
+def label(make: Make) -> str:
+    """For the name of a test."""
+    drive = "linear" if make.linear else "rotary"
+    return f"{make.kind}-{drive}{'-telescope' if make.telescope else ''}"
+
+
 def random_composed(make: Make, rng: np.random.Generator) -> ComposedOracle:
     """An oracle of a metre-sized robot."""
     limbs = _random_limbs(make, rng)

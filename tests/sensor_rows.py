@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from composed import Make, describe, parameters, random_composed, random_states
+from composed import SPACING, Make, describe, parameters, random_composed, random_states
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.about import RowsAbout
@@ -19,16 +19,8 @@ from deltaid.sensors.rows import SensorRows
 from oracle.sensors import SensorOracle, StrutOracle
 from oracle.tree import Body, random_body
 
-SPACING = 0.6  # of the oracle's struts
 CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz")
 PLACE, TURN = (0.11, -0.23, 0.31), (20.0, -35.0, 130.0)
-SINGLE = [
-    Make(unequal=True, own=True),
-    Make(telescope=True, unequal=True, tilt=(-10, 20)),
-    Make(linear=True, tilt=(10, 30), inwards=(1,)),
-    Make(kind="h4", own=True),
-    Make(kind="h4", linear=True, unequal=True),
-]
 SUMS = [
     Make(kind="par4", unequal=True),
     Make(kind="i4", linear=True),
@@ -103,11 +95,6 @@ def dense(
     found = np.zeros((len(states[0]), len(rows.channels), first + len(rows.parameters)))
     found[:, channels, columns] = rows.entries(*states, shown).T
     return found
-
-
-def label(make: Make) -> str:
-    drive = "linear" if make.linear else "rotary"
-    return f"{make.kind}-{drive}{'-telescope' if make.telescope else ''}"
 
 
 def per_drive(twin: SensorTwin) -> dict[str, float]:

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from composed import Make, describe, parameters, random_composed, random_states
+from composed import (
+    SINGLE,
+    SPACING,
+    Make,
+    describe,
+    label,
+    parameters,
+    random_composed,
+    random_states,
+)
 from composed import dynamics as composed_dynamics
 from composed import twin as composed_twin
 from deltaid.dynamics.dynamics import Dynamics
@@ -19,20 +28,7 @@ from deltaid.robot.load import load_robot
 from oracle.forces import ForceOracle
 
 HELI4 = Path(__file__).resolve().parents[1] / "examples" / "heli4"
-SPACING = 0.6  # of the oracle's struts
-SINGLE = [
-    Make(unequal=True, own=True),
-    Make(telescope=True, unequal=True, tilt=(-10, 20)),
-    Make(linear=True, tilt=(10, 30), inwards=(1,)),
-    Make(kind="h4", own=True),
-    Make(kind="h4", linear=True, unequal=True),
-]
 SUMS = [Make(kind="par4"), Make(kind="i4", linear=True), Make(telescope=True, struts=1)]
-
-
-def label(make: Make) -> str:
-    drive = "linear" if make.linear else "rotary"
-    return f"{make.kind}-{drive}{'-telescope' if make.telescope else ''}"
 
 
 def spaced(robot: RobotDescription, spacing: float | None = SPACING, **more: float):

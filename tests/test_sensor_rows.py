@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from composed import Make
+from composed import SINGLE, Make, label
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
 from deltaid.robot.load import load_robot
@@ -14,11 +14,9 @@ from deltaid.sensors.of_robot import all_sensor_rows, sensor_rows
 from oracle.sensors import StrutOracle
 from sensor_rows import (
     CHANNELS,
-    SINGLE,
     SUMS,
     assert_same,
     dense,
-    label,
     per_drive,
     plate,
     sensor_twin,

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from composed import SINGLE
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
 from deltaid.sensors.about import about
 from deltaid.sensors.of_robot import sensor_rows
-from sensor_rows import CHANNELS, SINGLE, dense, plate, sensor_twin, wrenches
+from sensor_rows import CHANNELS, dense, plate, sensor_twin, wrenches
 
 
 def test_offsets_that_nobody_knows_are_ten_times_what_the_robot_weighs() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from deltaid.errors import Doubt
 from deltaid.export.functions import ExportedCycle
 from deltaid.model.model import Model
-from deltaid.online.contact_part import contact_of
+from deltaid.online.contact_part import standard_parts
 from deltaid.online.cycle import step_graph
 from deltaid.online.settings import OnlineSettings
 
@@ -27,7 +27,7 @@ def online_cycle(subject: Model, settings: OnlineSettings) -> ExportedCycle:
     Raises:
         DeltaidError: settings and robot do not fit each other.
     """
-    more = (contact_of,) if subject.identified is not None else ()
+    more = standard_parts(subject)
     graph = step_graph(subject, settings, more)
     none = ca.SX(ca.DM(np.full(graph.inputs.size, np.nan)))
     spoilt, spoilt_y = ca.substitute([graph.following, graph.y], [graph.u], [none])

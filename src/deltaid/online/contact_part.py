@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.model.model import Model
 from deltaid.online.contact import Contact, Residual, contact, threshold
-from deltaid.online.cycle import Cycle
+from deltaid.online.cycle import Cycle, MorePart
 from deltaid.online.graph import Given, Kept, Part
 from deltaid.online.layout import Field
 from deltaid.robot.description import RobotDescription
@@ -71,18 +72,16 @@ class ContactSettings:
     Attributes:
         false_alarms: accepted in an hour.
         noise: standard deviation of one cycle's torque, drive by drive [N m or N].
-        speed_noise: of one cycle's speed, drive by drive [rad/s or m/s].
+        speed_noise: of one cycle's speed, drive by drive [rad/s or m/s]; None if it is not known.
         corner: K of the filter [1/s].
         period: of a cycle [s].
-        excess: how much larger the covariance may be than all that, to begin with.
     """
 
     false_alarms: float
     noise: Float[np.ndarray, " drives"]
-    speed_noise: Float[np.ndarray, " drives"]
+    speed_noise: Float[np.ndarray, " drives"] | None
     corner: float
     period: float
-    excess: float = 1.0
 
     @property
     def threshold(self) -> float:
@@ -97,10 +96,11 @@ def residual_of(
     of torque noise behind the filter, and of noise of speeds in the momentum, K M v."""
     behind = e.lacking**2 + settings.noise**2 * (0.5 * settings.corner * settings.period)
     untold = 1 - e.told
-    speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
     aside = ca.horzcat(e.lifted[:, 1:] * (_ASIDE * untold), e.lifted[:, 0] * e.partly)
-    S = e.columns @ e.covariance @ e.columns.T + ca.diag(behind) + speeds @ speeds.T
-    S += aside @ aside.T
+    S = e.columns @ e.covariance @ e.columns.T + ca.diag(behind) + aside @ aside.T
+    if settings.speed_noise is not None:
+        speeds = settings.corner * e.M @ ca.diag(ca.DM(settings.speed_noise))
+        S += speeds @ speeds.T
     T = mechanism.speeds.inverse_jacobian[robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(e.z)
     return Residual(
@@ -119,7 +119,7 @@ def contact_part(
 ) -> tuple[Contact, Part]:
     """Contact of one cycle, and the fields that it keeps and gives."""
     since, excess = ca.SX.sym("contact_time"), ca.SX.sym("excess")
-    known = settings.excess == 1.0
+    known = settings.speed_noise is not None
     larger = ca.fmax(excess / (_TOLERATED if known else 1.0), 1.0)
     residual = residual_of(robot, mechanism, e, settings)
     residual = replace(residual, covariance=residual.covariance * larger)
@@ -139,7 +139,7 @@ def contact_part(
         Kept(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts),
         Kept(Field("contact_rests", 1, "for which nothing is learnt yet", "s"), rests, waits),
         Kept(
-            Field("excess", 1, "how much larger residuals are", initial=settings.excess),
+            Field("excess", 1, "how much larger residuals are", initial=1 if known else _UNKNOWN),
             excess,
             learnt,
         ),
@@ -165,6 +165,14 @@ def contact_part(
     return seen, Part(kept, given)
 
 
+def standard_parts(model: Model) -> tuple[MorePart, ...]:
+    """What a cycle looks for beside loads and friction: contacts, where the model is identified.
+
+    Without the intervals of an identification nothing says what is a contact.
+    """
+    return () if model.identified is None else (contact_of,)
+
+
 def contact_of(cycle: Cycle) -> Part:
     """The part of a cycle that looks for contact.
 
@@ -172,22 +180,15 @@ def contact_of(cycle: Cycle) -> Part:
     they are left in the residual, and their whole size is in its covariance.
     """
     s, e, known, settings = cycle.signals, cycle.estimates, cycle.known, cycle.settings
-    dof = s.qd.numel()
-    n = s.columns.shape[1]
-    x, P, hung = e.before.x[:n], e.before.P[:n, :n], ca.SX.sym("hangs_on")
-    mass, taken = ca.fmax(x[0], 0), s.gripper > 0.5
-    partly = ca.if_else(e.differs, ca.if_else(taken, 1.0, mass), hung)
-    M = ca.Function("M", [s.momentum.z, s.momentum.p], [s.momentum.M])
-    loaded = ca.SX(cycle.model.p)
-    first = cycle.model.layout.body(known.entries.body).start
-    for i, k in enumerate(known.entries.shown):
-        loaded[first + k] += known.load_scales[i] * x[i]
-    speed_noise = np.zeros(dof) if settings.speed_noise is None else np.array(settings.speed_noise)
+    model, n = cycle.model, s.columns.shape[1]
+    x = e.before.x[:n]
+    partly, hung = _partly(cycle, ca.fmax(x[0], 0))
+    noise = settings.speed_noise
     expected = Expected(
         z=s.z,
         residual=s.residual - s.columns @ x,
         columns=s.columns,
-        covariance=P,
+        covariance=e.before.P[:n, :n],
         dry=s.dry,
         mass=x[0],
         partly=partly,
@@ -195,19 +196,39 @@ def contact_of(cycle: Cycle) -> Part:
         told=ca.if_else(s.gripper > -0.5, 1.0, 0.0),
         lacking=e.lacking,
         live=s.settled,
-        M=M(s.z, loaded),
+        M=_mass_matrix(cycle, x),
     )
     of = ContactSettings(
         settings.false_alarms,
         known.noise,
-        speed_noise,
+        None if noise is None else np.array(noise),
         settings.corner,
         settings.period,
-        1.0 if settings.speed_noise is not None else _UNKNOWN,
     )
-    model = cycle.model
     _, part = contact_part(model.robot, model.dynamics.kinematics.mechanism, expected, of)
-    field = Field("hangs_on", 1, "of the load let go last, what may still be there")
+    return Part((*part.kept, hung), part.given)
+
+
+def _partly(cycle: Cycle, mass: ca.SX) -> tuple[ca.SX, Kept]:
+    """How much of a load may be there that the gripper says is not, or not yet known, and what is
+    kept for that.
+
+    Args:
+        mass: of the load held, in units of the largest one.
+    """
+    e, hung = cycle.estimates, ca.SX.sym("hangs_on")
+    expected = ca.if_else(cycle.signals.gripper > 0.5, 1.0, mass)
     let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
-    left = ca.if_else(let_go, mass, hung * np.exp(-settings.period / _HANGS_ON))
-    return Part((*part.kept, Kept(field, hung, left)), part.given)
+    left = ca.if_else(let_go, mass, hung * np.exp(-cycle.settings.period / _HANGS_ON))
+    field = Field("hangs_on", 1, "of the load let go last, what may still be there")
+    return ca.if_else(e.differs, expected, hung), Kept(field, hung, left)
+
+
+def _mass_matrix(cycle: Cycle, x: ca.SX) -> ca.SX:
+    """Of the robot with the load that is held, x in units of its largest entries."""
+    momentum, known, model = cycle.signals.momentum, cycle.known, cycle.model
+    p, first = ca.SX(model.p), model.layout.body(known.entries.body).start
+    for i, k in enumerate(known.entries.shown):
+        p[first + k] += known.load_scales[i] * x[i]
+    M = ca.Function("M", [momentum.z, momentum.p], [momentum.M])
+    return M(cycle.signals.z, p)

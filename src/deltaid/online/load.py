@@ -42,28 +42,20 @@ class Estimates:
     """What one cycle knows.
 
     Attributes:
-        rows: what each drive's residual shows of the states; δ × n.
-        innovations: residual less all that was expected of load, model and friction, δ.
-        variances: of the noise of one cycle's residual, δ.
         before: mean and covariance of the states before this cycle's residual told anything.
         behind: and after it.
         held: 1 while a load is held, behind this cycle.
         changed: 1 where that is another one from now on.
-        told: 1 where the gripper told that.
         differs: 1 where the gripper tells something else than what was held before.
         load: entries of the load, consistent; zero while none is held.
         lacking: size of torques that the model has not, δ.
         part: of the graph.
     """
 
-    rows: ca.SX
-    innovations: ca.SX
-    variances: ca.SX
     before: Estimate
     behind: Estimate
     held: ca.SX
     changed: ca.SX
-    told: ca.SX
     differs: ca.SX
     load: ca.SX
     lacking: ca.SX
@@ -130,10 +122,15 @@ def estimates(
         Given(Field("unexplained", dof, "what load and model leave of it"), innovations),
     )
     return Estimates(
-        rows, innovations, variances, before, behind,
-        found.held, found.changed, found.told, differs, load, lacking.size,
+        before,
+        behind,
+        found.held,
+        found.changed,
+        differs,
+        load,
+        lacking.size,
         Part(kept, given),
-    )  # fmt: skip
+    )
 
 
 def _rules(known: Knowledge, settings: OnlineSettings) -> Rules:

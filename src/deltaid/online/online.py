@@ -9,7 +9,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.kernel.recurrence import Recurrence
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.online.contact_part import contact_of
+from deltaid.online.contact_part import standard_parts
 from deltaid.online.cycle import MorePart, step_graph
 from deltaid.online.entries import LoadEntries
 from deltaid.online.feedforward import FeedForward
@@ -134,8 +134,7 @@ class Online(Named):
         if rate is not None:
             self.settings = self.settings.at(rate)
         self.known: Knowledge = knowledge(self.model, self.settings)
-        own = () if self.model.identified is None else (contact_of,)
-        parts = (*own, *(one for one in more if one not in own))
+        parts = (*standard_parts(self.model), *more)
         self.graph: StepGraph = step_graph(self.model, self.settings, parts, self.known)
         self.reset()
 

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from deltaid.errors import DescriptionError
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force
-from deltaid.online.contact_part import contact_of
 from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touches
 from deltaid.online.found import FollowedFriction, Series, Watched
@@ -50,7 +49,7 @@ def watch(
             cure="identify a model from a recording first, `deltaid identify`",
         )
     settings = replay.settings(settings)
-    online = Online(model, settings, more=(contact_of, measured_of))
+    online = Online(model, settings, more=(measured_of,))
     run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
     for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
