@@ -1,0 +1,173 @@
+"""How many semantic mutants of the package the tests find: changed signs, factors, terms, axes.
+
+    pip install -e '.[test]'                         (Python 3.12 or later)
+    python benchmarks/mutants.py [--count N] [--seed N] [--only ROOM,…]
+
+Draws mutants over all rooms of `src/deltaid`, each one expression of one line. First the whole
+suite runs once and notes which tests reach these lines. Then each mutant gets a copy of the
+repository of its own, in which these tests run, quick ones first, until one fails; what survives
+them meets the other tests of the same files. Prints every survivor and leaves `tables/mutants.md`.
+"""
+
+import argparse
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from _mutation import Mutant, drawn
+from _table import leave
+
+ROOT = Path(__file__).resolve().parents[1]
+# A mutant that loops for ever is found by that, as a person would [s].
+_LONGEST = 1200.0
+NOTE = """\
+Mutants are drawn by `benchmarks/_mutation.py`: one a room, the rest by the number of places. *Found
+by* is the first test that failed, of those that reach the changed line."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Tests that reach a line, and the seconds they take."""
+
+    tests: dict[str, list[str]]
+    seconds: dict[str, float]
+
+    def of(self, mutant: Mutant) -> list[str]:
+        """Tests that reach a mutant, quick ones first; one that no test reaches has none."""
+        lines = range(mutant.line, mutant.last + 1)
+        found = {test for line in lines for test in self.tests.get(f"{mutant.path}:{line}", [])}
+        return sorted(found, key=lambda test: self.seconds[test])
+
+
+def reach(mutants: list[Mutant], work: Path, options: list[str]) -> Reach:
+    """One run of the suite, with the lines of all mutants watched."""
+    asked, out = work / "lines", work / "reached"
+    out.mkdir()
+    lines = {f"{m.path}:{line}" for m in mutants for line in range(m.line, m.last + 1)}
+    asked.write_text("\n".join(sorted(lines)))
+    more = {"REACHED_LINES": str(asked), "REACHED_OUT": str(out)}
+    done = _pytest(ROOT, ["-n", "auto", "-p", "_reached", *options], None, more)
+    print(done.stdout[-3000:], flush=True)
+    tests, seconds = dict[str, list[str]](), dict[str, float]()
+    for path in out.glob("*.json"):
+        part = json.loads(path.read_text())
+        seconds |= part["seconds"]
+        for line, found in part["tests"].items():
+            tests.setdefault(line, []).extend(found)
+    return Reach(tests, seconds)
+
+
+def verdict(mutant: Mutant, tests: list[str], copy: Path, options: list[str]) -> str:
+    """The test that fails for a mutant, empty where it survives."""
+    path = copy / "src" / mutant.path
+    original = path.read_bytes()
+    path.write_bytes(mutant.applied(original))
+    try:
+        files = sorted({test.split("::")[0] for test in tests})
+        for chosen in (tests, files):
+            if chosen and (found := _first_failure(chosen, copy, options)):
+                return found
+        return ""
+    finally:
+        path.write_bytes(original)
+
+
+def _first_failure(tests: list[str], copy: Path, options: list[str]) -> str:
+    # Ids of parametrised tests can be long: they go by a file of arguments.
+    arguments = copy / "tests-of-mutant"
+    arguments.write_text("\n".join(tests))
+    command = ["-n", "0", "-x", "-p", "no:cacheprovider", *options, f"@{arguments}"]
+    try:
+        done = _pytest(copy, command, _LONGEST, {})
+    except subprocess.TimeoutExpired:
+        return "a test that does not end"
+    if done.returncode == 0:
+        return ""
+    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return failed[0].split(" ", 1)[1].split(" - ")[0] if failed else done.stdout[-300:]
+
+
+def _pytest(
+    folder: Path, options: list[str], limit: float | None, more: dict[str, str]
+) -> subprocess.CompletedProcess[str]:
+    """Tests of a copy of the repository, with its own package."""
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(folder / "src"), str(folder / "benchmarks")]),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        **more,
+    }
+    command = [sys.executable, "-m", "pytest", "-q", *options]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit
+    )
+
+
+def main() -> int:
+    """Draw, run, print, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=2711)
+    parser.add_argument("--only", default="", help="rooms, with commas between them")
+    parser.add_argument("--pytest", default="", help="further options of pytest")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--reach", type=Path, help="file that keeps which tests reach which lines")
+    parser.add_argument("--list", action="store_true", help="only say what is drawn")
+    parser.add_argument("--name", default="mutants", help="of the table")
+    asked = parser.parse_args()
+    rooms, options = set(filter(None, asked.only.split(","))), shlex.split(asked.pytest)
+    mutants = drawn(ROOT / "src", asked.count, asked.seed)
+    mutants = [mutant for mutant in mutants if not rooms or mutant.room in rooms]
+    if asked.list:
+        print(*mutants, sep="\n")
+        return 0
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        found = _known(asked.reach) or reach(mutants, work, options)
+        if asked.reach:
+            asked.reach.write_text(json.dumps({"tests": found.tests, "seconds": found.seconds}))
+        copies = [_copy(work / f"copy{k}") for k in range(asked.jobs)]
+
+        def one(mutant: Mutant) -> str:
+            copy = copies.pop()
+            try:
+                answer = verdict(mutant, found.of(mutant), copy, options)
+            finally:
+                copies.append(copy)
+            print(f"{'killed' if answer else 'SURVIVES'} {mutant}  [{answer}]", flush=True)
+            return answer
+
+        with ThreadPoolExecutor(asked.jobs) as pool:
+            answers = list(pool.map(one, mutants))
+    rows = [
+        (mutant.room, f"`{mutant}`".replace("|", "\\|"), f"`{answer}`" if answer else "**nothing**")
+        for mutant, answer in zip(mutants, answers, strict=True)
+    ]
+    killed = sum(map(bool, answers))
+    kinds = Counter(mutant.operator for mutant in mutants)
+    counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
+    text = f"{NOTE} **{killed} of {len(mutants)} are found** ({counts}; seed {asked.seed})."
+    leave(("room", "mutant", "found by"), rows, text, asked.name)
+    return 0
+
+
+def _known(path: Path | None) -> Reach | None:
+    """What an earlier run of the suite left."""
+    return Reach(**json.loads(path.read_text())) if path and path.exists() else None
+
+
+def _copy(folder: Path) -> Path:
+    """The files of the repository as they are now."""
+    skip = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".pytest_cache", "*.egg-info")
+    return shutil.copytree(ROOT, folder, ignore=skip)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
