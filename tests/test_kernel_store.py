@@ -15,6 +15,7 @@ from deltaid.dynamics import dynamics
 from deltaid.errors import DeltaidError
 from deltaid.kernel import batch, store
 from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.target import target
 
 X = np.random.default_rng(0).normal(size=(2, 37))
 
@@ -92,11 +93,11 @@ def test_another_machine_or_version_has_entries_of_its_own(
     folder: Path, compiled: list[str], monkeypatch
 ) -> None:
     kernel()
-    known = batch._circumstances()
+    known = batch._circumstances(target())
     assert len(known) == 9
     for i in range(len(known)):
         changed = (*known[:i], "another", *known[i + 1 :])
-        monkeypatch.setattr(batch, "_circumstances", lambda changed=changed: changed)
+        monkeypatch.setattr(batch, "_circumstances", lambda _, changed=changed: changed)
         kernel()
     assert len(compiled) == len(list(folder.iterdir())) == 1 + len(known)
 

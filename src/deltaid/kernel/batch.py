@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from deltaid.kernel import llvm_ir, store
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
+from deltaid.kernel.target import Target, target
 from deltaid.parallel import cores
 
 # Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
@@ -47,7 +48,7 @@ class BatchKernel:
         dense = ca.vec(ca.densify(output))
         self._graph = ca.Function("f", [batched, shared], [dense])
         self.n_in, self.n_out, self.n_uniform = batched.numel(), dense.numel(), shared.numel()
-        self._width = _vector_width()
+        self._width = target().width
         self._kernel = CompiledKernel(self._graph, self._width)
 
     @functools.cached_property
@@ -127,7 +128,7 @@ class CompiledKernel:
 
     def __init__(self, graph: ca.Function, width: int, *, apart: bool = True) -> None:
         lanes = f"{width} lanes" if apart else f"{width} lanes, one memory"
-        name = store.key(graph.serialize(), *_circumstances(), lanes)
+        name = store.key(graph.serialize(), *_circumstances(target()), lanes)
         code = store.load(name)
         if code is None:
             code = _compile(vector_ir(_once(graph), width, apart=apart))
@@ -144,11 +145,6 @@ def _once(graph: ca.Function) -> ca.Function:
     return ca.Function("f", inputs, ca.cse(graph.call(inputs)))
 
 
-def _vector_width() -> int:
-    """Doubles per vector register of this machine, at least 4."""
-    return 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
-
-
 @functools.cache
 def _initialise() -> None:
     """Start LLVM for this machine and make libm's functions known to it."""
@@ -162,15 +158,15 @@ def _initialise() -> None:
 
 
 @functools.cache
-def _circumstances() -> tuple[str | bytes, ...]:
+def _circumstances(cpu: Target) -> tuple[str | bytes, ...]:
     """All that machine code depends on besides its graph."""
     versions = [version(package) for package in ("deltaid", "casadi", "llvmlite")]
     return (
         *versions,
         str(llvm.llvm_version_info),
         llvm.get_process_triple(),
-        llvm.get_host_cpu_name(),
-        llvm.get_host_cpu_features().flatten(),
+        cpu.cpu,
+        cpu.features,
         Path(llvm_ir.__file__).read_bytes(),
         Path(__file__).read_bytes(),
     )
@@ -192,9 +188,7 @@ def _engine(code: bytes) -> llvm.ExecutionEngine:
 
 
 def _machine() -> llvm.TargetMachine:
+    cpu = target()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=2,
-        jit=True,
+        cpu=cpu.cpu, features=cpu.features, opt=2, jit=True
     )
