@@ -1,0 +1,180 @@
+"""Whether `identify` gives the same model on every machine: decisions and values under rounding.
+
+    pip install -e '.[test]'
+    python benchmarks/same_answer.py [--recordings N] [--processes N]
+
+60 recordings of `tests/drives` (clean, with one fault, with several) are identified once as here
+and again with what machines differ by: kernels of OpenBLAS, the vector code of deltaid's own
+kernels, and each recorded number changed by 1e-12 of itself. Prints which decisions differ
+(corrections, friction laws, exclusions, refusals) and by how much values do, in half widths of
+their 95 % intervals. Leaves `tables/same_answer.md`.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import numpy as np
+import polars as pl
+from _table import leave
+
+from deltaid.errors import DeltaidError
+from deltaid.kernel.target import VARIABLE
+from drives import KINDS, ROWS, case
+from drives.told import identified
+
+# Relative change of each recorded number: larger than rounding, smaller than any sensor's noise.
+CHANGE = 1e-12
+CORES = ("Haswell", "Prescott", "SkylakeX", "Zen", "Sapphirerapids")
+# What is changed, and how; the first one is what all others are compared with.
+MACHINES: dict[str, dict[str, str]] = {
+    "Haswell, 8-wide": {"OPENBLAS_CORETYPE": "Haswell", VARIABLE: "x86-64-v4"},
+    **{f"{core}, 8-wide": {"OPENBLAS_CORETYPE": core, VARIABLE: "x86-64-v4"} for core in CORES[1:]},
+    "Haswell, 4-wide": {"OPENBLAS_CORETYPE": "Haswell", VARIABLE: "x86-64-v3"},
+    "Haswell, 4-wide without FMA": {"OPENBLAS_CORETYPE": "Haswell", VARIABLE: "x86-64-v2"},
+    "Haswell, numbers changed": {
+        "OPENBLAS_CORETYPE": "Haswell", VARIABLE: "x86-64-v4", "SAME_ANSWER_CHANGE": str(CHANGE),
+    },
+}  # fmt: skip
+MIXED = ("three-laws", "realistic", "production", "production-undeclared", "homing", "unlogged")
+HEAD = (
+    "machine",
+    "recordings with another decision",
+    "of clean, one fault, several",
+    "decisions that differ",
+    "largest change of a value: equal decisions",
+    "other decisions",
+)
+NOTE = """\
+`identify` as it is, without options, on {count} recordings of `tests/drives`: {clean} clean,
+{single} with one fault, {mixed} with several. Each line is compared with *{first}*. A decision is a
+correction, a term of a friction law, a reason for which rows are excluded, or a refusal; counted
+are those that one of two has and the other has not. Values are base parameters and parameters that
+data decides, their change in half widths of the 95 % interval: 1 is as much as noise."""
+
+
+def recordings(count: int) -> list[tuple[str, str, int]]:
+    """Row, kind of robot and seed of each: a fifth clean, two fifths each with one and several."""
+    single = [row for row in ROWS if row not in (*MIXED, "clean")]
+    kinds = list(KINDS)
+    return [
+        *(("clean", kinds[k % len(kinds)], k) for k in range(count // 5)),
+        *((single[k % len(single)], kinds[k % len(kinds)], k) for k in range(2 * count // 5)),
+        *((MIXED[k % len(MIXED)], kinds[(k // len(MIXED) + k) % len(kinds)], k)
+          for k in range(count - count // 5 - 2 * count // 5)),
+    ]  # fmt: skip
+
+
+def answer(row: str, kind: str, seed: int) -> dict[str, Any]:
+    """Decisions and values of one recording, in this process."""
+    made = case(row, kind, seed)
+    if change := float(os.environ.get("SAME_ANSWER_CHANGE", 0)):
+        rng = np.random.default_rng(seed)
+        for log in made.logs:
+            for name in (column for column in log.columns if log[column].dtype.is_float()):
+                factor = 1 + change * rng.choice([-1.0, 1.0], len(log))
+                log.replace_column(log.columns.index(name), pl.Series(name, log[name] * factor))
+    try:
+        model = identified(made).model
+    except DeltaidError as error:
+        return {"decisions": [f"refused: {type(error).__name__}"], "values": {}}
+    decisions = {f"correction {one.kind} {one.subject}".strip() for one in model.corrections}
+    terms = model.friction_choice.steps if model.friction_choice else ()
+    decisions |= {f"law {one.joint} {one.addition}" for one in terms if one.useful}
+    for source in model.sources:
+        decisions |= {f"excluded {one.reason}" for one in source.left_out}
+        decisions |= {f"{len(source.events)} events"} if source.events else set()
+    values = {one.name: _value(one.value, one.low, one.high) for one in model.parameters
+              if one.determined_by == "data"}  # fmt: skip
+    values |= {f"base {one.representative}": _value(one.value, one.low, one.high)
+               for one in model.base_parameters}  # fmt: skip
+    return {"decisions": sorted(decisions), "values": values}
+
+
+def _value(value: float, low: float, high: float) -> tuple[float, float]:
+    return value, (high - low) / 2
+
+
+def differences(one: dict[str, Any], two: dict[str, Any]) -> tuple[list[str], float]:
+    """Decisions that differ, and the largest change of a value in half widths."""
+    other = sorted(set(one["decisions"]) ^ set(two["decisions"]))
+    common = one["values"].keys() & two["values"].keys()
+    changes = [
+        abs(two["values"][name][0] - one["values"][name][0]) / one["values"][name][1]
+        for name in common
+        if one["values"][name][1] > 0
+    ]
+    return other, max(changes, default=0.0)
+
+
+def on(machine: str, count: int) -> list[dict[str, Any]]:
+    """Answers of all recordings, in a process that is set up as that machine."""
+    command = [sys.executable, __file__, "--recordings", str(count), "--answers"]
+    environment = os.environ | MACHINES[machine]
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    print(f"{machine}: done", flush=True)
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
+def rows(asked: list[tuple[str, str, int]], found: dict[str, list[Any]]) -> Iterator[list[str]]:
+    """Of the table, with every difference printed."""
+    first, *others = MACHINES
+    for machine in others:
+        pairs = [differences(*pair) for pair in zip(found[first], found[machine], strict=True)]
+        for what, (other, change) in zip(asked, pairs, strict=True):
+            if other:
+                print(machine, *what, other, f"{change:.2g} half widths", sep="; ")
+        odd = [what[0] for what, (other, _) in zip(asked, pairs, strict=True) if other]
+        groups = [sum(kind(row) == group for row in odd) for group in range(3)]
+        equal = max((change for other, change in pairs if not other), default=0.0)
+        unequal = max((change for other, change in pairs if other), default=None)
+        yield [
+            machine,
+            f"{len(odd)} of {len(pairs)}",
+            ", ".join(map(str, groups)),
+            str(sum(len(other) for other, _ in pairs)),
+            f"{equal:.2g}",
+            "" if unequal is None else f"{unequal:.2g}",
+        ]
+
+
+def kind(row: str) -> int:
+    """0 for a clean recording, 1 for one fault, 2 for several."""
+    return 0 if row == "clean" else 2 if row in MIXED else 1
+
+
+def main() -> int:
+    """Identify on all machines, print, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--recordings", type=int, default=60)
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--answers", action="store_true", help="of this machine alone")
+    asked = parser.parse_args()
+    wanted = recordings(asked.recordings)
+    if asked.answers:
+        for what in wanted:
+            print(json.dumps(answer(*what)), flush=True)
+        return 0
+    with ThreadPoolExecutor(asked.processes) as pool:
+        answers = pool.map(lambda machine: on(machine, asked.recordings), MACHINES)
+        found = dict(zip(MACHINES, answers, strict=True))
+    counts = [sum(kind(row) == group for row, _, _ in wanted) for group in range(3)]
+    clean, single, mixed = counts
+    note = NOTE.format(
+        count=len(wanted), clean=clean, single=single, mixed=mixed, first=next(iter(MACHINES))
+    )
+    leave(HEAD, list(rows(wanted, found)), note)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
