@@ -22,6 +22,7 @@ from sessions import NOT_RUN, ROOT, SKIPPED, blocks, steps
 DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.rglob("*.md"))
+DOCUMENTS = (*PAGES, ROOT / "README.md")
 _API = (DOCS / "api.md", *sorted((DOCS / "api").glob("*.md")))
 API = "".join(path.read_text(encoding="utf-8") for path in _API)
 RUNNABLE = [ROOT / "README.md"]
@@ -58,15 +59,15 @@ def command_lines(path: Path) -> list[str]:
     return found + _INLINE.findall(prose)
 
 
-@pytest.mark.parametrize("name", deltaid.__all__)
-def test_public_names_are_what_the_api_page_shows(name: str) -> None:
-    assert getattr(deltaid, name).__name__ == name
-    assert re.search(rf"^::: deltaid\.{name}$", API, re.M)
+def test_public_names_are_what_the_api_page_shows() -> None:
+    for name in deltaid.__all__:
+        assert getattr(deltaid, name).__name__ == name
+        assert re.search(rf"^::: deltaid\.{name}$", API, re.M), name
 
 
-@pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)
-def test_command_lines_parse(path: Path) -> None:
-    for line in command_lines(path):
+def test_command_lines_parse() -> None:
+    lines = [(path, line) for path in DOCUMENTS for line in command_lines(path)]
+    for path, line in lines:
         words = shlex.split(line.partition(" > ")[0], comments=True)[1:]
         if words[:1] == ["--mechanism"]:
             words = words[2:]
@@ -80,12 +81,12 @@ def test_command_lines_parse(path: Path) -> None:
                 assert word.partition("=")[0] in options, f"{path.name}: {line}"
 
 
-@pytest.mark.parametrize("path", [*PAGES, ROOT / "README.md"], ids=lambda path: path.name)
-def test_blocks_are_of_a_kind_that_is_run_or_read(path: Path) -> None:
-    page = path.read_text(encoding="utf-8")
-    kinds = set(re.findall(r"^ *```(\w*)[^\n]*\n.*?^ *```$", page, re.M | re.S))
-    kinds -= {"py"} if path.with_suffix(".ipynb").exists() else set()
-    assert kinds <= {*_SHELL, *_NO_COMMANDS}
+def test_blocks_are_of_a_kind_that_is_run_or_read() -> None:
+    for path in DOCUMENTS:
+        page = path.read_text(encoding="utf-8")
+        kinds = set(re.findall(r"^ *```(\w*)[^\n]*\n.*?^ *```$", page, re.M | re.S))
+        kinds -= {"py"} if path.with_suffix(".ipynb").exists() else set()
+        assert kinds <= {*_SHELL, *_NO_COMMANDS}, path
 
 
 def test_little_is_not_run() -> None:
@@ -93,18 +94,18 @@ def test_little_is_not_run() -> None:
     assert sum(bool(NOT_RUN.search(line)) for line in lines) < 0.1 * len(lines)
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS))
-def test_cli_page_lists_arguments_and_options(name: str) -> None:
-    text = section(f"deltaid {name}")
-    for parameter in COMMANDS[name].params:
-        if "--help" in parameter.opts:
-            continue
-        for spelling in parameter.opts:
-            shown = spelling if spelling.startswith("-") else spelling.upper()
-            assert f"`{shown}`" in text, f"{shown} of {name} is not in docs/cli.md"
-    known = {option for p in COMMANDS[name].params for option in p.opts}
-    for option in re.findall(r"^\| (?:`-\w`, )?`(--[\w-]+)`", text, re.M):
-        assert option in known, f"docs/cli.md: {name} has no {option}"
+def test_cli_page_lists_arguments_and_options() -> None:
+    for name, command in COMMANDS.items():
+        text = section(f"deltaid {name}")
+        for parameter in command.params:
+            if "--help" in parameter.opts:
+                continue
+            for spelling in parameter.opts:
+                shown = spelling if spelling.startswith("-") else spelling.upper()
+                assert f"`{shown}`" in text, f"{shown} of {name} is not in docs/cli.md"
+        known = {option for p in command.params for option in p.opts}
+        for option in re.findall(r"^\| (?:`-\w`, )?`(--[\w-]+)`", text, re.M):
+            assert option in known, f"docs/cli.md: {name} has no {option}"
 
 
 def test_cli_page_lists_choices() -> None:
