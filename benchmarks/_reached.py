@@ -3,9 +3,9 @@
     python -m pytest -p _reached …      with PYTHONPATH=benchmarks
 
 `REACHED_LINES` names a file with the lines asked for (`path:line`, one a row), `REACHED_OUT` a
-folder that gets one JSON file a worker: for each line the tests that reached it, and for each test
-its seconds. Lines are reported once a test file, since files share what they have cached; what a
-fixture of the session reaches counts for every test that uses it.
+folder that gets one JSON file a worker: for each line the tests that reached it, for each test its
+seconds, and which tests failed. What a fixture of the session reaches counts for every test that
+uses it.
 """
 
 import json
@@ -32,7 +32,7 @@ class Reached:
         self.tests: dict[str, list[str]] = {}
         self.seconds: dict[str, float] = {}
         self.fixtures: dict[str, set[str]] = {}
-        self.module = ""
+        self.failed: list[str] = []
         sys.monitoring.use_tool_id(_TOOL, "reached")
         sys.monitoring.register_callback(_TOOL, _events.LINE, self._line)
         sys.monitoring.set_events(_TOOL, _events.LINE)
@@ -60,8 +60,6 @@ class Reached:
     def pytest_runtest_protocol(
         self, item: pytest.Item, nextitem: pytest.Item | None
     ) -> Iterator[None]:
-        if str(item.path) != self.module:
-            self.module = str(item.path)
         sys.monitoring.restart_events()
         self.lines = set()
         start = time.perf_counter()
@@ -72,10 +70,14 @@ class Reached:
         for line in self.lines:
             self.tests.setdefault(line, []).append(item.nodeid)
 
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            self.failed.append(report.nodeid)
+
     def pytest_sessionfinish(self) -> None:
         if self.seconds:
             worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
-            text = json.dumps({"tests": self.tests, "seconds": self.seconds})
+            text = json.dumps({"tests": self.tests, "seconds": self.seconds, "failed": self.failed})
             (self.out / f"{worker}.json").write_text(text)
 
 

@@ -6,7 +6,8 @@
 Draws mutants over all rooms of `src/deltaid`, each one expression of one line. First the whole
 suite runs once and notes which tests reach these lines. Then each mutant gets a copy of the
 repository of its own, in which these tests run, quick ones first, until one fails; what survives
-them meets the other tests of the same files. Prints every survivor and leaves `tables/mutants.md`.
+them meets the other tests of the same files. Tests that fail without a
+mutant count for none. Prints every survivor and leaves `tables/mutants.md`.
 """
 
 import argparse
@@ -19,7 +20,7 @@ import sys
 import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from _mutation import Mutant, drawn
@@ -35,16 +36,17 @@ by* is the first test that failed, of those that reach the changed line."""
 
 @dataclass(frozen=True)
 class Reach:
-    """Tests that reach a line, and the seconds they take."""
+    """Tests that reach a line, the seconds they take, and those that fail without any mutant."""
 
     tests: dict[str, list[str]]
     seconds: dict[str, float]
+    failed: list[str]
 
     def of(self, mutant: Mutant) -> list[str]:
         """Tests that reach a mutant, quick ones first; one that no test reaches has none."""
         lines = range(mutant.line, mutant.last + 1)
         found = {test for line in lines for test in self.tests.get(f"{mutant.path}:{line}", [])}
-        return sorted(found, key=lambda test: self.seconds[test])
+        return sorted(found - set(self.failed), key=lambda test: self.seconds[test])
 
 
 def reach(mutants: list[Mutant], work: Path, options: list[str]) -> Reach:
@@ -56,13 +58,14 @@ def reach(mutants: list[Mutant], work: Path, options: list[str]) -> Reach:
     more = {"REACHED_LINES": str(asked), "REACHED_OUT": str(out)}
     done = _pytest(ROOT, ["-n", "auto", "-p", "_reached", *options], None, more)
     print(done.stdout[-3000:], flush=True)
-    tests, seconds = dict[str, list[str]](), dict[str, float]()
+    tests, seconds, failed = dict[str, list[str]](), dict[str, float](), list[str]()
     for path in out.glob("*.json"):
         part = json.loads(path.read_text())
         seconds |= part["seconds"]
+        failed += part["failed"]
         for line, found in part["tests"].items():
             tests.setdefault(line, []).extend(found)
-    return Reach(tests, seconds)
+    return Reach(tests, seconds, sorted(set(failed)))
 
 
 def verdict(mutant: Mutant, tests: list[str], copy: Path, options: list[str]) -> str:
@@ -132,7 +135,8 @@ def main() -> int:
         work = Path(folder)
         found = _known(asked.reach) or reach(mutants, work, options)
         if asked.reach:
-            asked.reach.write_text(json.dumps({"tests": found.tests, "seconds": found.seconds}))
+            asked.reach.write_text(json.dumps(asdict(found)))
+        options += [word for test in found.failed for word in ("--deselect", test)]
         copies = [_copy(work / f"copy{k}") for k in range(asked.jobs)]
 
         def one(mutant: Mutant) -> str:
