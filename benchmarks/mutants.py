@@ -5,20 +5,23 @@
 
 Draws mutants over all rooms of `src/deltaid`, each one expression of one line. First the whole
 suite runs once and notes which tests reach these lines. Then each mutant gets a copy of the
-repository of its own, in which these tests run, quick ones first, until one fails; what survives
-them meets the other tests of the same files. Tests that fail without a
-mutant count for none. Prints every survivor and leaves `tables/mutants.md`.
+repository of its own, in which these tests run until one fails; what survives them meets the other
+tests of the same files. Tests that fail without a mutant count for none. Prints every survivor and
+leaves `tables/mutants.md`.
 """
 
 import argparse
 import json
+import math
 import os
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +32,9 @@ from _table import leave
 ROOT = Path(__file__).resolve().parents[1]
 # A mutant that loops for ever is found by that, as a person would [s].
 _LONGEST = 1200.0
+# Tests that are run before all others that reach a mutant [s].
+_PORTION = 20.0
+_COMMON = {"deltaid", "test", "src", "py"}
 NOTE = """\
 Mutants are drawn by `benchmarks/_mutation.py`: one a room, the rest by the number of places. *Found
 by* is the first test that failed, of those that reach the changed line."""
@@ -42,11 +48,29 @@ class Reach:
     seconds: dict[str, float]
     failed: list[str]
 
-    def of(self, mutant: Mutant) -> list[str]:
-        """Tests that reach a mutant, quick ones first; one that no test reaches has none."""
+    def of(self, mutant: Mutant) -> Iterator[list[str]]:
+        """Tests that reach a mutant, in portions: those named like its module, then quick ones."""
         lines = range(mutant.line, mutant.last + 1)
         found = {test for line in lines for test in self.tests.get(f"{mutant.path}:{line}", [])}
-        return sorted(found - set(self.failed), key=lambda test: self.seconds[test])
+        own = _words(mutant.path)
+
+        def order(test: str) -> tuple[int, float]:
+            return -len(own & _words(test.split("::")[0])), self.seconds[test]
+
+        portion, left = list[str](), _PORTION
+        for test in sorted(found - set(self.failed), key=order):
+            portion.append(test)
+            left -= self.seconds[test]
+            if left < 0:
+                yield portion
+                portion, left = list[str](), math.inf
+        if portion:
+            yield portion
+
+
+def _words(path: str) -> set[str]:
+    """Of a path, without the ends that grammar gives them."""
+    return {word.removesuffix("s") for word in re.split(r"\W|_", path) if len(word) > 2} - _COMMON
 
 
 def reach(mutants: list[Mutant], work: Path, options: list[str]) -> Reach:
@@ -68,17 +92,18 @@ def reach(mutants: list[Mutant], work: Path, options: list[str]) -> Reach:
     return Reach(tests, seconds, sorted(set(failed)))
 
 
-def verdict(mutant: Mutant, tests: list[str], copy: Path, options: list[str]) -> str:
+def verdict(mutant: Mutant, portions: Iterable[list[str]], copy: Path, options: list[str]) -> str:
     """The test that fails for a mutant, empty where it survives."""
     path = copy / "src" / mutant.path
     original = path.read_bytes()
     path.write_bytes(mutant.applied(original))
+    files = set[str]()
     try:
-        files = sorted({test.split("::")[0] for test in tests})
-        for chosen in (tests, files):
-            if chosen and (found := _first_failure(chosen, copy, options)):
+        for portion in portions:
+            if found := _first_failure(portion, copy, options):
                 return found
-        return ""
+            files |= {test.split("::")[0] for test in portion}
+        return _first_failure(sorted(files), copy, options) if files else ""
     finally:
         path.write_bytes(original)
 
