@@ -75,8 +75,17 @@ jaxtyping.install_import_hook(_CHECKED, _CHECKER)
 _LONG = ("test_docs.py", "test_fleet.py", "test_reproduce.py", "test_studio_browser.py")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    what = "run long sweeps, other programs and every page in the browser as well"
+    parser.addoption("--slow", action="store_true", help=what)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in _LONG)
+    if not config.getoption("--slow"):
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        items[:] = [item for item in items if item not in set(slow)]
+        config.hook.pytest_deselected(items=slow)
 
 
 def pytest_collection_finish() -> None:
