@@ -100,7 +100,7 @@ def _late() -> Made:
     return robot, p, (frame.with_columns(pl.col("tau2").shift(2).backward_fill()),)
 
 
-# Two catalogue robots of each way to drive and hold a platform, and what a fit can have beside them.
+# Robots of each way to drive and hold a platform, and what a fit can have beside its torques.
 SET: dict[str, Callable[[], Made]] = {
     **{
         name: lambda name=name: _clean(name)
