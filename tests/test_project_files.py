@@ -19,6 +19,7 @@ SCHEMAS = {
     "citation-file-format": [ROOT / "CITATION.cff"],
     "github-issue-config": [ROOT / ".github" / "ISSUE_TEMPLATE" / "config.yml"],
     "github-issue-forms": FORMS,
+    "github-workflows": sorted((ROOT / ".github" / "workflows").glob("*.yml")),
 }
 URL = "https://example.org/deltaid"
 
@@ -39,6 +40,20 @@ def test_files_keep_their_schema(schema: str) -> None:
     command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", f"vendor.{schema}"]
     done = subprocess.run([*command, *SCHEMAS[schema]], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
+
+
+def test_the_workflow_runs_what_the_package_allows_and_the_readme_says() -> None:
+    """All versions of Python that are declared, and README's test line."""
+    workflow = YAML(typ="safe").load(ROOT / ".github" / "workflows" / "tests.yml")
+    tried = workflow["jobs"]["readme"]["strategy"]["matrix"]["python"]
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    declared = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', project)
+    assert tried == declared
+    assert f'requires-python = ">={declared[0]}"' in project
+    lines = [step.get("run") for job in workflow["jobs"].values() for step in job["steps"]]
+    assert "python -m pytest -n auto" in lines
+    assert "python -m pytest -n auto\n" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert ".ci/run" in lines
 
 
 def test_citation_and_package_agree() -> None:
