@@ -7,7 +7,7 @@ import os
 import pkgutil
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -78,6 +78,7 @@ _LONG = ("test_docs.py", "test_fleet.py", "test_reproduce.py", "test_studio_brow
 def pytest_addoption(parser: pytest.Parser) -> None:
     what = "run long sweeps, other programs and every page in the browser as well"
     parser.addoption("--slow", action="store_true", help=what)
+    parser.addoption("--renew", action="store_true", help="store today's words as snapshots")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -103,6 +104,24 @@ def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
         if hasattr(kept, "cache_clear"):
             kept.cache_clear()
     gc.collect()
+
+
+@pytest.fixture
+def snapshot(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Compares words with those stored under the test's name; `pytest --renew` stores today's.
+
+    What a program says is read as a whole, where it is stored, and not piece by piece in a test.
+    """
+    name = f"{request.path.stem.removeprefix('test_')}-{request.node.name.removeprefix('test_')}"
+    path = Path(__file__).with_name("snapshots") / f"{name}.txt"
+
+    def compare(text: str) -> None:
+        if request.config.getoption("--renew"):
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        assert text == path.read_text(encoding="utf-8"), f"other words: see {path.name}, or --renew"
+
+    return compare
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """What pages say in words: numbers and names in sentences, corrections, checks at a page's head."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -57,19 +58,15 @@ def corrections(**subjects: tuple[str, ...]) -> tuple[Correction, ...]:
     )
 
 
-def test_corrections_name_bodies_and_rows_of_drives() -> None:
+def test_corrections_name_bodies_and_rows_of_drives(snapshot: Callable[[str], None]) -> None:
     drives = ("drive1", "drive2", "drive3", "drive4")
-    assert corrected(()) == "Nothing had to be put right."
-    assert corrected(corrections(friction=drives)) == (
-        "One correction was made: friction law (drive1 to drive4)."
+    cases = (
+        (),
+        corrections(friction=drives),
+        corrections(friction=(*drives[:2], *drives[3:]), prior=("TU", "EE")),
+        corrections(prior=("U1", "U2", "U3")),
     )
-    two = corrections(friction=(*drives[:2], *drives[3:]), prior=("TU", "EE"))
-    assert corrected(two) == (
-        "Two corrections were made: friction law (drive1, drive2, drive4), prior made wider "
-        "(upper telescope bar, end effector)."
-    )
-    arms = "upper arm 1, upper arm 2, upper arm 3"
-    assert f"({arms})" in corrected(corrections(prior=("U1", "U2", "U3")))
+    snapshot("\n".join(map(corrected, cases)) + "\n")
 
 
 def test_a_motion_beyond_a_limit_is_not_called_good() -> None:
@@ -102,18 +99,18 @@ def test_the_head_of_a_page_has_the_worst_first_and_the_good_in_one_row() -> Non
     assert short_table((GOOD,)).rows == (("good", "all checks (1)", "rate"),)
 
 
-@pytest.mark.parametrize(
-    ("verdicts", "grade", "said"),
-    [
-        ((GOOD, SIGN, CLOCK), "poor", "Wrong: one thing to be mended before an identification."),
-        ((CLOCK, CLOCK), "fair", "Doubtful: two things to be looked at before an identification."),
-        ((GOOD,), "good", "Good: nothing is in the way of an identification."),
-    ],
-)
-def test_a_check_begins_with_its_verdict(
-    verdicts: tuple[Verdict, ...], grade: str, said: str
-) -> None:
-    html = render(check_page("t", verdicts, (), {}))
-    assert said in Document(html).texts
-    assert f'class="verdict {grade}"' in html
-    assert ('class="marked wrong"' in html) == (SIGN in verdicts)
+def test_a_check_begins_with_its_verdict(snapshot: Callable[[str], None]) -> None:
+    said = list[str]()
+    for verdicts, grade in (
+        ((GOOD, SIGN, CLOCK), "poor"),
+        ((CLOCK, CLOCK), "fair"),
+        ((GOOD,), "good"),
+    ):
+        page = check_page("t", verdicts, (), {})
+        assert page.verdict is not None
+        html = render(page)
+        assert page.verdict.sentence in Document(html).texts
+        assert f'class="verdict {grade}"' in html
+        assert ('class="marked wrong"' in html) == (SIGN in verdicts)
+        said.append(page.verdict.sentence)
+    snapshot("\n".join(said) + "\n")
