@@ -153,7 +153,9 @@ for text in ("deltaid.", "deltaid.load", "robot."):
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> str:
     """What IPython prints."""
-    home = {"IPYTHONDIR": str(tmp_path_factory.mktemp("ipython"))}
+    # IPython and what it completes by keep files of their own; a home may be read-only.
+    folder = str(tmp_path_factory.mktemp("ipython"))
+    home = {"IPYTHONDIR": folder, "XDG_CACHE_HOME": folder}
     command = [sys.executable, "-c", SESSION, json.dumps(list(TYPED))]
     done = subprocess.run(
         command, capture_output=True, text=True, check=True, env=os.environ | home
