@@ -28,6 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     excite = ("excite", ROBOT, "--starts", 1, "--duration", 4, "--harmonics", 2)
     assert run(*excite, "-o", place / "motion.csv").code == 0
     pl.read_csv(place / "motion.csv")[:500].write_csv(place / "short.csv")
+    pl.read_csv(place / "motion.csv")[:60].write_csv(place / "shorter.csv")
     return place
 
 
@@ -97,7 +98,7 @@ def test_a_model_without_a_positive_mass_matrix_runs_feed_forward_only(folder: P
     assert text.count(f"value: {inertia.value!r}") >= 1
     path = folder / "wrong.yaml"
     path.write_text(text.replace(f"value: {inertia.value!r}", "value: -30.0"), encoding="utf-8")
-    files = (path, folder / "short.csv", "--plant", folder / "truth.yaml", "--bandwidth", 20)
+    files = (path, folder / "shorter.csv", "--plant", folder / "truth.yaml", "--bandwidth", 20)
     outcome = run("compare-controllers", *files, width=120)
     path.unlink()
     assert outcome.code == 0, outcome.err
@@ -210,23 +211,24 @@ def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
     load = ("--payload", "1.5±0.2", "--current-loop", 300)
     free = json.loads(run(*command, "--current-loop", 300, "--json").out)
     blind = json.loads(run(*command, *load, "--json").out)
-    known = json.loads(run(*command, *load, "--payload-known", "--json").out)
+    page = tmp_path / "a.html"
+    known = json.loads(run(*command, *load, "--payload-known", "--report", page, "--json").out)
     assert free["payload"] is None
     assert (free["current_loop_hz"], blind["payload"]["mass"]) == (300, 1.5)
     assert [end["mass"] for end in known["payload"]["ends"]] == pytest.approx([1.1, 1.9])
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]
     ends = [end["platform_rms"] for end in known["payload"]["ends"]]
     assert min(ends) > 1.5 * known["platform_rms"]
-    text = run(*command, *load, "--payload-known", "--report", tmp_path / "a.html").out
-    page = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "current loops of 300 Hz. With a load of 1.5 kg, of which the controller knows" in page
+    told = "current loops of 300 Hz. With a load of 1.5 kg, of which the controller knows"
+    assert told in page.read_text(encoding="utf-8")
+    brief = ("simulate", ROBOT, folder / "shorter.csv", *command[3:])
+    text = run(*brief, *load, "--payload-known").out
     assert "with a load of 1.5 kg, of which the controller knows 1.5 kg" in text
     assert "with 1.9 kg (two standard deviations off)" in text
 
 
-def test_a_comparison_with_a_load(folder: Path, tmp_path: Path) -> None:
-    pl.read_csv(folder / "short.csv")[:60].write_csv(tmp_path / "shorter.csv")
-    arguments = ("compare-controllers", folder / "model.yaml", tmp_path / "shorter.csv", "--plant")
+def test_a_comparison_with_a_load(folder: Path) -> None:
+    arguments = ("compare-controllers", folder / "model.yaml", folder / "shorter.csv", "--plant")
     outcome = run(*arguments, folder / "truth.yaml", "--payload", "1+-0.1", "--json")
     runs = {(one["controller"], one["model"]): one for one in json.loads(outcome.out)["runs"]}
     blind = runs["pd-feedforward", "identified"]

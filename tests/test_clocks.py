@@ -175,7 +175,7 @@ def test_no_window_holds_rows_of_both_sides_of_a_gap(clavel: Dynamics) -> None:
     """Each window's samples are evenly spaced, and windows follow one another in the blocks."""
     rng = np.random.default_rng(6)
     whole = even(2000.0)
-    for trial in range(6):
+    for trial in range(3):
         rows = whole
         for start in rng.uniform(0.2, 5.7, 5):
             rows = rows.gap(start, float(rng.uniform(0.015, 0.4)))
@@ -267,7 +267,9 @@ def fitted(name: str) -> tuple[np.ndarray, np.ndarray]:
     return dynamics.terms(q, 0 * q, model.p).M[0], friction
 
 
-@pytest.mark.parametrize("name", DAMAGED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n == "all" else pytest.mark.slow) for n in DAMAGED]
+)
 def test_fits_stay_at_the_level_of_the_whole_recording(name: str) -> None:
     (M, friction), (M_whole, friction_whole) = fitted(name), fitted("")
     assert np.abs(M - M_whole).max() < 2e-3 * np.abs(M_whole).max()

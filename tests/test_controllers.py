@@ -70,7 +70,13 @@ def test_model_of_a_law_has_the_torques_of_inverse_dynamics_with_all_friction() 
 # --- laws -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3", "i4-linear"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "clavel-delta3",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("irb360-6-1600", "i4-linear")),
+    ],
+)
 @pytest.mark.parametrize("law", ["pd", "feed-forward", "computed", "augmented", "slotine-li"])
 def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, name: str) -> None:
     """An equality, so a C that is not Christoffel's or a wrong sign shows.

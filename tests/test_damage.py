@@ -12,7 +12,7 @@ from damage import complaint, damaged, outcome
 from deltaid.dynamics.dynamics import Dynamics
 from kinds_of_files import KINDS, ROWS
 
-COUNT = 12
+COUNT = 6
 
 
 @pytest.mark.parametrize("kind", KINDS)

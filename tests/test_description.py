@@ -84,7 +84,7 @@ def written(tree: dict) -> str:
 
 
 @given(mutations())
-@settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 def test_mutated_descriptions(tree: dict) -> None:
     robot = refused = None
     try:

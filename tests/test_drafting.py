@@ -23,6 +23,10 @@ from support import KINDS
 from test_catalogue import number_paths
 
 SIZED = {"arm": 0.22, "strut": 0.5, "base_radius": 0.16, "platform_radius": 0.05}
+FEW = ("delta", "h4", "par4-linear")
+every_kind = pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=() if k in FEW else pytest.mark.slow) for k in KINDS_OF_ROBOT]
+)
 
 
 def draft(kind: str, **given: float) -> Draft:
@@ -41,7 +45,7 @@ def typical(kind: str) -> Draft:
     return interview(draft(kind))
 
 
-@pytest.mark.parametrize("kind", KINDS_OF_ROBOT)
+@every_kind
 def test_every_kind_passes_the_check_and_says_where_numbers_are_from(kind: str) -> None:
     done = typical(kind)
     text = written(done)
@@ -80,7 +84,9 @@ def wide(kind: str, rng: np.random.Generator) -> Draft:
     return made
 
 
-@pytest.mark.parametrize("seed", range(9))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=() if s < 2 else pytest.mark.slow) for s in range(9)]
+)
 def test_wide_answers_give_a_robot_or_a_cause(seed: int) -> None:
     kind, rng = list(KINDS_OF_ROBOT)[seed], np.random.default_rng(seed)
     made = wide(kind, rng)
@@ -102,7 +108,7 @@ def answered_or_refused(made: Draft) -> Draft | DeltaidError:
 
 
 # Where each answer stands in a description, as `answers` reads it back.
-@pytest.mark.parametrize("kind", KINDS_OF_ROBOT)
+@every_kind
 def test_every_number_comes_back(kind: str) -> None:
     """Odd digits in all answers at once, read back from the text."""
     rng, values = np.random.default_rng(5), typical(kind).values
@@ -148,7 +154,9 @@ def test_catalogue_robots_are_read_as_answers(name: str) -> None:
         ("delta", {"platform_mass": 490.0}, ("490 kg", "kilograms")),
         ("delta", {"base_radius": 0.05, "arm": 0.02}, ("no place was found", "third")),
         ("linear-delta", {"rail_high": -3.0, "rail_low": -5.0}, ("above its base", "rails")),
-        ("par4", {"bar": 0.9}, ("no place was found", "--strut")),
+        pytest.param(
+            "par4", {"bar": 0.9}, ("no place was found", "--strut"), marks=pytest.mark.slow
+        ),
     ],
 )  # fmt: skip
 def test_refusals_name_their_cause(

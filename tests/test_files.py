@@ -13,6 +13,7 @@ import pytest
 from command import run
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, together, write_bytes, written_whole
+from identified import identified
 from logs import recorded, write
 
 
@@ -84,13 +85,11 @@ def log(tmp_path_factory) -> Path:
     return write(tmp_path_factory.mktemp("log") / "log.csv", recorded(1500))
 
 
-def test_commands_make_missing_folders(tmp_path: Path, log: Path) -> None:
-    model = tmp_path / "models" / "model.yaml"
-    assert run("identify", "clavel-delta3", log, "-o", model).code == 0
+def test_commands_make_missing_folders(tmp_path: Path) -> None:
     torque = tmp_path / "torques" / "of" / "log.csv"
-    assert run("torque", model, log, "-o", torque).code == 0
-    found = ["models", "models/model.yaml", "torques", "torques/of", "torques/of/log.csv"]
-    assert listing(tmp_path) == found
+    found = identified("clavel-delta3")
+    assert run("torque", found.model_file, found.log, "-o", torque).code == 0
+    assert listing(tmp_path) == ["torques", "torques/of", "torques/of/log.csv"]
 
 
 def test_commands_that_fail_make_no_folders(tmp_path: Path, log: Path) -> None:
@@ -104,16 +103,14 @@ def test_commands_that_fail_make_no_folders(tmp_path: Path, log: Path) -> None:
 def test_a_full_disk_leaves_the_old_model_beside_the_old_report(tmp_path: Path, log: Path) -> None:
     """The report needs megabytes, of which there are none; the model would fit."""
     model, report = write(tmp_path / "m.yaml", "old"), write(tmp_path / "r.html", "old")
-    command = "import sys; from deltaid.cli import main; main()"
-    arguments = ["identify", "clavel-delta3", log, "-o", model, "--report", report]
-    done = subprocess.run(
-        [sys.executable, "-c", command, *map(str, arguments)],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20)),
-        capture_output=True,
-        text=True,
-    )
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "r.html: cannot be written: File too large" in done.stderr
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        done = run("identify", "clavel-delta3", log, "-o", model, "--report", report)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert (done.code, done.out) == (2, "")
+    assert "r.html: cannot be written: File too large" in done.err
     assert (model.read_text(), report.read_text()) == ("old", "old")
     assert listing(tmp_path) == ["m.yaml", "r.html"]
 
@@ -139,7 +136,14 @@ main()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGTERM,
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+    ],
+)
 def test_a_command_that_is_ended_leaves_nothing(tmp_path: Path, number: int) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", WAITING, "wait", str(tmp_path / "new" / "a.csv")],

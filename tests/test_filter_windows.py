@@ -80,14 +80,16 @@ HIGH = 20_000.0  # Hz
 
 
 def at_high_rate() -> tuple[pl.DataFrame, np.ndarray]:
-    """Two seconds of the three-drive robot with steps of friction, and its parameters."""
+    """A second of the three-drive robot with steps of friction, and its parameters."""
     dynamics, rng = Dynamics(load_robot("clavel-delta3")), np.random.default_rng(5)
     motion = random_motion(dynamics.kinematics, rng, period=4.0)
     p = surrogate_parameters(dynamics.robot, rng)
-    return simulate_recording(dynamics, p, motion, rng, duration=2.0, rate=HIGH), p
+    return simulate_recording(dynamics, p, motion, rng, duration=1.0, rate=HIGH), p
 
 
-@pytest.mark.parametrize("recorded_rates", ["", "qd", "qd qdd"])
+@pytest.mark.parametrize(
+    "recorded_rates", ["", pytest.param("qd", marks=pytest.mark.slow), "qd qdd"]
+)
 def test_two_stages_are_the_same_low_pass(
     tmp_path, clavel: Dynamics, monkeypatch, recorded_rates: str
 ) -> None:

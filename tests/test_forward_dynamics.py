@@ -36,7 +36,10 @@ EVERY_TERM = Friction(
     load=0.15,
 )
 OFFSET = Friction(viscous=1.1, coulomb=2.3, offset=0.9)
-every_robot = pytest.mark.parametrize("name", KINDS)
+FEW = ("clavel-delta3", "irb360-6-1600", "h4-linear")
+every_robot = pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in FEW else pytest.mark.slow) for n in KINDS]
+)
 
 
 def states(kinematics: Kinematics, n: int = 30) -> tuple[np.ndarray, ...]:
@@ -113,7 +116,7 @@ def test_identity_for_a_mechanism_of_ones_own() -> None:
 # --- against MuJoCo's tree, projected -------------------------------------------------------------
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(seed=ANY_SEED, telescope=st.booleans())
 def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: bool) -> None:
     twin = random_twin(seed, telescope=telescope)
@@ -126,7 +129,9 @@ def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: boo
     assert_close(found, expected, 1e-10)
 
 
-@pytest.mark.parametrize("kind", ["h4", "par4", "i4"])
+@pytest.mark.parametrize(
+    "kind", ["par4", *(pytest.param(k, marks=pytest.mark.slow) for k in ("h4", "i4"))]
+)
 def test_accelerations_of_composed_robots_against_the_oracle(kind: str) -> None:
     """Springs, rotors, passive joints and gravity in any direction included."""
     twin = composed.twin(composed.Make(kind=kind))
@@ -151,7 +156,10 @@ def frictionless(name: str) -> tuple[ForwardDynamics, np.ndarray]:
     return compiled_forward(robot), p
 
 
-@pytest.mark.parametrize("name", ["irb360-6-1600", "par4", "linear-delta"])
+@pytest.mark.parametrize(
+    "name",
+    ["irb360-6-1600", *(pytest.param(n, marks=pytest.mark.slow) for n in ("par4", "linear-delta"))],
+)
 def test_energy_is_kept_for_ten_seconds_and_loops_stay_closed(name: str) -> None:
     """Constant torques that hold the robot at home, and springs about it: a potential as well."""
     forward, p = frictionless(name)

@@ -41,7 +41,9 @@ def use_of(model: Model, motion: FourierMotion) -> dict[str, float]:
     return dict(zip((*limits.names, *limits.efforts), (s.max() for s in shares), strict=True))
 
 
-@pytest.mark.parametrize("name", [TELESCOPE, "h4", "linear-delta-45"])
+@pytest.mark.parametrize(
+    "name", [TELESCOPE, "linear-delta-45", pytest.param("h4", marks=pytest.mark.slow)]
+)
 def test_the_demonstrations_motions_keep_every_limit(name: str) -> None:
     model, rng = load(name), np.random.default_rng(0)
     model = replace(model, p=surrogate_parameters(model.robot, rng))
@@ -161,33 +163,37 @@ def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(robot: Model
     assert all(line.startswith("computed-torque, identified: ") for line in lines)
 
 
+def write_motion(model: Model, time: np.ndarray, moved: tuple[np.ndarray, ...], path: Path) -> None:
+    q = model.dynamics.kinematics.drive_motion(*moved)
+    named = {
+        f"{name}{i + 1}": x[:, i] for name, x in zip(("q", "qd", "qdd"), q, strict=True)
+        for i in range(model.dynamics.dof)
+    }  # fmt: skip
+    pl.DataFrame({"t": time} | named).write_csv(path)
+
+
 def test_simulate_says_in_red_what_cannot_be_run(robot: Model, tmp_path: Path) -> None:
     wild = random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
     time = np.arange(1500) / 1000
     z, zd, zdd = wild.evaluate(time)
     z[:, 3] *= 3
     zd[:, 3], zdd[:, 3] = 3 * zd[:, 3], 3 * zdd[:, 3]
-    q = robot.dynamics.kinematics.drive_motion(z, zd, zdd)
-    named = {
-        f"{name}{i + 1}": x[:, i] for name, x in zip(("q", "qd", "qdd"), q, strict=True)
-        for i in range(4)
-    }  # fmt: skip
-    pl.DataFrame({"t": time} | named).write_csv(tmp_path / "wild.csv")
+    write_motion(robot, time, (z, zd, zdd), tmp_path / "wild.csv")
     report = tmp_path / "wild.html"
-    files = ("simulate", TELESCOPE, tmp_path / "wild.csv", "--report", report)
-    outcome = run(*files)
+    outcome = run("simulate", TELESCOPE, tmp_path / "wild.csv", "--report", report, "--json")
     assert outcome.code == 0
     assert "not feasible: the motion is too fast for drive4" in outcome.err
     page = report.read_text(encoding="utf-8")
     assert '<div class="verdict poor"' in page
     assert "Not feasible: the motion is too fast for drive4" in page
-    answer = json.loads(run(*files, "--json").out)
+    answer = json.loads(outcome.out)
     assert {"kind", "what", "text", "size", "time", "share"} <= set(answer["infeasible"][0])
 
 
 def test_a_robot_that_is_lost_has_numbers_in_json(tmp_path: Path) -> None:
-    excite = ("excite", "clavel-delta3", "--starts", 1, "--duration", 2, "--harmonics", 2)
-    assert run(*excite, "-o", tmp_path / "m.csv").code == 0
+    model, time = load("clavel-delta3"), np.arange(1500) / 1000
+    moved = random_motion(model.dynamics.kinematics, np.random.default_rng(0)).evaluate(time)
+    write_motion(model, time, moved, tmp_path / "m.csv")
     outcome = run("simulate", "clavel-delta3", tmp_path / "m.csv", "--delay", 60, "--json")
     answer = json.loads(outcome.out)
     assert answer["ended"] is not None

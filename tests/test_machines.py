@@ -31,7 +31,14 @@ PUBLISHED = {
 }
 
 
-@pytest.fixture(scope="module", params=MACHINES)
+# A Delta of 3 axes and a linear one; the others' numbers differ, not what is done with them.
+FEW = ("delta-x-2", "anycubic-kossel")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(n, marks=() if n in FEW else pytest.mark.slow) for n in MACHINES],
+)
 def machine(request: pytest.FixtureRequest) -> Model:
     return load(request.param)
 

@@ -169,6 +169,7 @@ def test_in_a_terminal_it_asks(tmp_path: Path) -> None:
     assert (robot.limbs.strut, robot.strut_swing_deg) == (0.5, 45)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no pseudo-terminals")
 def test_leaving_writes_nothing(tmp_path: Path) -> None:
     shell = Terminal(tmp_path / "mine.yaml", "--kind", "delta")

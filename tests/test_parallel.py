@@ -94,15 +94,15 @@ def test_an_identification_has_the_same_bits_on_any_number_of_threads(
     """Over many batches and windows."""
     monkeypatch.setattr(table, "_BATCH_ROWS", 500)
     monkeypatch.setattr(windows, "WINDOW", 400)
-    frame = recorded(4000, derivatives=True)
+    frame = recorded(3000, derivatives=True)
     kinds = tuple(columns.split())
     frame = frame.select([c for c in frame.columns if c.rstrip("0123456789") in kinds])
     noise = np.random.default_rng(0).normal(size=(len(frame), 3))
     noisy = [pl.Series(f"tau{i + 1}", frame[f"tau{i + 1}"] + noise[:, i]) for i in range(3)]
     log = write(tmp_path / "log.parquet", frame.with_columns(noisy))
     found = []
-    for count in COUNTS:
+    for count in (1, 3):
         with threads(count):
             result = deltaid.identify(deltaid.load_robot("clavel-delta3"), [log])
         found.append((result.model.model_dump_json(), result.problem.gathered.places.tobytes()))
-    assert found[0] == found[1] == found[2]
+    assert found[0] == found[1]

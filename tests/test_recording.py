@@ -45,7 +45,7 @@ def _with_notes(frame: pl.DataFrame) -> bytes:
 def _commented(source: str, marks: tuple[str, ...] = ("#", "%", "//", ";")) -> bytes:
     """A comment above the names, under them, among the data and at the end."""
     lines = source.rstrip("\n").split("\n")
-    for i, at in enumerate((len(lines), 200, 40, 40, 2, 1, 0)):
+    for i, at in enumerate((len(lines), 45, 40, 40, 2, 1, 0)):
         lines.insert(at, f"{marks[i % len(marks)]} remark {i}, 1.5")
     return "\n".join(lines).encode()
 
@@ -101,7 +101,7 @@ SPELLINGS: dict[str, Spelling] = {
 
 @pytest.fixture
 def frame() -> pl.DataFrame:
-    return recorded(300)
+    return recorded(60)
 
 
 @pytest.fixture
@@ -186,7 +186,7 @@ def test_whole_numbers_do_not_decide_the_decimal_mark(tmp_path) -> None:
 @pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
 @pytest.mark.parametrize("size", [120, 777, 5000])
 def test_block_boundaries_change_no_survey(tmp_path, clavel, small_blocks, name, size) -> None:
-    path = write(tmp_path / name, recorded(700, derivatives=True))
+    path = write(tmp_path / name, recorded(300, derivatives=True))
     whole = open_log(path, clavel.kinematics)
     small_blocks(size)
     assert _same(whole, open_log(path, clavel.kinematics))

@@ -15,7 +15,10 @@ from deltaid.robot.friction import Friction, Stribeck
 from deltaid.robot.load import load_robot
 from support import KINDS
 
-every_robot = pytest.mark.parametrize("name", KINDS)
+FEW = ("clavel-delta3", "irb360-6-1600", "i4")
+every_robot = pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in FEW else pytest.mark.slow) for n in KINDS]
+)
 
 
 def poses(forward: ForwardDynamics, n: int) -> np.ndarray:
@@ -73,10 +76,10 @@ def test_impulses_are_the_minimiser_over_the_box(
 
 @every_robot
 def test_below_its_friction_a_robot_stays_where_it_is(name: str) -> None:
-    """Fifty poses at once, each pushed against all drives by up to 90 % of their friction."""
+    """Twenty poses at once, each pushed against all drives by up to 90 % of their friction."""
     forward = compiled_forward(load_robot(name))
     p = prior_parameters(forward.robot)
-    z, rng = poses(forward, 50), np.random.default_rng(3)
+    z, rng = poses(forward, 20), np.random.default_rng(3)
     tau = holding(forward, z, p) + rng.uniform(-0.9, 0.9, z.shape) * drive_friction(forward, p)
     path = step_through(forward, p, z, np.zeros_like(z), 0.1, lambda t, q, qd: tau)
     assert np.abs(path.z - z).max() < 1e-12

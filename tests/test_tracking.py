@@ -1,6 +1,7 @@
 """Tracking with what a drive does to it: rate, encoder, delay, limits; and its page."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from deltaid.robot.task import NAMES, Task
 from test_controllers import ROBOT, motion
 
 
+@cache
 def tracked(controller: str, drives: Drives, share: float = 1.0, duration: float = 0.3) -> Tracking:
     """A second on the robot whose masses the model knows to a share."""
     robot = load_robot(ROBOT)

@@ -228,7 +228,7 @@ def test_damaged_exports_get_one_message(curves: list[Curve], tmp_path: Path) ->
     """With the file's name; or damage is in what is not used, or makes another number."""
     whole, rng = scope(curves).encode(), random.Random(4)
     path, count = tmp_path / "scope.csv", 0
-    for _ in range(40):
+    for _ in range(12):
         spoiled = bytearray(whole)
         for _ in range(rng.choice((1, 3, 30))):
             spoiled[rng.randrange(len(whole))] = rng.randrange(256)
@@ -241,4 +241,4 @@ def test_damaged_exports_get_one_message(curves: list[Curve], tmp_path: Path) ->
             said = ""
         count += bool(said)
         assert not said or (str(path) in said and "→" in said)
-    assert count > 10
+    assert count > 3

@@ -77,7 +77,10 @@ STUMBLING_BLOCKS = [
 
 
 @pytest.mark.parametrize(("value", "fragment"), STUMBLING_BLOCKS)
-@pytest.mark.parametrize("model", [RobotDescription, ColumnMapping, IdentifiedModel])
+@pytest.mark.parametrize(
+    "model",
+    [RobotDescription, ColumnMapping, pytest.param(IdentifiedModel, marks=pytest.mark.slow)],
+)
 def test_values_at_which_a_reader_may_stumble(model: type, value: str, fragment: str) -> None:
     message = refusal(replaced("strut: 1.055", f"strut: {value}"), model)
     assert len(message) < 1500
@@ -92,7 +95,7 @@ TEXTS = st.lists(st.sampled_from([*re.split(r"\s\s+", WORDS), *SPACES]), max_siz
 
 
 @given(TEXTS | st.text(max_size=20), st.booleans())
-@settings(max_examples=400, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 def test_whatever_is_written_gives_one_message(text: str, inside: bool) -> None:
     for model in (RobotDescription, ColumnMapping):
         try:
@@ -106,7 +109,7 @@ SCALARS = st.none() | st.booleans() | st.integers() | FINITE | st.text()
 
 
 @given(st.recursive(SCALARS, lambda v: st.lists(v) | st.dictionaries(st.sampled_from("ab"), v)))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @example(["?0", ":0", "-0", "? 0", ": 0", "- 0"])
 @example({"a": "?0", "b": ":0"})
 def test_what_is_saved_is_read_again(tmp_path_factory, value: object) -> None:
