@@ -159,7 +159,8 @@ def test_every_law_is_identified_from_a_recording_without_noise(
     p = surrogate_parameters(robot, rng)
     layout = dynamics.layout
     p[layout.names.index("offset.drive2")] = -0.6
-    recording = simulate_recording(dynamics, p, random_motion(dynamics.kinematics, rng), rng)
+    motion = random_motion(dynamics.kinematics, rng)
+    recording = simulate_recording(dynamics, p, motion, rng, duration=6.0)
     write_recording(recording, tmp_path / "log.csv")
     only = Settings(
         method=method, friction="described", lag="none", compliance="none", events=False

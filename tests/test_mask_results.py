@@ -18,7 +18,6 @@ from interrupted import Interrupted, cost_of_masks, interrupted, mass_error
 from masked import CLAVEL, IRB, opened
 from sweeps import swept
 
-
 # p of the robot that was moved, and nothing put right beside the masks.
 MASKS = deltaid.Settings(friction="described", lag="none", compliance="none", events=False)
 
@@ -65,7 +64,7 @@ def test_brakes_set_in_with_a_jump_of_acceleration() -> None:
         CLAVEL, rng, seconds=8.0, rests=((3.0, 3.8), (6.0, 6.9)), ramp=0.4, braking=0.06
     )
     one = one.measured(rng, 16, 0.01)
-    found = deltaid.identify(CLAVEL, one.frame)
+    found = deltaid.identify(CLAVEL, one.frame, settings=MASKS)
     (recording,) = found.recordings
     assert mass_error(one, found.model.p) < 0.006
     stops = [mask for mask in recording.log.masks if mask.reason == "emergency stop"]
