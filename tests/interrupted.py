@@ -164,12 +164,14 @@ class Cost:
 BITS = (12, 14, 16, 17, 18, 20)
 
 
-def cost_of_masks(name: str, rate: float, seed: int) -> Cost:
+def cost_of_masks(name: str, rate: float, seed: int, settings: Settings | None = None) -> Cost:
     """A clean recording identified with all rows, and with what is left of them."""
     rng = np.random.default_rng([seed, round(rate), len(name)])
     one = interrupted(name, rng, rate=rate, seconds=8.0)
     one = one.measured(rng, BITS[seed % len(BITS)], 0.02, 10.0 if seed % 2 else 1.0)
-    fits = [identify(name, one.frame, settings=Settings(keep_all=keep)) for keep in (True, False)]
+    settings = settings or Settings()
+    both = [settings.changed(keep_all=keep) for keep in (True, False)]
+    fits = [identify(name, one.frame, settings=each) for each in both]
     all_rows, masked = (uncertainty(fit.problem) for fit in fits)
     told = [one.std < 0.5 * one.prior_std for one in (all_rows, masked)]
     shown = told[0] & told[1] & (all_rows.interval > 0)

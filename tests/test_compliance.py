@@ -63,7 +63,8 @@ def wound(share: float = 1.0, noise: float = 0.01) -> tuple[Dynamics, np.ndarray
 @cache
 def fitted(share: float) -> deltaid.Identification:
     dynamics, _, table = wound(share)
-    return deltaid.identify(dynamics.robot, table.drop("link1", "link2", "link3"))
+    only = Settings(friction="described", events=False)
+    return deltaid.identify(dynamics.robot, table.drop("link1", "link2", "link3"), settings=only)
 
 
 def mass_error(dynamics: Dynamics, p: np.ndarray, true: np.ndarray) -> float:

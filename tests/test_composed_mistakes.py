@@ -12,6 +12,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue_text, load_robot, parse
 from support import KINDS
+from sweeps import swept
 
 
 def changed(name: str, old: str, new: str) -> str:
@@ -186,7 +187,7 @@ def test_limbs_at_right_angles_are_a_robot() -> None:
     np.testing.assert_allclose(kinematics.forward(kinematics.inverse(z)), z, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", swept(KINDS, "linear-delta", "h4"))
 def test_a_strut_that_cannot_close_is_named_with_file_and_line(name, tmp_path) -> None:
     """The geometry of the loaded file against the limits of the symbolic kinematics."""
     told, strut = 0, load_robot(name).limbs.strut

@@ -21,9 +21,10 @@ from deltaid.report.events import event_table
 from deltaid.robot.load import load_robot
 from faults.case import Setting
 from pushes import Force, moving, places, recorded, torques
+from sweeps import swept
 
 CLAVEL, IRB, LINEAR = "clavel-delta3", "irb360-6-1600", "linear-delta"
-PLAIN = Settings(friction="described", lag="none")
+PLAIN = Settings(friction="described", lag="none", compliance="none")
 
 PUSHES = (
     Force(1.02, 1.07, (60.0, -20.0, 40.0)),
@@ -32,6 +33,9 @@ PUSHES = (
     Force(4.80, 4.90, (90.0, 0.0, 10.0)),
     Force(7.70, 7.78, (0.0, 0.0, 70.0)),
 )
+
+
+ONE_AFTER_ANOTHER = (2.0, 3.0, 4.5, 5.5, 7.0, 8.2)
 
 
 def found(name: str, log: RawRecording) -> tuple[LeftSpan, ...]:
@@ -74,7 +78,7 @@ def test_contacts_are_found_with_time_place_and_force(name: str, lag: float) -> 
         assert (push.moment is None) == (name != IRB)
 
 
-def test_a_fit_without_contacts_is_that_of_a_clean_recording() -> None:
+def test_a_fit_without_contacts_is_that_of_a_clean_recording(tmp_path) -> None:
     setting = moving(CLAVEL)
     log = recorded(setting, torques(setting, PUSHES))
     robot = load_robot(CLAVEL)
@@ -92,16 +96,10 @@ def test_a_fit_without_contacts_is_that_of_a_clean_recording() -> None:
     (all_of_it,) = with_all.model.sources
     assert not all_of_it.events
     assert not with_all.recordings[0].repairs.left_out
-
-
-def test_events_are_kept_by_a_model_file(tmp_path) -> None:
-    setting = moving(CLAVEL)
-    log = recorded(setting, torques(setting, PUSHES[:2]))
-    model = identify(load_robot(CLAVEL), log, settings=PLAIN).model
-    model.save(tmp_path / "model.yaml")
-    (source,) = IdentifiedModel.load(tmp_path / "model.yaml").sources
-    assert source.events == model.sources[0].events
-    assert [event.drives for event in source.events] == [("drive1", "drive2", "drive3")] * 2
+    without.model.save(tmp_path / "model.yaml")
+    (kept,) = IdentifiedModel.load(tmp_path / "model.yaml").sources
+    assert kept.events == source.events
+    assert {event.drives for event in kept.events} == {("drive1", "drive2", "drive3")}
 
 
 # What is no contact
@@ -131,7 +129,7 @@ def test_a_spike_is_one_of_a_channel() -> None:
         assert span.last - span.first < 5 / setting.rate
 
 
-@pytest.mark.parametrize("held", [(5.0, 10.0), (2.0, 3.0, 4.5, 5.5, 7.0, 8.2)])
+@pytest.mark.parametrize("held", swept([(5.0, 10.0), ONE_AFTER_ANOTHER], ONE_AFTER_ANOTHER))
 def test_a_load_is_no_event(held: tuple[float, ...]) -> None:
     """0.6 kg as a force of gravity for half of the time."""
     setting = moving(CLAVEL)

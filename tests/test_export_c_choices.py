@@ -13,8 +13,10 @@ from c_library import written as written_to
 from deltaid.errors import DeltaidError
 from deltaid.export.c_code import c_code
 from deltaid.export.files import write_export
+from deltaid.export.mjcf import mjcf
 from deltaid.export.options import FURTHER as NAMES
 from deltaid.export.precision import DOUBLE, SINGLE, Precision
+from deltaid.export.urdf import urdf
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
@@ -22,8 +24,9 @@ from deltaid.robot.load import load_robot
 from exports import disturbed, needs_compiler, states, subject
 from sessions import ROOT
 from support import assert_close
+from sweeps import swept
 
-PRECISIONS = pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["double", "single"])
+slow = pytest.mark.slow
 
 
 def assert_further(library: Library, subject: Model) -> None:
@@ -68,8 +71,11 @@ def named_forces(subject: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 @needs_compiler
-@PRECISIONS
-@pytest.mark.parametrize("name", ["linear-delta", "h4-linear"])
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [("h4-linear", DOUBLE), pytest.param("linear-delta", SINGLE, marks=slow)],
+    ids=["double", "single"],
+)
 def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_path: Path) -> None:
     library = build(subject(name), tmp_path, precision=precision, further=FURTHER)
     z, q, qd, qdd = (x[0] for x in states(subject(name), 1))
@@ -105,8 +111,14 @@ def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_
                 assert (outs[0].astype(library.type) == before.astype(library.type)).all()
 
 
-@PRECISIONS
-@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(
+    ("compiler", "precision"),
+    [
+        ("g++", DOUBLE),
+        *(pytest.param(x, SINGLE, marks=slow) for x in ("g++", "clang", "clang++")),
+        pytest.param("clang", DOUBLE, marks=slow),
+    ],
+)
 def test_compilers_have_nothing_to_say(compiler: str, precision: Precision, tmp_path: Path) -> None:
     if not COMPILERS[compiler]:
         pytest.skip(f"there is no {compiler}")
@@ -123,14 +135,18 @@ def test_number_literals_of_floats_keep_their_value() -> None:
     assert float(DOUBLE.digits(1e-60)) == 1e-60
 
 
-def test_robots_of_ones_own_have_no_joints_to_tell(tmp_path: Path) -> None:
+@pytest.mark.parametrize("precision", swept([DOUBLE, SINGLE], DOUBLE), ids=["double", "single"])
+def test_what_a_mechanism_of_ones_own_has_not(precision: Precision) -> None:
     folder = ROOT / "examples" / "heli4"
     use_mechanism(folder / "mechanism.py")
     chosen = disturbed(load_robot(folder / "robot.yaml"))
-    c_code(chosen, "heli", SINGLE, ("regressor",))
+    c_code(chosen, "heli", precision, ("regressor",))
     for name in ("constraint-forces", "passive-joints"):
         with pytest.raises(DeltaidError, match="mechanism of"):
             c_code(chosen, "heli", DOUBLE, (name,))
+    for target in (mjcf, urdf):
+        with pytest.raises(DeltaidError, match="has a mechanism of its own"):
+            target(chosen)
     with pytest.raises(DeltaidError, match=r"(?s)no body EE or P .* one of arm, rod, half, tool"):
         chosen.with_load(np.append(1.0, np.zeros(9)))
     assert chosen.with_load(np.append(1.0, np.zeros(9)), "tool")["tool.m"] > chosen["tool.m"]
@@ -143,7 +159,7 @@ def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
     with pytest.raises(DeltaidError, match="no further function 'regresor'"):
         write_export("linear-delta", "c", tmp_path / "r.c", functions="regressor, regresor")
     assert not list(tmp_path.iterdir())
-    found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES)
+    found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES[:1])
     assert "single" in (tmp_path / "r.h").read_text()
     assert "only the sum of the forces" in found.warnings[0]  # of struts, as `deltaid forces` says
 
@@ -192,6 +208,7 @@ int main(void)
 """
 
 
+@slow
 @needs_compiler
 def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     """Address and undefined behaviour, with numbers from 0 to 1e30 and a good pose."""

@@ -20,21 +20,21 @@ from deltaid.export import fmu_binaries
 from deltaid.export.casadi_function import casadi_file
 from deltaid.export.files import TARGETS, output_path, write_export
 from deltaid.export.fmu import fmu
-from deltaid.export.fmu_binaries import own_compiler
+from deltaid.export.fmu_binaries import Compiler
 from deltaid.export.mjcf import mjcf
 from deltaid.export.urdf import urdf
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.body_inertia import body_inertia, why_not_physical
 from deltaid.robot.load import catalogue_text, load_robot
 from exports import model, states, subject
+from identified import identified
 from sessions import ROOT, blocks
 from support import KINDS, assert_close
+from sweeps import swept
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", swept(KINDS, "irb360-6-1600", "h4"))
 def test_casadi_function(name: str, tmp_path: Path) -> None:
     chosen = subject(name)
     path = tmp_path / "delta.casadi"
@@ -125,7 +125,7 @@ def test_too_few_parameters() -> None:
         Model(robot, np.ones(5), "a model")
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", swept(TARGETS, *(set(TARGETS) - {"fmu"})))
 def test_command_writes_a_file_or_into_a_folder(
     target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,7 +210,7 @@ def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
     changed = {"title": "a--->b & <c> \x01 ü--", "name": 'n"<\x02'}
     robot = load_robot("linear-delta").changed(**changed)
     chosen = Model(robot, prior_parameters(robot), "--.yaml")
-    made = fmu(chosen, "a", forward=True, compiler=own_compiler())
+    made = fmu(chosen, "a", forward=True, compiler=Compiler((), ()))
     unit = zipfile.ZipFile(io.BytesIO(made.content))
     for text in (mjcf(chosen), urdf(chosen).urdf, unit.read("modelDescription.xml")):
         root = ElementTree.fromstring(text)
@@ -221,19 +221,14 @@ def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
 
 def test_command_takes_a_model(tmp_path: Path) -> None:
     """What is exported are the identified parameters, and not the prior."""
-    log, path = tmp_path / "log.csv", tmp_path / "model.yaml"
-    robot, rng = load_robot("linear-delta"), np.random.default_rng(0)
-    dynamics, truth = Dynamics(robot), surrogate_parameters(robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, truth, motion, rng, duration=5.0, rate=200.0)
-    write_recording(recording, log)
-    assert run("identify", "linear-delta", log, "-o", path).code == 0
-    assert run("export", path, "--to", "npz", "-o", tmp_path).code == 0
+    found = identified("linear-delta")
+    assert run("export", found.model_file, "--to", "npz", "-o", tmp_path).code == 0
     exported = np.load(tmp_path / "linear_delta.npz")["p"]
-    assert (exported == IdentifiedModel.load(path).p).all()
-    assert (exported != prior_parameters(robot)).any()
+    assert (exported == IdentifiedModel.load(found.model_file).p).all()
+    assert (exported != prior_parameters(found.robot)).any()
 
 
+@pytest.mark.slow
 def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)  # other systems have a test
     chosen = subject("irb360-6-1600")

@@ -19,6 +19,7 @@ from deltaid.export.urdf import urdf
 from deltaid.model.model import Model
 from exports import subject
 from sessions import ROOT
+from sweeps import swept
 
 pytest.importorskip("pydrake.multibody.parsing", reason="Drake is not installed")
 from pydrake.multibody.parsing import Parser
@@ -54,7 +55,9 @@ def same_path(plant: Any, context: Any, chosen: Model) -> None:
     assert np.abs(found - want).max() < 1e-3 * np.abs(want - home).max()
 
 
-@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "par4"])
+@pytest.mark.parametrize(
+    "name", swept(["clavel-delta3", "irb360-6-1600", "linear-delta", "par4"], "clavel-delta3")
+)
 def test_mjcf(name: str) -> None:
     """Its loops hold as loaded; joints that follow others are added by hand, as documented."""
     chosen = subject(name).without_friction()
@@ -78,7 +81,7 @@ def test_mjcf(name: str) -> None:
         np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["irb360-6-1600", "i4-linear"])
+@pytest.mark.parametrize("name", swept(["irb360-6-1600", "i4-linear"], "irb360-6-1600"))
 def test_urdf(name: str) -> None:
     """Motors, limits and joints that follow are read; loops are closed by the file beside it."""
     chosen = subject(name).without_friction()
@@ -109,6 +112,7 @@ def test_urdf(name: str) -> None:
     same_path(plant, context, chosen)
 
 
+@pytest.mark.slow
 def test_the_example_holds_the_loops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -22,10 +22,13 @@ from deltaid.online.online import Online
 from deltaid.online.settings import OnlineSettings
 from exports import needs_compiler
 from st_program import Program
+from sweeps import swept
 
 ROBOT, CYCLES, LIFTED = "clavel-delta3", 120, 60
 SPOILT = (30, 31)
-PRECISIONS = pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["double", "single"])
+PRECISIONS = pytest.mark.parametrize(
+    "precision", swept([DOUBLE, SINGLE], DOUBLE), ids=["double", "single"]
+)
 
 
 @cache

@@ -18,11 +18,12 @@ from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.urdf import PLACEHOLDER, urdf
 from exports import model, states, subject, tree_motion
 from support import assert_close
+from sweeps import swept
 from test_export_urdf import Tree
 
 # Of urdfdom: on the machine, or of the wheel that Pinocchio's takes in.
 CHECK = shutil.which("check_urdf") or shutil.which("check_urdf", path=Path(sys.executable).parent)
-NAMES = ["irb360-6-1600", "linear-delta", "par4", "i4/second"]
+NAMES = swept(["irb360-6-1600", "linear-delta", "par4", "i4/second"], "irb360-6-1600", "i4/second")
 
 
 def parsed(name: str) -> ElementTree.Element:
@@ -123,7 +124,7 @@ def test_drives_have_interfaces_limits_and_transmissions() -> None:
 
 
 @pytest.mark.skipif(CHECK is None, reason="check_urdf is not installed")
-@pytest.mark.parametrize("name", [*NAMES, "h4"])
+@pytest.mark.parametrize("name", [*NAMES, *swept(["h4"])])
 def test_check_urdf_accepts_it(name: str, tmp_path: Path) -> None:
     write_export(subject(name), "urdf", tmp_path / "robot.urdf")
     done = subprocess.run([str(CHECK), tmp_path / "robot.urdf"], capture_output=True, text=True)

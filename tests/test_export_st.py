@@ -20,6 +20,7 @@ from deltaid.model.model import Model
 from exports import floats, model, states, subject, towards_singularities
 from st_program import Program
 from support import KINDS, assert_close
+from sweeps import swept
 
 OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR, BAD_INPUT = range(6)
 FURTHER = ("constraint-forces", "passive-joints", "regressor")
@@ -64,19 +65,20 @@ def assert_same(program: Program, subject: Model, share: float, at: tuple[np.nda
             assert_close(found, value.ravel(), wider * share)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", swept(KINDS, "irb360-6-1600", "h4"))
 def test_all_functions_of_the_catalogue(name: str) -> None:
     assert_same(program(name), subject(name), 1e-12, states(subject(name), 2))
 
 
-def test_single_precision() -> None:
+@pytest.mark.parametrize("name", swept(["clavel-delta3", "h4"], "clavel-delta3"))
+def test_single_precision(name: str) -> None:
     """At the same floats, one pose in the workspace and one each to a condition of 30 and 100."""
-    chosen = Model(subject("h4").robot, floats(subject("h4").p), "h4")
+    chosen = Model(subject(name).robot, floats(subject(name).p), name)
     z = towards_singularities(chosen, 1)
     moving = floats(np.random.default_rng(0).standard_normal((2, *z.shape)))
     q = chosen.dynamics.kinematics.inverse(z)
-    assert_same(program("h4", SINGLE), chosen, 1e-5, (z, q, *moving))
-    assert "LREAL" not in text("h4", SINGLE)
+    assert_same(program(name, SINGLE), chosen, 1e-5, (z, q, *moving))
+    assert "LREAL" not in text(name, SINGLE)
 
 
 def test_further_functions() -> None:
@@ -144,8 +146,11 @@ def test_no_input_that_is_no_number_passes(wrong: float) -> None:
             assert all((out == 0).all() for out in outputs.values())
 
 
-@pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["LREAL", "REAL"])
-@pytest.mark.parametrize("name", ["clavel-delta3", "h4"])
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [("clavel-delta3", SINGLE), ("h4", DOUBLE), pytest.param("h4", SINGLE, marks=pytest.mark.slow)],
+    ids=["clavel-delta3-REAL", "h4-LREAL", "h4-REAL"],
+)
 def test_nothing_stops_the_controller(name: str, precision: Precision) -> None:
     """Poses and drives anywhere: no division by zero, no root of what is negative, no overflow."""
     run, chosen, rng = program(name, precision), subject(name), np.random.default_rng(0)
@@ -181,6 +186,7 @@ def test_text_is_what_controllers_read() -> None:
         assert len(names) == len(set(names))  # letters' case does not tell names apart
 
 
+@pytest.mark.slow
 def test_another_parser_reads_it_too() -> None:
     """blark's grammar is TwinCAT's. It is slow, so every form of a line is there once."""
     blark = pytest.importorskip("blark.parse", reason="blark is not installed")

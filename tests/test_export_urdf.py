@@ -32,8 +32,9 @@ from exports import (
 )
 from sessions import ROOT, blocks
 from support import KINDS, assert_close
+from sweeps import swept
 
-CASES = [*KINDS, *TOOLS, *COMPOSED]
+CASES = swept([*KINDS, *TOOLS, *COMPOSED], "clavel-delta3", "h4/first", "i4-linear", COMPOSED[0])
 
 
 class Tree:

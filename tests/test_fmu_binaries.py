@@ -11,8 +11,6 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-import fmpy
-import lief
 import pytest
 
 from command import run
@@ -20,19 +18,28 @@ from deltaid.export import fmu_binaries
 from deltaid.export.fmu import fmu
 from deltaid.export.fmu_binaries import SYSTEMS, Compiler, System, found_compiler, universal
 from exports import needs_compiler, subject
-from units import content
 
 needs_zig = pytest.mark.skipif(
     find_spec("ziglang") is None, reason="Zig's compiler is not here: pip install ziglang"
 )
-# The functions of FMI 2, by the standard's own header.
-HEADER = (Path(fmpy.__file__).parent / "c-code" / "fmi2Functions.h").read_text(encoding="utf-8")
-FUNCTIONS = set(re.findall(r"^\s*FMI2_Export fmi2\w+TYPE\s+(fmi2\w+);", HEADER, re.M))
+slow = pytest.mark.slow
+
+
 # Nothing else is asked of a system, but for what a Mac's loader brings.
 KNOWN = {
     "atan2", "ceil", "cos", "sin", "sqrt", "tanh", "memcpy", "memset", "strcmp", "strcpy", "strlen",
     "dyld_stub_binder", "memset_pattern16", "calloc", "free", "malloc",
 }  # fmt: skip
+
+
+@cache
+def functions() -> set[str]:
+    """Those of FMI 2, by the standard's own header."""
+    import fmpy
+
+    header = Path(fmpy.__file__).parent / "c-code" / "fmi2Functions.h"
+    found = re.findall(r"^\s*FMI2_Export fmi2\w+TYPE\s+(fmi2\w+);", header.read_text("utf-8"), re.M)
+    return set(found)
 
 
 @cache
@@ -43,40 +50,48 @@ def made() -> zipfile.ZipFile:
     return zipfile.ZipFile(io.BytesIO(export.content))
 
 
+@slow
 @needs_zig
 @pytest.mark.parametrize(
     ("path", "kind", "machine"),
     [
-        ("linux64/unit.so", lief.ELF.Binary, "X86_64"),
-        ("aarch64-linux/unit.so", lief.ELF.Binary, "AARCH64"),
-        ("win64/unit.dll", lief.PE.Binary, "AMD64"),
-        ("aarch64-darwin/unit.dylib", lief.MachO.Binary, "ARM64"),
+        ("linux64/unit.so", "ELF", "X86_64"),
+        ("aarch64-linux/unit.so", "ELF", "AARCH64"),
+        ("win64/unit.dll", "PE", "AMD64"),
+        ("aarch64-darwin/unit.dylib", "MachO", "ARM64"),
     ],
 )
-def test_a_library_has_the_functions_of_the_standard(path: str, kind: type, machine: str) -> None:
+def test_a_library_has_the_functions_of_the_standard(path: str, kind: str, machine: str) -> None:
+    import lief
+
     found = lief.parse(made().read(f"binaries/{path}"))
-    assert isinstance(found, kind)
+    assert isinstance(found, getattr(lief, kind).Binary)
     check(found, machine)
 
 
 def check(found: object, machine: str) -> None:
     """All functions of FMI are shown, nothing unknown is asked for."""
+    import lief
+
     header = found.header
     told = getattr(header, "machine_type", None) or getattr(header, "machine", None)
     assert str(told or header.cpu_type).endswith(machine)
     mac = isinstance(found, lief.MachO.Binary)
     shown = {f.name.removeprefix("_") if mac else f.name for f in found.exported_functions}
-    assert shown >= FUNCTIONS
-    assert len(FUNCTIONS) > 40
-    assert not {name for name in shown - FUNCTIONS if not name.startswith("_")}
+    assert shown >= functions()
+    assert len(functions()) > 40
+    assert not {name for name in shown - functions() if not name.startswith("_")}
     asked = {f.name.removeprefix("_") if mac else f.name for f in found.imported_functions}
     assert asked <= KNOWN
     if mac:
         assert found.has_code_signature == (machine == "ARM64")  # Apple's processors insist on it
 
 
+@slow
 @needs_zig
 def test_a_library_for_both_kinds_of_mac() -> None:
+    import lief
+
     fat = made().read("binaries/darwin64/unit.dylib")
     both = lief.MachO.parse(list(fat))
     assert [str(part.header.cpu_type).rpartition(".")[2] for part in both] == ["X86_64", "ARM64"]
@@ -87,9 +102,12 @@ def test_a_library_for_both_kinds_of_mac() -> None:
     assert fat[offset : offset + size] == arm
 
 
+@slow
 @needs_zig
 def test_libraries_need_no_newer_system() -> None:
     """The C library of 2012 will do."""
+    import lief
+
     for path in ("linux64", "aarch64-linux"):
         found = lief.parse(made().read(f"binaries/{path}/unit.so"))
         versions = {
@@ -101,6 +119,7 @@ def test_libraries_need_no_newer_system() -> None:
         assert max(versions) <= (2, 17)
 
 
+@slow
 @needs_zig
 def test_the_same_library_for_windows_again() -> None:
     """Its head has a time of its own."""
@@ -114,9 +133,14 @@ def test_the_same_library_for_windows_again() -> None:
     assert compiler.library(SYSTEMS[1], "unit", sources) == library
 
 
+@slow
 @needs_zig
 @needs_compiler
 def test_the_library_of_zig_computes_what_that_of_this_machine_does(tmp_path: Path) -> None:
+    import fmpy
+
+    from units import content
+
     path = tmp_path / "zig.fmu"
     path.write_bytes(made().fp.getvalue())
     other = tmp_path / "own.fmu"

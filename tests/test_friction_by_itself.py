@@ -38,6 +38,9 @@ TRUE = {
     "drive3": Friction(viscous=1.0, coulomb=4.0, load=0.08),
 }
 
+# What else may be put right is not looked for.
+FRICTION = Settings(lag="none", compliance="none", events=False)
+
 Change = Callable[[np.ndarray], np.ndarray]
 
 
@@ -233,7 +236,7 @@ def cooling(time: np.ndarray) -> np.ndarray:
 
 def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
     robot = load_robot(ROBOT)
-    model = identify(robot, recorded(robot, 4, warm=cooling)).model
+    model = identify(robot, recorded(robot, 4, warm=cooling), settings=FRICTION).model
     told = [one for one in model.corrections if one.kind == "temperature"]
     assert len(told) == 1
     assert told[0].value == pytest.approx(4.0, rel=0.3)
@@ -266,7 +269,7 @@ def test_friction_follows_a_temperature_that_is_recorded() -> None:
     oil = 50 - 100 * cooling(log["t"].to_numpy()) + 0.02 * rng.standard_normal(len(log))
     log = log.with_columns(pl.Series("oil", 32 + 1.8 * oil))
     mapping = ColumnMapping.model_validate({"temperature": {"column": "oil", "unit": "degF"}})
-    result = identify(robot, log, columns=mapping)
+    result = identify(robot, log, columns=mapping, settings=FRICTION)
     problem, names = result.problem, result.problem.layout.names
     for drive in robot.drives:
         change = problem.values[names.index(f"coulomb_change.{drive}")]

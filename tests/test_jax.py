@@ -17,10 +17,11 @@ from deltaid.robot.load import load_robot
 from exports import COMPOSED, disturbed, model, states, subject, the, title
 from sessions import ROOT
 from support import assert_close
+from sweeps import swept
 
 jax = pytest.importorskip("jax", reason="JAX is not installed")
 
-CASES = ("clavel-delta3", "h4", COMPOSED[0])
+CASES = swept(["clavel-delta3", "h4", COMPOSED[0]], "clavel-delta3")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -59,6 +60,7 @@ def test_the_same_numbers(case: str | Make) -> None:
         assert_close(np.asarray(f.task_velocity(z, qd)), np.linalg.solve(J, qd), 1e-11)
 
 
+@pytest.mark.slow
 def test_compiled_for_many_samples(delta: JaxFunctions) -> None:
     chosen = subject("clavel-delta3")
     z, q, qd, qdd = states(chosen, 50)
@@ -79,6 +81,7 @@ def test_friction_that_depends_on_load() -> None:
         assert_close(np.asarray(f.forward_dynamics_at(z[0], qd[0], tau)), qdd[0], 1e-10)
 
 
+@pytest.mark.slow
 def test_derivatives_by_parameters_are_the_regressor(delta: JaxFunctions) -> None:
     chosen = subject("clavel-delta3")
     z, q, qd, qdd = (x[0] for x in states(chosen, 1))
@@ -90,6 +93,7 @@ def test_derivatives_by_parameters_are_the_regressor(delta: JaxFunctions) -> Non
         assert_close(np.asarray(doubled), 2 * want @ chosen.p, 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["clavel-delta3", "h4"])
 def test_forward_kinematics_has_derivatives_of_any_order(name: str) -> None:
     """However it is found: by closed form, or by Newton's method."""
@@ -116,6 +120,7 @@ def test_what_closes_no_loop_is_nan(delta: JaxFunctions) -> None:
     assert_close(whole, kinematics.inverse(np.array([0.0, 0.0, -1.0])), 1e-12)
 
 
+@pytest.mark.slow
 def test_poses_found_by_iteration_are_on_the_branch_of_home() -> None:
     """Of drives anywhere, whole turns of arms more or less: closed, in mode, nearest turn of ψ."""
     chosen = subject("par4")
@@ -165,6 +170,7 @@ def test_arrays_that_are_no_sample_are_told(delta: JaxFunctions) -> None:
         delta.inverse_dynamics(three, three)
 
 
+@pytest.mark.slow
 def test_every_operation_of_a_kernel() -> None:
     from deltaid.export.jax_graph import _OPERATIONS, as_jax
 
@@ -189,6 +195,7 @@ def test_every_operation_of_a_kernel() -> None:
         np.testing.assert_allclose(function(np.array([x]), np.array([y])), want, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_single_precision_unless_told_otherwise(delta: JaxFunctions) -> None:
     chosen = subject("clavel-delta3")
     z, q, qd, qdd = states(chosen, 1)
@@ -201,6 +208,7 @@ def test_single_precision_unless_told_otherwise(delta: JaxFunctions) -> None:
     assert_close(np.asarray(tau, float), model(chosen, z, qd, qdd).tau[0], 1e-4)
 
 
+@pytest.mark.slow
 def test_the_example_descends(capsys: pytest.CaptureFixture[str]) -> None:
     scope = runpy.run_path(str(ROOT / "examples" / "in_jax.py"))
     assert scope["loss"](scope["p"]) < 0.05 * scope["before"]

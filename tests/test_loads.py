@@ -29,6 +29,7 @@ from deltaid.recording.recording import open_recordings
 from deltaid.robot.body import InertiaTensor
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
+from sweeps import swept
 
 RATE, DURATION, NOISE = 250.0, 10.0, 0.005
 CENTRE, MASS, OWN = np.array([0.03, -0.015, -0.06]), 0.8, 1.2e-3
@@ -149,7 +150,7 @@ def test_two_loads_are_told_apart() -> None:
     assert ghost.mass.value < 0.01 * MASS
 
 
-@pytest.mark.parametrize("known", ["mass and centre", "all", "tolerance"])
+@pytest.mark.parametrize("known", swept(["mass and centre", "all", "tolerance"], "tolerance"))
 def test_what_is_known_of_a_load_stays(known: str) -> None:
     given = {"mass": MASS, "centre": tuple(CENTRE)}
     if known in ("all", "tolerance"):
@@ -257,6 +258,7 @@ def test_an_export_takes_a_load_by_its_name(tmp_path: Path) -> None:
     assert "give kilograms, as 1.5, or one of load" in told.err
 
 
+@pytest.mark.slow
 def test_a_load_that_nobody_declares_is_told_and_is_no_gear_that_winds_up() -> None:
     found = judged(robot()[0].robot, table(1, "cycles"))
     assert [one.grade for one in found.verdicts if one.key == "load-change"] == [Grade.WRONG]

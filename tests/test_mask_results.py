@@ -16,9 +16,13 @@ from deltaid.recording.recording import Recording, open_recordings, with_filter
 from deltaid.report.left_out import left_out_table, reversals
 from interrupted import Interrupted, cost_of_masks, interrupted, mass_error
 from masked import CLAVEL, IRB, opened
+from sweeps import swept
+
+# p of the robot that was moved, and nothing put right beside the masks.
+MASKS = deltaid.Settings(friction="described", lag="none", compliance="none", events=False)
 
 
-@pytest.mark.parametrize("name", [CLAVEL, IRB])
+@pytest.mark.parametrize("name", swept([CLAVEL, IRB], CLAVEL))
 def test_what_is_left_gives_the_robot(name) -> None:
     """With everything at once M is as good as without; as it is taken it is far off."""
     rng = np.random.default_rng(11)
@@ -30,9 +34,8 @@ def test_what_is_left_gives_the_robot(name) -> None:
     one = replace(one, tau=np.clip(tau, -limit, limit))
     for row in range(1500, 3500, 200):
         one = one.stale(row, row + 3)
-    only = deltaid.Settings(friction="described")  # p of the robot that was moved
-    found = deltaid.identify(name, one.frame, settings=only)
-    taken = deltaid.identify(name, one.frame, settings=only.changed(keep_all=True))
+    found = deltaid.identify(name, one.frame, settings=MASKS)
+    taken = deltaid.identify(name, one.frame, settings=MASKS.changed(keep_all=True))
     assert mass_error(one, found.model.p) < 0.03
     assert mass_error(one, taken.model.p) > 0.2
     (source,) = found.model.sources
@@ -46,7 +49,8 @@ def test_what_is_left_gives_the_robot(name) -> None:
 
 def test_clean_recordings_lose_nothing() -> None:
     """Intervals are no wider for what is left out of a clean recording: reversals."""
-    costs = [cost_of_masks(CLAVEL, rate, seed) for seed, rate in ((2, 200.0), (3, 1000.0))]
+    seeds = ((2, 200.0), (3, 1000.0))
+    costs = [cost_of_masks(CLAVEL, rate, seed, MASKS) for seed, rate in seeds]
     for cost in costs:
         assert 0 < cost.lost < 0.02
         assert 1 <= cost.known_less.max() < 1.02
@@ -60,7 +64,7 @@ def test_brakes_set_in_with_a_jump_of_acceleration() -> None:
         CLAVEL, rng, seconds=8.0, rests=((3.0, 3.8), (6.0, 6.9)), ramp=0.4, braking=0.06
     )
     one = one.measured(rng, 16, 0.01)
-    found = deltaid.identify(CLAVEL, one.frame)
+    found = deltaid.identify(CLAVEL, one.frame, settings=MASKS)
     (recording,) = found.recordings
     assert mass_error(one, found.model.p) < 0.006
     stops = [mask for mask in recording.log.masks if mask.reason == "emergency stop"]

@@ -11,9 +11,12 @@ from deltaid.online.entries import LoadEntries
 from deltaid.online.settings import OnlineSettings
 from deltaid.robot.inertia import consistency
 from online_runs import LOAD, outputs, robot, running
+from sweeps import swept
 
 
-@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "h4"])
+@pytest.mark.parametrize(
+    "name", swept(["clavel-delta3", "irb360-6-1600", "linear-delta", "h4"], "irb360-6-1600", "h4")
+)
 def test_a_load_that_the_gripper_tells_is_weighed(name: str) -> None:
     model, graph = robot(name)
     run = running(model, 600, slice(200, 500), noise=0.1)
@@ -94,7 +97,7 @@ def test_bad_cycles_say_so_and_leave_estimates_alone() -> None:
     assert abs(y["load"][-1, 0] - 1.0) < 0.1
 
 
-@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600"])
+@pytest.mark.parametrize("name", swept(["clavel-delta3", "irb360-6-1600"], "clavel-delta3"))
 def test_at_rest_nothing_is_learnt_and_nothing_grows(name: str) -> None:
     """Friction at rest may take any torque within its bounds."""
     model, graph = robot(name)

@@ -13,6 +13,7 @@ from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.limbs import Limbs
 from geometries import elbows, kinematics, platform_joints, poses_within_reach, rotation
+from sweeps import swept
 
 
 def reach_by_search(limbs: Limbs, z: np.ndarray) -> np.ndarray:
@@ -41,7 +42,9 @@ def scattered_poses(name: str, n: int = 300) -> np.ndarray:
     return np.random.default_rng(5).uniform([-size, -size, -size], [size, size, 0.0], (n, 3))
 
 
-@pytest.mark.parametrize("name", ["even", "uneven clockwise", "wide platform"])
+@pytest.mark.parametrize(
+    "name", swept(["even", "uneven clockwise", "wide platform"], "uneven clockwise")
+)
 def test_reach_is_the_distance_to_the_edge_of_the_reachable_space(name: str) -> None:
     k = kinematics(name)
     z = scattered_poses(name)

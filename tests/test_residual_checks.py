@@ -12,6 +12,7 @@ from deltaid.check.evidence import evidence
 from deltaid.check.residual import checked_residual
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
+from sweeps import swept
 from test_lag import DURATION, RATE, frame, moving
 
 Added = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -126,7 +127,7 @@ def test_a_load_that_comes_and_goes_is_followed() -> None:
     assert int(more.split()[0]) == pytest.approx(35, abs=2)
 
 
-@pytest.mark.parametrize("gain", [0.75, 1.15])
+@pytest.mark.parametrize("gain", swept([0.75, 1.15], 0.75))
 def test_a_drive_whose_torque_constant_is_wrong_is_named(gain: float) -> None:
     verdicts = said(lambda t, q, qd, tau: [0.0, 0.0, gain - 1] * tau)
     assert bad(verdicts) == ["drive-gain"]

@@ -89,11 +89,20 @@ def assert_further(library: Library, model_: Model, z: np.ndarray) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "h4", "i4-linear"])
-def test_below_a_condition_of_100(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [
+        ("clavel-delta3", "-O0"),
+        *(
+            pytest.param(name, option, marks=pytest.mark.slow)
+            for name, option in (("irb360-6-1600", "-O0"), ("h4", "-O0"), ("i4-linear", "-O1"))
+        ),
+    ],
+)
+def test_below_a_condition_of_100(name: str, option: str, tmp_path: Path) -> None:
     chosen = Model(subject(name).robot, floats(subject(name).p), name)
     further = FURTHER if name == "clavel-delta3" else ()
-    library = build(chosen, tmp_path, "-O1", precision=SINGLE, further=further)
+    library = build(chosen, tmp_path, option, precision=SINGLE, further=further)
     z = towards_singularities(chosen, POSES)
     assert_same(library, chosen, z)
     if further:

@@ -15,6 +15,7 @@ from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
@@ -22,6 +23,7 @@ from deltaid.robot.load import load_robot
 
 Columns = dict[str, np.ndarray]
 _RATE = 250.0
+OFFSETS = Settings(lag="none", compliance="none", events=False)
 
 
 @cache
@@ -188,11 +190,11 @@ def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
     pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
     (verdict,) = bad(checked_wiring(seen(name, pushed)))
     assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
-    told = identify(load_robot(name), table(without(pushed, "qd")))
+    told = identify(load_robot(name), table(without(pushed, "qd")), settings=OFFSETS)
     assert "offset" in " ".join(one.text for one in told.model.corrections)
     assert "homing-or-tilt" not in [one.key for one in bad(told.verdicts)]
     off = columns | {"q": columns["q"] + [0.01, 0.0, 0.0]}
-    told = identify(load_robot(name), table(without(off, "qd")))
+    told = identify(load_robot(name), table(without(off, "qd")), settings=OFFSETS)
     assert "homing-or-tilt" in [one.key for one in bad(told.verdicts)]
 
 

@@ -1,0 +1,13 @@
+"""Sweeps of which some cases run always, and the others with --slow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def swept(cases: Iterable[Any], *quick: Any) -> list[Any]:
+    """All cases for `parametrize`; those that are not among the quick ones are slow."""
+    return [x if x in quick else pytest.param(x, marks=pytest.mark.slow) for x in cases]
