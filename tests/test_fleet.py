@@ -125,6 +125,7 @@ def test_without_dask_the_command_says_so(tmp_path: Path, monkeypatch: pytest.Mo
     assert "fleet]" in told.err
 
 
+@pytest.mark.slow
 def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:
     """Meanwhile a factor file is cut short, a recording is thrown away, another one copied."""
     here = plant(tmp_path / "own", robots=("north",)).record(*FIRST)

@@ -17,7 +17,13 @@ from deltaid.identification.identify import identify
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.reproduce import irb360_files
-from deltaid.reproduce.accuracy import Accuracy, DriveMotion, accuracy, drive_motion
+from deltaid.reproduce.accuracy import (
+    Accuracy,
+    DriveMotion,
+    accuracy,
+    drive_motion,
+    motion_terms,
+)
 from deltaid.reproduce.descent import WAYS, descend
 from deltaid.reproduce.nominal import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.reproduce.surrogate_files import FILES
@@ -55,6 +61,14 @@ def results(folder: Path, outcome: Outcome) -> dict:
 def motion(dynamics: Dynamics) -> DriveMotion:
     found = random_motion(dynamics.kinematics, np.random.default_rng(3))
     return drive_motion(dynamics, found, np.linspace(0.0, found.period, 50))
+
+
+def test_terms_add_up_to_the_torque(irb360: Dynamics) -> None:
+    along, p = motion(irb360), prior_parameters(irb360.robot)
+    terms = motion_terms(irb360, along, p)
+    total = terms.coriolis + terms.acceleration + terms.gravity + terms.friction
+    expected = irb360.inverse_dynamics(along.q, along.qd, along.qdd, p)
+    np.testing.assert_allclose(total, expected, atol=1e-9)
 
 
 def test_errors_of_a_tenth_are_called_so(irb360: Dynamics) -> None:

@@ -62,7 +62,7 @@ def _steps() -> Iterator[object]:
     yield pytest.param(validate_step(ROBOT, LOG, "at"), marks=SLOW)
     yield EXCITE
     yield pytest.param(simulate_step(ROBOT, MOTION, None, "at", "pd"), marks=SLOW)
-    yield simulate_step(ROBOT, "log.csv", MAPPING, "at")
+    yield pytest.param(simulate_step(ROBOT, "log.csv", MAPPING, "at"), marks=SLOW)
     yield forces_step(ROBOT, MOTION, None, "at", 0.1)
     yield forces_step(ROBOT, "log.csv", MAPPING, "at")
     for form in ("c", "mjcf", "urdf", "casadi", "npz"):
