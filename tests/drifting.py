@@ -16,6 +16,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.factors.condensed import Group, Groups
 from deltaid.factors.file import ENDING, FactorFile, write
 from deltaid.factors.gather import gathered
+from deltaid.factors.merged import Merging
 from deltaid.factors.problem import merging_of
 from deltaid.factors.record import Temperature
 from deltaid.factors.target import map_to
@@ -34,7 +35,7 @@ def recording(seed: int) -> pl.DataFrame:
     robot, rng = load_robot(ROBOT), np.random.default_rng(seed)
     dynamics, p = compiled(robot), prior_parameters(robot)
     motion, noise = random_motion(dynamics.kinematics, rng), SensorNoise(torque=0.02)
-    return simulate_recording(dynamics, p, motion, rng, duration=6.0, noise=noise)
+    return simulate_recording(dynamics, p, motion, rng, duration=6.0, rate=500.0, noise=noise)
 
 
 def one_recording(folder: Path, seed: int = 0) -> FactorFile:
@@ -44,10 +45,8 @@ def one_recording(folder: Path, seed: int = 0) -> FactorFile:
     return gathered(ROBOT, path, settings=SETTINGS)
 
 
-def with_other(file: FactorFile, more: dict[str, float], name: str) -> FactorFile:
+def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name: str) -> FactorFile:
     """The same recording of a robot with more of some parameters."""
-    robot = load_robot(ROBOT)
-    merging = merging_of([file], robot, SETTINGS)
     layout, kept = merging.dynamics.layout, merging.columns.kept_names
     delta = np.zeros(len(layout.names))
     for key, value in more.items():
@@ -125,6 +124,7 @@ def days(
     """
     robot, layout = load_robot(ROBOT), compiled(load_robot(ROBOT)).layout
     p, found = prior_parameters(robot), list[Recorded]()
+    merging = merging_of([file], robot, SETTINGS)
     for day in range(count):
         more = {"P.m": held(day)}
         for drive, own in zip(robot.drives, share(day), strict=True):
@@ -132,6 +132,6 @@ def days(
                 name = f"{kind}.{drive}"
                 more[name] = own * float(p[layout.names.index(name)])
         time = START + timedelta(days=every * day)
-        one = with_other(file, more, f"line3-{time:%Y-%m-%d}.csv")
+        one = with_other(file, merging, more, f"line3-{time:%Y-%m-%d}.csv")
         found.append(Recorded(one, time, temperature(day)))
     return found

@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
+from deltaid.motion.surrogate import Motion, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.table import open_table, read_batches
@@ -24,11 +24,20 @@ Spelling = Callable[[pl.DataFrame], bytes]
 @cache
 def recorded(samples: int = 1500, derivatives: bool = False) -> pl.DataFrame:
     """Columns t, q1…, (qd1…, qdd1…,) tau1… of the three-drive robot at 1 kHz, without noise."""
-    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(5)
-    motion = random_motion(dynamics.kinematics, rng, period=4.0)
-    p = surrogate_parameters(dynamics.robot, rng)
+    dynamics, motion, p, rng = _made()
     frame = simulate_recording(dynamics, p, motion, rng, duration=samples / 1000)
     return frame if derivatives else frame.select(names("t", "q", "tau"))
+
+
+def true_parameters() -> np.ndarray:
+    """Those of the robot that was recorded."""
+    return _made()[2]
+
+
+def _made() -> tuple[Dynamics, Motion, np.ndarray, np.random.Generator]:
+    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(5)
+    motion = random_motion(dynamics.kinematics, rng, period=4.0)
+    return dynamics, motion, surrogate_parameters(dynamics.robot, rng), rng
 
 
 def names(*quantities: str) -> list[str]:

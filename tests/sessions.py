@@ -10,7 +10,8 @@ A page that runs a command with --json must name all keys of its result. Blocks 
 commands alone. Blocks marked `python` are executed, one namespace a page. A comment `<!-- before`
 (or `<!-- before python`) holds lines that have to run first and that a page does not show. All
 pages run in one folder, with deltaid inside this process. What `NOT_RUN` matches stays out, and
-except for --renew a search for a motion has one start.
+except for --renew a search for a motion has one start. With --quick DEMO, a folder that `deltaid
+demo --keep` left, commands that `LONG` matches stay out as well.
 """
 
 import contextlib
@@ -42,6 +43,8 @@ NOT_RUN = re.compile(
     r"|\bdeltaid (compare-controllers|reproduce|studio)\b|--live\b"
     r"|\bbenchmarks/|\b(surrogate|irb360)/|^cd "
 )
+# Each takes seconds; of what they write, others need the model alone, which the demonstration has.
+LONG = re.compile(r"^deltaid (demo|excite|identify|online|sample|sensors|simulate)\b")
 _BEFORE = re.compile(r"<!-- before( python)?\n(.*?)-->", re.DOTALL)
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
@@ -171,30 +174,32 @@ def _words(line: str) -> list[str]:
     return _NUMBER.sub("#", line).split()
 
 
-def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
+def compare(path: Path, folder: Path, *, renew: bool = False, quick: bool = False) -> list[str]:
     """Run a page; complaints about what it quotes. Rewrites outputs if asked to.
 
     An output that is quoted whole is replaced whole, of one with `…` the lines that still match.
     """
-    page, namespace, complaints = path.read_text(encoding="utf-8"), {}, []
+    page, namespace, said = path.read_text(encoding="utf-8"), {}, []
     fresh: list[tuple[Command, list[str]]] = []
     for step in steps(page):
         if isinstance(step, Code):
             execute(step, namespace, folder)
             continue
+        if quick and LONG.search(step.text):
+            continue
         where = f"{path.name}:{step.line}: {step.text}"
         code, printed = run(step.text if renew else quicker(step.text), folder)
         if code != step.expected_code:
-            complaints.append("\n  ".join([f"{where}\n  exit code {code}", *printed[-5:]]))
+            said.append("\n  ".join([f"{where}\n  exit code {code}", *printed[-5:]]))
         if "--json" in step.text and code == 0:
             missing = [key for key in json.loads("\n".join(printed)) if f"`{key}`" not in page]
-            complaints += [f"{where}\n  the page does not name its key {key}" for key in missing]
+            said += [f"{where}\n  the page does not name its key {key}" for key in missing]
         found = matched(step.quoted, printed)
         if renew and None in found and SKIPPED not in step.quoted:
             found = [line.rstrip() for line in printed]
         for old, new in zip(step.quoted, found, strict=False):
             if new is None:
-                complaints.append(f"{where}\n  no longer prints: {old}")
+                said.append(f"{where}\n  no longer prints: {old}")
         kept = [new if new is not None else step.quoted[i] for i, new in enumerate(found)]
         fresh.append((step, kept))
     if renew:
@@ -202,21 +207,33 @@ def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
         for step, quoted in reversed(fresh):
             lines[step.line : step.line + len(step.quoted)] = quoted
         path.write_text("\n".join(lines), encoding="utf-8")
-    return complaints
+    return said
 
 
-if __name__ == "__main__":
-    pages = [Path(name) for name in sys.argv[1:] if name != "--renew"]
+def complaints(*arguments: str) -> list[str]:
+    """Complaints about pages, or about what is quick in them."""
+    quick = Path(arguments[1]) if arguments[0] == "--quick" else None
+    pages = [Path(name) for name in arguments[2 if quick else 0 :] if name != "--renew"]
     with (
         tempfile.TemporaryDirectory() as temporary,
         patch.object(fmu_binaries, "find_spec", lambda _: None),  # units for this machine alone
     ):
-        shutil.copytree(ROOT / "examples", Path(temporary) / "examples")
-        run("deltaid demo --keep demo", Path(temporary))  # what all pages may use
-        found = [
+        folder = Path(temporary)
+        shutil.copytree(ROOT / "examples", folder / "examples")
+        if quick:
+            shutil.copytree(quick, folder / "demo")
+            shutil.copy(quick / "model.yaml", folder)
+        else:
+            run("deltaid demo --keep demo", folder)  # what all pages may use
+        renew = "--renew" in arguments
+        return [
             complaint
             for page in pages
-            for complaint in compare(page, Path(temporary), renew="--renew" in sys.argv)
+            for complaint in compare(page, folder, renew=renew, quick=bool(quick))
         ]
+
+
+if __name__ == "__main__":
+    found = complaints(*sys.argv[1:])
     print(*found, sep="\n")
     sys.exit(bool(found))

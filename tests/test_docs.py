@@ -138,15 +138,24 @@ def test_cli_page_lists_keys_of_files(heading: str, model: type) -> None:
             assert re.search(rf"`([\w.*]+\.)?{key}(\.\w+)?`", text), f"{key} is not in '{heading}'"
 
 
-def test_sessions_and_code_of_the_pages() -> None:
+def _require_agreement(*arguments: str | Path) -> None:
     # In a process of its own, without the tests' type checks, which would make it slow.
     done = subprocess.run(
-        [sys.executable, Path(__file__).with_name("sessions.py"), *RUNNABLE],
+        [sys.executable, Path(__file__).with_name("sessions.py"), *arguments],
         capture_output=True,
         env=os.environ | {"PYTHONIOENCODING": "utf-8"},
         encoding="utf-8",
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_what_is_quick_in_the_readme(demonstration: Path) -> None:
+    _require_agreement("--quick", demonstration, ROOT / "README.md")
+
+
+@pytest.mark.slow
+def test_sessions_and_code_of_the_pages() -> None:
+    _require_agreement(*RUNNABLE)
 
 
 def test_quoted_example_files_are_those_in_examples() -> None:

@@ -22,6 +22,7 @@ SCRIPTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_example_runs_in_a_folder(script: Path, tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in EXAMPLES.iterdir()}

@@ -1,7 +1,6 @@
 """Factors of recordings in the place of recordings: columns, files, merging, fits."""
 
 import json
-from functools import cache
 from itertools import permutations
 from pathlib import Path
 from unittest.mock import Mock
@@ -17,7 +16,7 @@ from deltaid.errors import RecordingError
 from deltaid.factors import folder
 from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.file import FactorFile, read, write
-from deltaid.factors.folder import gather_into
+from deltaid.factors.folder import Gathering, gather_into
 from deltaid.factors.gather import gathered
 from deltaid.factors.identify import identify_gathered
 from deltaid.factors.speed_columns import KNOTS, splines
@@ -46,7 +45,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         rng = np.random.default_rng(seed)
         motion = random_motion(dynamics.kinematics, rng)
         noise = SensorNoise(torque=0.02)
-        found = simulate_recording(dynamics, p, motion, rng, duration=4.0, noise=noise)
+        found = simulate_recording(dynamics, p, motion, rng, duration=4.0, rate=500.0, noise=noise)
         written.append(path / f"log{seed}.csv")
         write_recording(found, written[-1])
     return written
@@ -57,14 +56,15 @@ def files(logs: list[Path]) -> list[FactorFile]:
     return [gathered(ROBOT, one, settings=SETTINGS) for one in logs]
 
 
-@cache
-def _robot(name: str, law: tuple[tuple[str, object], ...]):
-    robot = load_robot(name)
-    joints = {
-        joint: one.changed(**{k: v for k, v in law if k != "load" or joint in robot.drives})
-        for joint, one in robot.friction.items()
-    }
-    return robot.changed(friction=joints)
+@pytest.fixture(scope="module")
+def known(
+    logs: list[Path], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, list[Gathering]]:
+    """A folder of factor files, and what became of the two recordings, one of which is none."""
+    place = tmp_path_factory.mktemp("known")
+    wrong = place / "wrong.csv"
+    wrong.write_text("a,b\n1,2\n", encoding="utf-8")
+    return place, list(gather_into(place, load_robot(ROBOT), [wrong, logs[0]], settings=SETTINGS))
 
 
 @pytest.mark.parametrize("name", [ROBOT, "irb360-6-1600", "linear-delta", "par4", "h4"])
@@ -184,34 +184,29 @@ def test_priors_may_change_after_gathering(files) -> None:
     )
 
 
-def test_a_recording_is_gathered_once(logs: list[Path], tmp_path: Path, monkeypatch) -> None:
-    robot = load_robot(ROBOT)
-    first = list(gather_into(tmp_path, robot, logs[:1], settings=SETTINGS))
-    assert [one.state for one in first] == ["new"]
-    monkeypatch.setattr(folder, "gathered", lambda *_, **__: pytest.fail("was read again"))
-    again = list(gather_into(tmp_path, robot, logs[:1], settings=SETTINGS))
-    assert [one.state for one in again] == ["there"]
-    assert again[0].path == first[0].path
-
-
-def test_a_damaged_file_is_made_again(logs: list[Path], tmp_path: Path) -> None:
-    robot = load_robot(ROBOT)
-    (first,) = gather_into(tmp_path, robot, logs[:1], settings=SETTINGS)
-    whole = first.path.read_bytes()
-    first.path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(RecordingError, match="cannot be read as a factor file"):
-        read(first.path)
-    (again,) = gather_into(tmp_path, robot, logs[:1], settings=SETTINGS)
-    assert again.state == "new"
-    assert first.path.read_bytes() == whole
-
-
-def test_what_is_no_recording_is_refused_and_the_rest_gathered(logs, tmp_path: Path) -> None:
-    wrong = tmp_path / "wrong.csv"
-    wrong.write_text("a,b\n1,2\n", encoding="utf-8")
-    found = list(gather_into(tmp_path, load_robot(ROBOT), [wrong, logs[0]], settings=SETTINGS))
+def test_what_is_no_recording_is_refused_and_the_rest_gathered(known) -> None:
+    _, found = known
     assert [one.state for one in found] == ["refused", "new"]
     assert "no column t" in found[0].reason
+
+
+def test_a_recording_is_gathered_once(logs: list[Path], known, monkeypatch) -> None:
+    place, (_, first) = known
+    monkeypatch.setattr(folder, "gathered", lambda *_, **__: pytest.fail("was read again"))
+    (again,) = gather_into(place, load_robot(ROBOT), logs[:1], settings=SETTINGS)
+    assert again.state == "there"
+    assert again.path == first.path
+
+
+def test_a_damaged_file_is_made_again(logs: list[Path], known, tmp_path: Path) -> None:
+    whole = known[1][1].path.read_bytes()
+    damaged = tmp_path / known[1][1].path.name
+    damaged.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(RecordingError, match="cannot be read as a factor file"):
+        read(damaged)
+    (again,) = gather_into(tmp_path, load_robot(ROBOT), logs[:1], settings=SETTINGS)
+    assert (again.state, again.path) == ("new", damaged)
+    assert damaged.read_bytes() == whole
 
 
 def test_rows_are_dropped_and_told(files, tmp_path: Path) -> None:
@@ -272,8 +267,8 @@ def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_pa
     "law",
     [
         {"load": 0.08},
-        {"stribeck": {"coefficient": 2.0, "speed": 0.5}},
-        {"viscous_back": 2.5, "coulomb_back": 7.0},
+        pytest.param({"stribeck": {"coefficient": 2.0, "speed": 0.5}}, marks=pytest.mark.slow),
+        pytest.param({"viscous_back": 2.5, "coulomb_back": 7.0}, marks=pytest.mark.slow),
     ],
 )
 def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: Path) -> None:
@@ -284,7 +279,7 @@ def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: 
     motion = random_motion(dynamics.kinematics, rng)
     noise = SensorNoise(torque=0.02)
     p = prior_parameters(true)
-    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, noise=noise)
+    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, rate=500.0, noise=noise)
     write_recording(found, tmp_path / "log.csv")
     one = gathered(robot, tmp_path / "log.csv", settings=SETTINGS)
     expected, own = one.record.model, identify_gathered(robot, [one], SETTINGS).model

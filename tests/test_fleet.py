@@ -1,7 +1,7 @@
 """A fleet, on this machine and on a cluster: what is done is not done again, and what is bad or
 fails stops nothing else, loses nothing and doubles nothing.
 
-Store, scheduler and workers are processes of their own.
+Store, scheduler and workers are processes of their own in what takes long.
 """
 
 import json
@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -45,12 +46,23 @@ def cut_short(whole: Plant) -> bytes:
     return whole.path("south/2026-01-05").read_bytes()[:-900]
 
 
+@contextmanager
+def no_workers() -> Iterator[None]:
+    """All work is done here, one item after the other."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("deltaid.fleet.run.client", lambda *_: nullcontext(Mock()))
+        patch.setattr("deltaid.fleet.run.require_shared", lambda *_: None)
+        patch.setattr("deltaid.fleet.call.done", lambda _, work, items, failed: map(work, items))
+        yield
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     """All recordings, in one call, beside one that is none."""
     found = plant(tmp_path_factory.mktemp("whole")).record(*recordings())
     found.path("south/2026-01-09").write_bytes(cut_short(found))
-    found.run()
+    with no_workers():
+        found.run()
     return found
 
 
@@ -113,15 +125,18 @@ def test_without_dask_the_command_says_so(tmp_path: Path, monkeypatch: pytest.Mo
     assert "fleet]" in told.err
 
 
+@pytest.mark.slow
 def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -> None:
     """Meanwhile a factor file is cut short, a recording is thrown away, another one copied."""
     here = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
-    assert here.run().computed == (2, 1, 1)
+    with no_workers():
+        assert here.run().computed == (2, 1, 1)
     here.record(f"north/{DAYS[2]}").path(FIRST[1]).unlink()
     shutil.copy(here.path(FIRST[0]), here.path("north/2026-01-08"))
     cut = next((here.output / "factors" / "north").glob("2026-01-05*"))
     cut.write_bytes(cut.read_bytes()[:-500])
-    second = here.run()
+    with no_workers():
+        second = here.run()
     assert second.computed == (3, 3, 1)
     assert [line.which for line in second.quarantine] == [str(here.path("north/2026-01-08"))]
     assert "is a copy of" in second.quarantine[0].reason
@@ -185,6 +200,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
             yield Site(files, scheduler)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the store comes for Linux only")
 def test_a_cluster_and_a_store_that_fail_give_the_same_bits(whole: Plant, site: Site) -> None:
     site.files.pipe_file("plant/south/2026-01-09.parquet", cut_short(whole))
@@ -239,6 +255,7 @@ def _deadly(number: int) -> int:
     return number
 
 
+@pytest.mark.slow
 def test_what_kills_workers_stops_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,10 @@ from fleet_tables import TYPES, write_tables
 from html_page import HOSTILE
 from visit import CHROMIUM, Visit, chromium
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -99,6 +99,7 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
         assert found.fit.rms == pytest.approx(expected.fit.rms, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_friction_that_warms_up_in_one_recording_is_that_of_its_mean(tmp_path: Path) -> None:
     robot = load_robot("clavel-delta3")
     tables = [recorded(robot, 4, warm=cooling), recorded(robot, 5)]

@@ -1,6 +1,7 @@
 """A robot with its parameters: loaded from a name, a robot file, a model file; taken everywhere."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from deltaid.dynamics.parameters import inertia_scale, least_margin
 from deltaid.dynamics.prior import with_prior
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
-from deltaid.robot.load import save_yaml
+from identified import identified
 
 NAME = "clavel-delta3"
 
@@ -22,15 +23,12 @@ NAME = "clavel-delta3"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A robot file, a model file and two recordings of the same robot."""
-    folder, robot = tmp_path_factory.mktemp("model"), deltaid.load_robot(NAME)
-    rng, dynamics = np.random.default_rng(3), deltaid.Dynamics(robot)
-    truth = surrogate_parameters(robot, rng)
-    for name in ("log", "other"):
-        motion = random_motion(dynamics.kinematics, rng)
-        made = simulate_recording(dynamics, truth, motion, rng, duration=4.0, rate=500.0)
-        write_recording(made, folder / f"{name}.csv")
-    save_yaml(robot, folder / "robot.yaml")
-    deltaid.identify(robot, [folder / "log.csv"]).model.save(folder / "model.yaml")
+    folder, found = tmp_path_factory.mktemp("model"), identified(NAME)
+    rng = np.random.default_rng(3)
+    shutil.copytree(found.folder, folder, dirs_exist_ok=True)
+    motion = random_motion(found.dynamics.kinematics, rng)
+    made = simulate_recording(found.dynamics, found.p, motion, rng, duration=4.0, rate=500.0)
+    write_recording(made, folder / "other.csv")
     return folder
 
 
@@ -78,7 +76,10 @@ def test_a_body_without_thickness_can_exist() -> None:
     assert replace(model, p=p).body("P")[0] == 0.8
 
 
-@pytest.mark.parametrize("command", ["torque", "validate", "forces", "compare-controllers"])
+@pytest.mark.parametrize(
+    "command",
+    ["torque", "validate", "forces", pytest.param("compare-controllers", marks=pytest.mark.slow)],
+)
 def test_commands_take_a_robot_and_say_so(command: str, folder: Path, tmp_path: Path) -> None:
     options = {
         "torque": ("-o", tmp_path / "tau.csv"),
@@ -112,7 +113,7 @@ def test_excite_plans_with_the_identified_parameters(folder: Path) -> None:
     assert "model.yaml is a model: planned with its masses and friction" in outcome.err
     known = deltaid.load(folder / "model.yaml")
     values = [each["prior"] for each in json.loads(outcome.out)["predictions"]]
-    problem = deltaid.identify(NAME, [folder / "log.csv"]).problem
+    problem = identified(NAME).result.problem
     assert sorted(values) == pytest.approx(sorted(problem.base.values(known.p)), rel=1e-6)
 
 

@@ -13,6 +13,7 @@ from deltaid.check.verdict import Grade
 from deltaid.notebook.card import Card, text
 from deltaid.notebook.show import _KINDS
 from html_page import HOSTILE, Document
+from identified import identified, simulated
 from logs import recorded
 
 NAME = "clavel-delta3"
@@ -22,7 +23,7 @@ SHORT, LINES, WIDE = 600, 10, 110
 
 @pytest.fixture(scope="module")
 def result():
-    return deltaid.identify(NAME, recorded(1500), progress=False)
+    return identified(NAME).result
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,7 @@ def values(result, motion) -> dict[str, object]:
     """One of every kind that `import deltaid` leads to."""
     wrong = recorded(3000).with_columns(tau2=-pl.col("tau2"))
     log, dynamics = recorded(1200), deltaid.Dynamics(NAME)
+    unseen = simulated(dynamics.robot, identified(NAME).p, seed=1)[:1200]
     still, frictionless = np.zeros(3), deltaid.load(NAME).without_friction().p
     return {
         "a description": deltaid.load_robot(NAME),
@@ -53,7 +55,7 @@ def values(result, motion) -> dict[str, object]:
         "a mapping": deltaid.ColumnMapping(position={"column": "q", "unit": "deg"}),
         "checks": deltaid.verdicts(NAME, wrong, progress=False),
         "a check": result.verdicts[0],
-        "a comparison": deltaid.validate(result, log),
+        "a comparison": deltaid.validate(result, unseen),
         "drawn models": result.model.sample(20, progress=False),
         "an exciter": motion.exciter,
         "an optimised motion": motion,
@@ -64,7 +66,7 @@ def values(result, motion) -> dict[str, object]:
         "poses": dynamics.kinematics.poses(Z)[0],
         "terms": dynamics.terms(dynamics.kinematics.inverse(Z), still),
         "regularity": dynamics.kinematics.regularity(Z),
-        "torque errors": deltaid.validate(result, log).error,
+        "torque errors": deltaid.validate(result, unseen).error,
         "base parameters": result.base,
         "a path": deltaid.integrate(
             deltaid.ForwardDynamics(NAME), frictionless, Z[None], 0 * Z[None], np.arange(9.0) / 100

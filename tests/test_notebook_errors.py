@@ -163,6 +163,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_ipython_shows_the_line_and_the_message(session: str) -> None:
     _, *parts = re.split(r"^typed .*\n", session.partition("completed")[0], flags=re.MULTILINE)
     for (line, (what, cure)), shown in zip(TYPED.items(), parts, strict=True):
@@ -174,6 +175,7 @@ def test_ipython_shows_the_line_and_the_message(session: str) -> None:
         assert len(rest) == 1, shown
 
 
+@pytest.mark.slow
 def test_ipython_completes_names_of_our_own(session: str) -> None:
     lines = [line.split()[1:] for line in session.splitlines() if line.startswith("completed")]
     found = {text: {one.rpartition(".")[2] for one in names} for text, *names in lines}

@@ -11,6 +11,7 @@ import pytest
 
 import deltaid
 from deltaid.recording.recording import open_recordings
+from identified import identified
 from logs import recorded
 
 NAME = "clavel-delta3"
@@ -89,9 +90,9 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("robot", "log", "unseen"),
     [
-        (1, "a path", "text of a path"),
+        pytest.param(1, "a path", "text of a path", marks=pytest.mark.slow),
         (3, "pandas", "lazy polars"),
-        (4, "a dictionary", "arrays"),
+        pytest.param(4, "a dictionary", "arrays", marks=pytest.mark.slow),
     ],
 )
 def test_the_whole_way_is_the_same_whatever_is_given(
@@ -139,7 +140,7 @@ def test_every_robot_is_taken_everywhere(tmp_path: Path) -> None:
 
 def test_a_model_stands_for_its_robot_and_brings_its_parameters(tmp_path: Path) -> None:
     q = np.array([0.3, 0.2, 0.1])
-    result = deltaid.identify(NAME, recorded(1500), settings=QUICK)
+    result = identified(NAME).result
     result.save(tmp_path / "model.yaml")
     data = result.model.model_dump(mode="json", exclude_none=True)
     expected = result.model.p

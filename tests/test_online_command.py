@@ -123,6 +123,7 @@ def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
     assert any("1 gap" in one for one in found.doubts)
 
 
+@pytest.mark.slow
 def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked) -> None:
     late = [pl.col(f"q{i}").shift(5).fill_null(strategy="backward") for i in (1, 2, 3)]
     found = watch(
@@ -131,6 +132,7 @@ def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked
     assert any("ms early against positions" in one for one in found.doubts)
 
 
+@pytest.mark.slow
 def test_what_is_doubtful_stands_everywhere(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     files = (folder / "model.yaml", folder / "log.csv", *TOLD, "--lag", 3, "--report", page)

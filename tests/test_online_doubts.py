@@ -66,6 +66,7 @@ def test_torques_of_another_scale(made: Picked) -> None:
     assert max(one.mass.value for one in found.loads) < 0.8 * MASS  # so it has to be said
 
 
+@pytest.mark.slow
 def test_a_torque_of_one_drive_at_the_end_of_its_channel(made: Picked) -> None:
     tau = made.table["tau1"].to_numpy()
     end = 0.6 * np.abs(tau).max()
@@ -132,6 +133,7 @@ def test_loads_of_a_mapping(made: Picked) -> None:
         assert not found.doubts
 
 
+@pytest.mark.slow
 def test_a_gripper_that_tells_early(made: Picked) -> None:
     early = np.roll(made.table["gripper"].to_numpy(), -50)
     table = changed(made, {"gripper": early})

@@ -96,6 +96,7 @@ def test_without_a_lag_nothing_waits(made: Picked) -> None:
     assert "waiting" not in deltaid.Online(made.model).graph.state.places
 
 
+@pytest.mark.slow
 def test_structured_text_lets_signals_wait_too() -> None:
     """Numbers that move on by one must not overwrite each other where the state is one array."""
     model, cycles = load("clavel-delta3"), 30

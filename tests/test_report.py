@@ -157,17 +157,24 @@ def test_friction_curves_are_the_models_laws(result: Identification) -> None:
     np.testing.assert_allclose(curve, viscous * v + coulomb * np.sign(v), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_commands_write_the_report(folder: Path, tmp_path: Path) -> None:
     robot, log = folder / "robot.yaml", next(folder.glob("*.csv"))
     model, page = tmp_path / "model.yaml", tmp_path / "page.html"
-    outcome = run("identify", robot, log, "-o", model, "--verify", log, "--report", page)
+    plain = ("--friction", "described", "--lag", "none", "--no-events")
+    outcome = run("identify", robot, log, "-o", model, "--verify", log, *plain, "--report", page)
     assert outcome.code == 0
     assert f"wrote {page}" in outcome.out
     assert "Verification" in Document(page.read_text("utf-8")).texts
     outcome = run("validate", model, log, "--report", page, "--json")
     assert json.loads(outcome.out)["rms"]
     assert "The model" in Document(page.read_text("utf-8")).texts
-    outcome = run("excite", "clavel-delta3", "--starts", 1, "--duration", 3, "--report", page)
+
+
+@pytest.mark.slow
+def test_excite_writes_the_report(tmp_path: Path) -> None:
+    page, short = tmp_path / "page.html", ("--starts", 1, "--duration", 3, "--harmonics", 2)
+    outcome = run("excite", "clavel-delta3", *short, "--report", page)
     assert f"wrote {page}" in outcome.out
     texts = Document(page.read_text("utf-8")).texts
     assert {"Motion", "Limits", "What it will tell", "Search"} <= set(texts)

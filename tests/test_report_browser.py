@@ -14,7 +14,10 @@ from playwright import sync_api
 from command import run
 from visit import CHROMIUM, Visit, chromium
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
+]
 
 PAGES = ("identify", "validate", "excite", "sensors", "forces", "simulate", "compare-controllers")
 

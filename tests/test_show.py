@@ -17,6 +17,7 @@ from deltaid.show.page import percent_of, robot_page
 from deltaid.show.reach import good, reach, survey
 from deltaid.show.shapes import along, cylinder
 from deltaid.show.view import home_view, moved
+from identified import identified
 
 ROBOTS = ("clavel-delta3", "irb360-6-1600")
 
@@ -152,9 +153,8 @@ def test_page_and_tables(tmp_path: Path) -> None:
         assert text in page
 
 
-def test_a_model_is_shown_with_its_own_parameters(tmp_path: Path) -> None:
-    assert run("demo", "clavel-delta3", "--keep", tmp_path).code == 0
-    found = load(str(tmp_path / "model.yaml"))
+def test_a_model_is_shown_with_its_own_parameters() -> None:
+    found = load(str(identified("clavel-delta3").model_file))
     assert found.origin.startswith("identified from")
     model, prior = AtRest(found.dynamics, found.p), at_rest("clavel-delta3")
     assert np.abs(model(model.home[None]).torque - prior(prior.home[None]).torque).max() > 0.01

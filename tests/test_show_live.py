@@ -39,6 +39,7 @@ def test_help_does_not_load_viser() -> None:
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_ctrl_c_closes_the_live_view() -> None:
     code = "from deltaid.cli import main; main()"
@@ -54,6 +55,7 @@ def test_ctrl_c_closes_the_live_view() -> None:
             shown.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
 def test_live_view_in_a_browser() -> None:
     from deltaid.show.live import LiveView

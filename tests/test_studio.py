@@ -191,6 +191,7 @@ def test_a_job_is_its_command_and_leaves_its_provenance(folder: Folder) -> None:
     assert (folder.root / place / "check.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_job_that_fails_says_what_to_mend(folder: Folder) -> None:
     place = new_run(folder, "check")
     plan = Plan(robot="clavel-delta3", recordings=(Used(file="none.csv"),))

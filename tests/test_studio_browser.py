@@ -15,7 +15,10 @@ from logs import recorded
 from studios import Studio, Visitor, foreign
 from visit import CHROMIUM, chromium
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
+]
 
 LATE, TURNED = 4, 2
 

@@ -34,6 +34,7 @@ def _dies_once(mark: Path) -> str:
     return "alive"
 
 
+@pytest.mark.slow
 def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session: Session) -> None:
     mark = session.folder.root / "mark"
 
@@ -57,6 +58,7 @@ def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session:
         assert not found.passes
 
 
+@pytest.mark.slow
 def test_a_step_that_is_killed_is_one_message_and_another_may_begin(session: Session) -> None:
     async def scenario() -> None:
         job = session.begin(
@@ -81,6 +83,7 @@ def test_a_step_that_is_killed_is_one_message_and_another_may_begin(session: Ses
     assert not (session.folder.root / run.folder / "m.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_removed_while_a_step_runs(session: Session) -> None:
     async def scenario() -> Job:
         job = session.begin("check", lambda at: check_step(Plan(robot="clavel-delta3"), at))

@@ -1,5 +1,6 @@
 """The verdict in plain words: its grade follows its rules, and it says what it does not know."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from command import run
-from deltaid.check.identified import Judged, identify
+from deltaid.check.identified import Judged
 from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.check.verdict import Verdict
 from deltaid.check.verdicts import Verdicts
@@ -21,26 +22,23 @@ from deltaid.report.model_tables import error_table
 from deltaid.report.page import Fact, Table
 from deltaid.report.provenance import provenance_section
 from deltaid.report.summary import Grade, Summary, summary, without_doubts
-from deltaid.robot.load import load_robot, save_yaml
 from html_page import Document
-from logs import recorded, write
+from identified import identified, simulated
+from logs import write
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A robot, a recording of it, another one, and the model that the first one gives."""
-    path = tmp_path_factory.mktemp("summary")
-    save_yaml(load_robot("clavel-delta3"), path / "robot.yaml")
-    write(path / "identify.csv", recorded(3000))
-    write(path / "verify.csv", recorded(2000))
+    """A robot, a recording of it, the model that it gives, and a recording of another motion."""
+    path, found = tmp_path_factory.mktemp("summary"), identified("clavel-delta3")
+    shutil.copytree(found.folder, path, dirs_exist_ok=True)
+    write(path / "verify.csv", simulated(found.robot, found.p, seed=1)[:1500])
     return path
 
 
 @pytest.fixture(scope="module")
-def result(folder: Path) -> Judged:
-    found = identify(folder / "robot.yaml", folder / "identify.csv")
-    found.model.save(folder / "model.yaml")
-    return found
+def result() -> Judged:
+    return identified("clavel-delta3").result
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +91,7 @@ def test_without_an_unseen_motion_it_is_never_good(
     alone = summary(model)
     assert alone.grade is Grade.UNTESTED
     assert "no unseen motion" in alone.sentence
-    own_error, own = validate(model, folder / "identify.csv")
+    own_error, own = validate(model, folder / "log.csv")
     on_its_own = summary(model, own_error, own)
     assert on_its_own.grade is Grade.UNTESTED
     assert "no unseen motion" in on_its_own.sentence
@@ -185,7 +183,6 @@ def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
     assert "nothing has been identified" in said.text
 
 
-@pytest.mark.usefixtures("result")
 def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     outcome = run("validate", folder / "model.yaml", folder / "verify.csv", "--report", page)

@@ -21,6 +21,10 @@ CLOSE = {"limits": 1e-4, "rms": np.array([1e-2, 1e-7])}
 RATE, STEP = 500.0, 2 * np.pi / 2**20
 
 
+def _some_slow(names: tuple[str, ...], *quick: str) -> list[object]:
+    return [one if one in quick else pytest.param(one, marks=pytest.mark.slow) for one in names]
+
+
 def states(dynamics: deltaid.Dynamics, seed: int) -> tuple[np.ndarray, ...]:
     """q, q̇, q̈ and p at four random states about home."""
     rng, robot = np.random.default_rng(seed), dynamics.robot
@@ -77,7 +81,7 @@ def fitted(name: str, recording: Path) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", _some_slow(KINDS, "linear-delta-45", "i4"))
 def test_dynamics_are_those_of_before(name: str) -> None:
     expected = np.load(DATA / "dynamics.npz")
     for key, value in evaluated(name).items():
@@ -87,7 +91,7 @@ def test_dynamics_are_those_of_before(name: str) -> None:
         np.testing.assert_allclose(value, reference, rtol=0, atol=share * size, err_msg=key)
 
 
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", _some_slow(FITTED, "irb360-6-1600"))
 def test_fits_are_those_of_before(name: str, tmp_path: Path) -> None:
     expected = np.load(DATA / f"{name}.npz")
     write_recording(expected["counts"], expected["tau"], tmp_path / "log.csv")
