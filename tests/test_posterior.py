@@ -4,7 +4,6 @@ nothing but the numbers of the model file."""
 
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
