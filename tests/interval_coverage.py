@@ -45,10 +45,10 @@ def optimised(name: str) -> tuple[np.ndarray, ...]:
 
 @cache
 def wandering(name: str) -> tuple[np.ndarray, ...]:
-    """The same of a random motion, twice around: it does not go by an optimiser's version."""
+    """The same of a random motion, three times around: it goes by no optimiser's version."""
     kinematics = compiled(load_robot(name)).kinematics
-    motion = random_motion(kinematics, np.random.default_rng(0))
-    time = np.arange(int(2 * motion.period * RATE)) / RATE
+    motion = random_motion(kinematics, np.random.default_rng(0), period=3.0)
+    time = np.arange(int(3 * motion.period * RATE)) / RATE
     z, zd, zdd = motion.evaluate(time)
     return time, *kinematics.drive_motion(z, zd, zdd), z
 

@@ -23,9 +23,10 @@ def test_intervals_cover_as_often_as_they_say(name: str, tmp_path: Path) -> None
     assert np.all(share >= low), share
 
 
-@pytest.mark.parametrize(("kind", "oftener"), [("coloured", 2.0), ("ripple", 4.0)])
+@pytest.mark.parametrize(("kind", "oftener"), [("coloured", 2.4), ("ripple", 4.0)])
 def test_noise_that_is_not_white_is_noticed(kind: str, oftener: float, tmp_path: Path) -> None:
-    """The formula for white noise misses the truth so many times as often."""
+    """The formula for white noise misses the truth so many times as often; without the scatter
+    between spans of time it would be twice as often of coloured noise."""
     truth, found = estimates(ROBOTS[0], kind, SEEDS, tmp_path, wandering)
     share, white = covered(truth, found), covered_by_white_formula(truth, found)
     assert 0.92 <= share.mean() <= 0.975
