@@ -88,7 +88,7 @@ def noisy(name: str, folder: Path) -> DeltaOracle:
     """A stored robot that leaves recordings of two motions: identify.csv, verify.csv."""
     oracle, rng = stored_oracle(name), np.random.default_rng(3)
     for log in ("identify", "verify"):
-        oracle_motion(oracle, rng, rate=125.0).write_noisy(folder / f"{log}.csv", rng)
+        oracle_motion(oracle, rng, rate=250.0).write_noisy(folder / f"{log}.csv", rng)
     return oracle
 
 
