@@ -5,6 +5,7 @@ noise stand in columns of their own beside the regressor. What is gathered is wh
 recordings would have given, and goes the users' way from there.
 """
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -21,12 +22,14 @@ from deltaid.identification.gathering import gather_all
 from deltaid.identification.information import Information, merge
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.scatter import Groups, Noise, inverse
+from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
 
 RATE = 1000.0
 KINDS = ("white", "coloured", "ripple")
+Run = Callable[[str], tuple[np.ndarray, ...]]
 ROBOTS = ("irb360-6-1600", "clavel-delta3")
 
 
@@ -38,6 +41,16 @@ def optimised(name: str) -> tuple[np.ndarray, ...]:
     time = np.arange(int(run.duration * RATE)) / RATE
     z, zd, zdd = run.evaluate(time)
     return time, *dynamics.kinematics.drive_motion(z, zd, zdd), z
+
+
+@cache
+def wandering(name: str) -> tuple[np.ndarray, ...]:
+    """The same of a random motion, three times around: it goes by no optimiser's version."""
+    kinematics = compiled(load_robot(name)).kinematics
+    motion = random_motion(kinematics, np.random.default_rng(0), period=3.0)
+    time = np.arange(int(3 * motion.period * RATE)) / RATE
+    z, zd, zdd = motion.evaluate(time)
+    return time, *kinematics.drive_motion(z, zd, zdd), z
 
 
 def noises(kind: str, seeds: int, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -58,11 +71,11 @@ def noises(kind: str, seeds: int, q: np.ndarray, rng: np.random.Generator) -> np
 
 
 def estimates(
-    name: str, kind: str, seeds: int, folder: Path
+    name: str, kind: str, seeds: int, folder: Path, run: Run = optimised
 ) -> tuple[np.ndarray, list[BaseEstimate]]:
     """True base parameters of a catalogue robot, and the estimate of each seed of noise."""
     dynamics, rng = compiled(load_robot(name)), np.random.default_rng(1)
-    time, q, qd, qdd, z = optimised(name)
+    time, q, qd, qdd, z = run(name)
     p = surrogate_parameters(dynamics.robot, rng)
     tau = dynamics.torque(z, qd, qdd, p).T
     noise = noises(kind, seeds, q, rng) * np.abs(tau).max(axis=1)[:, None]

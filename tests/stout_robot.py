@@ -1,14 +1,9 @@
-"""A robot with stout bodies, recorded: its posterior can be drawn by rejection, too."""
-
-from pathlib import Path
+"""A robot with stout bodies, whose posterior can be drawn by rejection, too."""
 
 import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.identify import Identification, identify
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
@@ -39,15 +34,3 @@ def truth(robot: RobotDescription) -> np.ndarray:
     p[layout.friction] *= 1.5
     p[layout.coulomb.start] = 5e-3
     return p
-
-
-def recorded(path: Path) -> Identification:
-    robot = stout()
-    dynamics, rng = compiled(robot), np.random.default_rng(2)
-    p = truth(robot)
-    motion = random_motion(dynamics.kinematics, rng)
-    noise = SensorNoise(torque=0.05)
-    write_recording(
-        simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise), path / "log.csv"
-    )
-    return identify(robot, [path / "log.csv"])

@@ -10,15 +10,16 @@ import polars as pl
 import pytest
 from scipy.stats import qmc
 
-from command import run
+from command import Outcome, run
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.identify import identify
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
+    Motion,
     SensorNoise,
     simulate_recording,
     surrogate_parameters,
@@ -57,7 +58,13 @@ class Case:
         return self.dynamics.robot
 
 
-@pytest.fixture(scope="module", params=KINDS)
+def each(*quick: str) -> pytest.MarkDecorator:
+    """Every robot as `case`: these by default, the others with --slow."""
+    others = [pytest.param(name, marks=pytest.mark.slow) for name in KINDS if name not in quick]
+    return pytest.mark.parametrize("case", [*quick, *others], indirect=True)
+
+
+@pytest.fixture(scope="module")
 def case(request) -> Case:
     stated = STATED.search(catalogue_text(request.param))
     assert stated, "the file does not state base parameters and condition"
@@ -111,6 +118,7 @@ def held_points(robot: RobotDescription, z: np.ndarray) -> list[np.ndarray]:
     return points
 
 
+@each("irb360-6-1600", "h4", "i4-linear", "par4")
 def test_the_file_states_base_parameters_and_condition(case: Case) -> None:
     for seed in range(3):
         assert random_motion_base(case.dynamics, seed).rank == case.base
@@ -125,6 +133,7 @@ def test_the_file_states_base_parameters_and_condition(case: Case) -> None:
     assert np.ptp(np.sign(regular.determinant)) == 0  # no singularity in between
 
 
+@each("irb360-6-1600", "h4", "i4-linear", "par4")
 def test_loops_close_over_the_workspace(case: Case) -> None:
     kinematics, robot = case.dynamics.kinematics, case.robot
     z = over_workspace(robot, 10)
@@ -142,6 +151,7 @@ def test_loops_close_over_the_workspace(case: Case) -> None:
     np.testing.assert_allclose(kinematics.forward(q), z, atol=1e-9)
 
 
+@each("irb360-6-1600", "i4-linear")
 def test_an_excitation_keeps_its_limits(case: Case) -> None:
     exciter = Exciter(case.dynamics, ExcitationSettings(starts=1, harmonics=2))
     result = exciter.optimise()
@@ -160,42 +170,52 @@ def test_an_excitation_keeps_its_limits(case: Case) -> None:
     assert np.abs(zd[[0, -1]]).max() < 1e-9
 
 
-def test_an_identification_without_noise_finds_the_truth(case: Case, tmp_path: Path) -> None:
-    rng, dynamics = np.random.default_rng(1), case.dynamics
-    truth, motion = surrogate_parameters(case.robot, rng), random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, truth, motion, rng, duration=10.0, rate=200.0)
-    write_recording(recording, tmp_path / "log.csv")
-    model = identify(case.robot, [tmp_path / "log.csv"]).model
+@dataclass(frozen=True)
+class Found:
+    """What `deltaid identify` makes of a recording without noise: its words, and a model file."""
+
+    truth: np.ndarray
+    motion: Motion
+    outcome: Outcome
+    model: Path
+
+
+@pytest.fixture(scope="module")
+def found(case: Case, tmp_path_factory) -> Found:
+    folder, rng = tmp_path_factory.mktemp(case.name), np.random.default_rng(1)
+    truth = surrogate_parameters(case.robot, rng)
+    motion = random_motion(case.dynamics.kinematics, rng)
+    recording = simulate_recording(case.dynamics, truth, motion, rng, duration=10.0, rate=200.0)
+    write_recording(recording, folder / "log.csv")
+    outcome = run("identify", case.name, folder / "log.csv", "-o", folder / "model.yaml")
+    assert outcome.code == 0, outcome.err
+    return Found(truth, motion, outcome, folder / "model.yaml")
+
+
+@each("h4", "i4-linear")
+def test_an_identification_without_noise_finds_the_truth(case: Case, found: Found) -> None:
+    dynamics, truth, model = case.dynamics, found.truth, IdentifiedModel.load(found.model)
     assert model.consistent
     assert model.fit.base_parameters == case.base
     friction = dynamics.layout.friction
     np.testing.assert_allclose(model.p[friction], truth[friction], rtol=1e-4)
-    z, _, _ = motion.evaluate(np.linspace(0, 10, 300))
+    z, _, _ = found.motion.evaluate(np.linspace(0, 10, 300))
     assert max(mass_matrix_error(dynamics, z, truth, model.p)) < 1e-4
 
 
-@pytest.fixture(scope="module")
-def recorded(case: Case, tmp_path_factory) -> Path:
-    """A folder with two noisy recordings on different motions: identify.csv, verify.csv."""
-    folder, rng = tmp_path_factory.mktemp(case.name), np.random.default_rng(2)
-    truth, noise = surrogate_parameters(case.robot, rng), SensorNoise()
-    for name in ("identify", "verify"):
-        motion = random_motion(case.dynamics.kinematics, rng)
-        recording = simulate_recording(
-            case.dynamics, truth, motion, rng, duration=10.0, rate=400.0, noise=noise
-        )
-        write_recording(recording, folder / f"{name}.csv")
-    return folder
-
-
-def test_commands_and_pages(case: Case, recorded: Path) -> None:
-    linear, model = case.robot.is_linear("drive1"), recorded / "model.yaml"
-    page, log = recorded / "page.html", recorded / "verify.csv"
-    outcome = run("identify", case.name, recorded / "identify.csv", "-o", model)
-    assert outcome.code == 0, outcome.err
-    assert ("force error, N " if linear else "torque error, N m") in outcome.out
-    assert ("N s/m" if linear else "N m s/rad") in outcome.out
-    outcome = run("validate", model, log, "--report", page, "--json")
+@each("h4", "i4-linear")
+def test_commands_and_pages(case: Case, found: Found) -> None:
+    linear, rng = case.robot.is_linear("drive1"), np.random.default_rng(2)
+    folder = found.model.parent
+    page, log = folder / "page.html", folder / "verify.csv"
+    recording = simulate_recording(
+        case.dynamics, found.truth, random_motion(case.dynamics.kinematics, rng), rng,
+        duration=5.0, rate=400.0, noise=SensorNoise(),
+    )  # fmt: skip
+    write_recording(recording, log)
+    assert ("force error, N " if linear else "torque error, N m") in found.outcome.out
+    assert ("N s/m" if linear else "N m s/rad") in found.outcome.out
+    outcome = run("validate", found.model, log, "--report", page, "--json")
     assert outcome.code == 0, outcome.err
     assert max(json.loads(outcome.out)["nrmse"]) < 0.03
     text = page.read_text(encoding="utf-8")
@@ -203,14 +223,15 @@ def test_commands_and_pages(case: Case, recorded: Path) -> None:
     assert f"drive1 [{unit}]" in text
     assert f"residual [{unit}]" in text
     assert f"residual [{other}]" not in text
-    outcome = run("torque", model, log, "-o", recorded / "torque.csv")
+    outcome = run("torque", found.model, log, "-o", folder / "torque.csv")
     assert outcome.code == 0, outcome.err
-    predicted = pl.read_csv(recorded / "torque.csv")
+    predicted = pl.read_csv(folder / "torque.csv")
     assert predicted.columns == ["t", *(f"tau{i + 1}" for i in range(len(case.robot.drives)))]
     outcome = run("base", case.name, "--json")
     assert json.loads(outcome.out)["base_parameters"] == case.base
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["par4", "h4-linear"])
 def test_demo(name: str) -> None:
     outcome = run("demo", name)

@@ -12,10 +12,9 @@ from command import refused, run
 from deltaid.forces.constraint_forces import ConstraintForces, motion_of
 from deltaid.forces.study import with_struts
 from deltaid.identification.as_identified import model_filtered
-from deltaid.identification.identify import identify
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.opening import open_log
-from sensed import recorded, sensed
+from identified import identified
 
 SPACING, SPRING = 0.12, 60.0
 OPTIONS = ("--strut-spacing", SPACING, "--socket-force", SPRING)
@@ -111,10 +110,7 @@ def test_what_cannot_be_is_refused(folder: Path) -> None:
     assert "no.csv" in refused(*half, folder=folder)
 
 
-def test_what_sensors_showed_is_said_to_be_left_out_of_ranges(tmp_path: Path) -> None:
-    of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(3)
-    log, model = tmp_path / "log.csv", tmp_path / "model.yaml"
-    recorded("clavel-delta3", of, of.reduction.p_reg, rng).write_csv(log)
-    identify(of.robot, log).model.save(model)
+def test_what_sensors_showed_is_said_to_be_left_out_of_ranges() -> None:
+    log, model = identified("plate").log, identified("plate").model_file
     assert "what plate showed" in run("forces", model, log, "--logs", log).err
     assert "what plate showed" not in run("forces", model, log).err

@@ -30,6 +30,7 @@ from deltaid.motion.surrogate import (
 )
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
+from poor_priors import PLAIN
 
 SPREAD = 0.5  # default of a prior's relative standard deviation
 
@@ -63,9 +64,11 @@ def made(folder: Path, noise: SensorNoise | None) -> Job:
     dynamics = compiled(robot)
     truth = surrogate_parameters(robot, rng)
     motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, truth, motion, rng, duration=10.0, noise=noise)
+    recording = simulate_recording(
+        dynamics, truth, motion, rng, duration=10.0, rate=500.0, noise=noise
+    )
     write_recording(recording, folder / "log.csv")
-    model = identify(robot, [folder / "log.csv"]).model
+    model = identify(robot, [folder / "log.csv"], settings=PLAIN).model
     forces = ConstraintForces(robot)
     z, zd, zdd = random_motion(dynamics.kinematics, rng).evaluate(np.linspace(0, 9, 6))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

@@ -8,9 +8,11 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.demo import demonstrate, mass_matrix_error
 from deltaid.identification.identify import identify
+from deltaid.identification.least_squares import identify_base
 from deltaid.identification.validation import validate
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.load import load_robot
+from identified import identified
 from oracle.delta import DeltaOracle
 from recordings import (
     describe,
@@ -21,8 +23,7 @@ from recordings import (
     typical_oracle,
 )
 
-SHARES = (0.7, 1.4)
-ROBOTS = ("delta3", "delta4")
+slow = pytest.mark.slow
 
 
 def friction_error(model: IdentifiedModel, truth: np.ndarray) -> float:
@@ -31,8 +32,9 @@ def friction_error(model: IdentifiedModel, truth: np.ndarray) -> float:
     return float(np.max(np.abs(model.p[friction] / truth[friction] - 1)))
 
 
-@pytest.mark.parametrize("telescope", [False, True])
-@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize(
+    ("telescope", "share"), [(True, 0.7), pytest.param(False, 1.4, marks=slow)]
+)
 def test_conic_recovers_what_the_oracle_recorded(tmp_path, telescope: bool, share: float) -> None:
     rng = np.random.default_rng(7)
     oracle = typical_oracle(rng, telescope=telescope)
@@ -48,8 +50,9 @@ def test_conic_recovers_what_the_oracle_recorded(tmp_path, telescope: bool, shar
     assert result.model.consistent
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize(
+    ("name", "share"), [("delta3", 1.4), pytest.param("delta4", 0.7, marks=slow)]
+)
 def test_conic_recovers_the_stored_robots(tmp_path, name: str, share: float) -> None:
     oracle = stored_oracle(name)
     motion = oracle_motion(oracle, np.random.default_rng(1), rate=100.0)
@@ -62,7 +65,8 @@ def test_conic_recovers_the_stored_robots(tmp_path, name: str, share: float) -> 
     assert result.model.fit.duality_gap < 1e-6 * result.model.fit.objective
 
 
-@pytest.mark.parametrize("share", SHARES)
+@slow
+@pytest.mark.parametrize("share", [0.7, 1.4])
 def test_log_cholesky_reaches_the_papers_figures(tmp_path, share: float) -> None:
     oracle = stored_oracle("delta4")
     motion = oracle_motion(oracle, np.random.default_rng(2), rate=100.0)
@@ -80,19 +84,19 @@ def test_log_cholesky_reaches_the_papers_figures(tmp_path, share: float) -> None
     assert fit.objective >= fit.lower_bound
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
-def noisy(request, tmp_path_factory) -> tuple[DeltaOracle, Path]:
-    """A stored robot, and a folder with recordings of two motions: identify.csv, verify.csv."""
-    oracle, rng = stored_oracle(request.param), np.random.default_rng(3)
-    folder = tmp_path_factory.mktemp(request.param)
-    for name in ("identify", "verify"):
-        oracle_motion(oracle, rng, rate=500.0).write_noisy(folder / f"{name}.csv", rng)
-    return oracle, folder
+def noisy(name: str, folder: Path) -> DeltaOracle:
+    """A stored robot that leaves recordings of two motions: identify.csv, verify.csv."""
+    oracle, rng = stored_oracle(name), np.random.default_rng(3)
+    for log in ("identify", "verify"):
+        oracle_motion(oracle, rng, rate=250.0).write_noisy(folder / f"{log}.csv", rng)
+    return oracle
 
 
-@pytest.mark.parametrize("share", SHARES)
-def test_noisy_log_predicts_as_well_as_the_truth(noisy, share: float) -> None:
-    oracle, folder = noisy
+@pytest.mark.parametrize(
+    ("name", "share"), [("delta3", 0.7), pytest.param("delta4", 1.4, marks=slow)]
+)
+def test_noisy_log_predicts_as_well_as_the_truth(name: str, share: float, tmp_path: Path) -> None:
+    folder, oracle = tmp_path, noisy(name, tmp_path)
     result = identify(describe(oracle, share), [folder / "identify.csv"])
     truth = true_parameters(oracle)
     # The platform is a disc without thickness, which to rounding is no body; no torque shows it.
@@ -113,7 +117,7 @@ def test_noisy_log_predicts_as_well_as_the_truth(noisy, share: float) -> None:
 
 
 def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
-    result = demonstrate(load_robot("irb360-6-1600"), tmp_path, seed=3)
+    result = demonstrate(load_robot("clavel-delta3"), tmp_path, seed=3)
     assert result.mass_error_diagonal < 0.05
     assert result.mass_error_off_diagonal < 0.05
     assert result.friction_error < 0.03
@@ -127,32 +131,23 @@ def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
     }
 
 
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory) -> Path:
-    """What a demonstration keeps: robot.yaml, identify.csv, verify.csv."""
-    folder = tmp_path_factory.mktemp("kept")
-    demonstrate(load_robot("clavel-delta3"), folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def plain(kept: Path) -> IdentifiedModel:
-    """Identified without any choice."""
-    return identify(load_robot(kept / "robot.yaml"), [kept / "identify.csv"]).model
-
-
-def test_two_logs_together_are_more_certain_than_one(kept: Path) -> None:
-    robot = load_robot(kept / "robot.yaml")
-    only = Settings(friction="described")
-    logs = [kept / "identify.csv", kept / "verify.csv"]
-    models = [identify(robot, log, settings=only) for log in (logs[:1], logs[1:], logs)]
-    one, _, both = models
-    assert both.problem.information.mean_samples > 1.9 * one.problem.information.mean_samples
+def test_two_logs_together_are_more_certain_than_one() -> None:
+    made = identified("two logs")
+    one, both = (identified(name).result.problem for name in ("clavel-delta3", "two logs"))
+    assert both.information.mean_samples > 1.9 * one.information.mean_samples
+    logs = [made.log, made.folder / "log-2.csv"]
+    estimates = [identify_base(made.dynamics, log)[1] for log in logs]
     # Intervals are estimates themselves, so a single one may come out larger. By white noise the
     # median would be at most 1/√2, against the better of the two.
-    widths = [[b.high - b.low for b in each.model.base_parameters] for each in models]
-    ratios = np.array(widths[2]) / np.min(widths[:2], axis=0)
+    half = [0.5 * (b.high - b.low) for b in made.result.model.base_parameters]
+    ratios = np.array(half) / np.min([one.interval for one in estimates], axis=0)
     assert np.median(ratios) < 0.85
+
+
+@pytest.fixture
+def plain() -> IdentifiedModel:
+    """Identified without any choice."""
+    return identified("clavel-delta3").result.model
 
 
 def test_model_file_gives_the_same_torques_to_the_last_bit(plain, tmp_path) -> None:
@@ -170,10 +165,10 @@ def test_model_file_gives_the_same_torques_to_the_last_bit(plain, tmp_path) -> N
     assert loaded.sources[0].sha256 == plain.sources[0].sha256
 
 
-@pytest.mark.parametrize("regularizer", ["entropic", "riemannian"])
-def test_other_metrics_fit_as_well(kept: Path, plain: IdentifiedModel, regularizer) -> None:
-    robot = load_robot(kept / "robot.yaml")
+@pytest.mark.parametrize("regularizer", [pytest.param("entropic", marks=slow), "riemannian"])
+def test_other_metrics_fit_as_well(plain: IdentifiedModel, regularizer) -> None:
     settings = Settings(regularizer=regularizer, method="log-cholesky")
-    other = identify(robot, [kept / "identify.csv"], settings=settings).model
+    made = identified("clavel-delta3")
+    other = identify(made.robot, [made.log], settings=settings).model
     assert np.allclose(other.fit.rms, plain.fit.rms, rtol=0.01)
     assert other.consistent

@@ -14,10 +14,11 @@ from deltaid.identification.identify import Identification, identify
 from deltaid.identification.scatter import Scatter
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Parameter
-from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.robot.load import load_robot
+from poor_priors import PLAIN
 
 ROBOT = "irb360-6-1600"
 DATA = Path(__file__).parent / "data"
@@ -37,7 +38,7 @@ def recorded(path: Path) -> tuple[Identification, dict[str, float]]:
     p[dynamics.layout.friction] *= 2
     motion = random_motion(dynamics.kinematics, rng)
     write_recording(simulate_recording(dynamics, p, motion, rng, noise=SensorNoise()), path)
-    return identify(robot, [path]), dict(zip(names, p.tolist(), strict=True))
+    return identify(robot, [path], settings=PLAIN), dict(zip(names, p.tolist(), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_friction_is_from_the_data_and_within_its_interval(case) -> None:
     assert all(bounds(p)[1] - bounds(p)[0] < 0.5 * p.value for p in friction)
 
 
-@pytest.mark.parametrize("prior_spread", [0.5, 3.0])
+@pytest.mark.parametrize("prior_spread", [pytest.param(0.5, marks=pytest.mark.slow), 3.0])
 def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float, tmp_path: Path) -> None:
     robot = load_robot("clavel-delta3")
     dynamics, rng = compiled(robot), np.random.default_rng(0)
@@ -83,9 +84,8 @@ def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float, tmp_
     noise = SensorNoise(torque=0.1)
     recording = simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise)
     write_recording(recording, tmp_path / "log.csv")
-    model = identify(
-        robot, [tmp_path / "log.csv"], settings=Settings(prior_spread=prior_spread)
-    ).model
+    settings = PLAIN.changed(prior_spread=prior_spread)
+    model = identify(robot, [tmp_path / "log.csv"], settings=settings).model
     signed = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz")
     for parameter in model.parameters:
         low, high = bounds(parameter)

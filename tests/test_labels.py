@@ -229,7 +229,7 @@ def test_only_what_is_far_off_is_widened() -> None:
 @pytest.fixture(scope="module")
 def robots() -> list[Outcome]:
     found = []
-    for name, count in (("clavel-delta3", 4), ("irb360-6-1600", 4)):
+    for name, count in (("clavel-delta3", 3), ("irb360-6-1600", 2)):
         robot = load_robot(name)
         motion = random_motion(compiled(robot).kinematics, np.random.default_rng(0))
         found += [

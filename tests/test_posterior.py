@@ -4,33 +4,32 @@ nothing but the numbers of the model file."""
 
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 import deltaid
+from deltaid.check.identified import Judged
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import least_margin, prior_parameters
 from deltaid.errors import DeltaidError, IdentificationError
-from deltaid.identification.identify import Identification
 from deltaid.identification.marginal import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.samples import Samples
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, write_recording
-from deltaid.posterior import draw
+from deltaid.posterior import draw, intervals
 from deltaid.posterior.density import Density, density
 from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.sampler import Chains
-from posteriors import by_rejection, matrices
-from stout_robot import ROBOT, recorded, truth
+from identified import identified
+from posteriors import by_rejection, hasten, matrices
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory) -> Identification:
-    return recorded(tmp_path_factory.mktemp("posterior"))
+def found() -> Judged:
+    return identified("stout").result
 
 
 @pytest.fixture(scope="module")
@@ -39,10 +38,8 @@ def model(found) -> IdentifiedModel:
 
 
 @pytest.fixture(scope="module")
-def model_file(model, tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.yaml"
-    model.save(path)
-    return path
+def drawn(model) -> Samples:
+    return model.sample(8000)
 
 
 def with_spread(model: IdentifiedModel, spread: float) -> IdentifiedModel:
@@ -100,13 +97,15 @@ def test_a_factor_beside_the_normal_distribution(model: IdentifiedModel) -> None
 
 
 @pytest.mark.parametrize("regularizer", ["euclidean", "entropic", "riemannian"])
-def test_the_density_is_that_of_data_and_metric(model: IdentifiedModel, regularizer: str) -> None:
+def test_the_density_is_that_of_data_and_metric(
+    model: IdentifiedModel, drawn: Samples, regularizer: str
+) -> None:
     """log π by the numbers of the model file, but for a constant."""
     settings = model.settings.changed(regularizer=regularizer, method="log-cholesky")
     known = density(model.changed(settings=settings))
     record, prior = model.posterior, prior_parameters(model.robot)
     assert record is not None
-    p = model.sample(40, seed=2).p
+    p = drawn.p[:40]
     y = np.array([inverted(known, each) for each in p])
     np.testing.assert_allclose(known.parameters(y), p, rtol=1e-7, atol=1e-12)
     rho, moved = np.zeros(len(p)), p.std(axis=0) > 0
@@ -150,14 +149,18 @@ def sizes(p: np.ndarray) -> np.ndarray:
     return m * np.array([1.0, *[np.sqrt(second / m)] * 3, *[second / m] * 6])
 
 
-def test_all_are_consistent_and_the_same_for_a_seed(model_file: Path) -> None:
-    model = load(model_file)
-    drawn = model.sample(60, seed=4)
-    assert min(least_margin(model.layout, p)[1] for p in drawn.p) > 0
+def test_all_are_consistent(model: IdentifiedModel, drawn: Samples) -> None:
+    assert min(least_margin(model.layout, p)[1] for p in drawn.p[:200]) > 0
+    assert drawn.ess.min() > 0.5 * len(drawn) == 4000
+    assert drawn.rhat.max() < 1.05
+
+
+def test_models_are_the_same_for_a_seed(model: IdentifiedModel, monkeypatch) -> None:
+    hasten(monkeypatch)
+    whole = load(identified("stout").model_file)
+    drawn = whole.sample(60, seed=4)
     np.testing.assert_array_equal(drawn.p, model.sample(60, seed=4).p)
     assert not np.array_equal(drawn.p, model.sample(60, seed=5).p)
-    assert drawn.ess.min() > 30
-    assert drawn.rhat.max() < 1.05
     models = list(drawn.models())
     assert len(models) == len(drawn) == 60
     assert isinstance(models[7], Model)
@@ -166,7 +169,7 @@ def test_all_are_consistent_and_the_same_for_a_seed(model_file: Path) -> None:
                                   drawn.p[7, drawn.names.index("P.m")])  # fmt: skip
 
 
-def test_where_data_decides_models_spread_as_the_intervals(found: Identification) -> None:
+def test_where_data_decides_models_spread_as_the_intervals(found: Judged) -> None:
     """With no edge near: friction of two drives."""
     model = found.model
     p = model.sample(10_000, seed=0).p
@@ -180,7 +183,7 @@ def test_where_data_decides_models_spread_as_the_intervals(found: Identification
         assert high - low == pytest.approx(base.high - base.low, rel=0.1)
 
 
-def test_the_record_has_the_deviations_of_the_intervals(found: Identification) -> None:
+def test_the_record_has_the_deviations_of_the_intervals(found: Judged) -> None:
     problem = found.problem
     V = base_covariance(problem)
     half = stats.norm.ppf(0.975) * np.sqrt(np.diag(V))
@@ -192,7 +195,8 @@ def test_the_record_has_the_deviations_of_the_intervals(found: Identification) -
     np.testing.assert_allclose(record.combination(found.model.layout.names), K, atol=1e-7)
 
 
-def test_limbs_scatter_about_what_they_share(model: IdentifiedModel) -> None:
+def test_limbs_scatter_about_what_they_share(model: IdentifiedModel, monkeypatch) -> None:
+    hasten(monkeypatch)
     tolerance = 0.05
     shared, own = model.sample(1000, seed=1), model.sample(1000, seed=1, limb_tolerance=tolerance)
     assert own.robot.limbs is not None
@@ -212,17 +216,18 @@ def test_limbs_scatter_about_what_they_share(model: IdentifiedModel) -> None:
         model.sample(10, limb_tolerance=0.5)
 
 
-def test_torques_of_drawn_models_hold_what_is_recorded(found: Identification, tmp_path) -> None:
+def test_torques_of_drawn_models_hold_what_is_recorded(
+    model: IdentifiedModel, drawn: Samples
+) -> None:
     """On another motion: the torque without noise lies within the models' range at its rate."""
-    model, dynamics = found.model, compiled(found.model.robot)
-    rng = np.random.default_rng(11)
+    dynamics, rng = compiled(model.robot), np.random.default_rng(11)
     motion = random_motion(dynamics.kinematics, rng)
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 200, endpoint=False))
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = dynamics.inverse_dynamics(q, qd, qdd, truth(model.robot))
+    tau = dynamics.inverse_dynamics(q, qd, qdd, identified("stout").p)
     level = model.fit.noise_level * np.abs(tau).max(axis=0)
     measured = tau + level * rng.standard_normal(tau.shape)
-    predicted = np.array([dynamics.inverse_dynamics(q, qd, qdd, p) for p in model.sample(300).p])
+    predicted = np.array([dynamics.torque(z, qd, qdd, p) for p in drawn.p[:300]])
     parameters_alone = predicted.std(axis=0)
     assert np.all(np.sqrt(np.mean(parameters_alone**2, axis=0)) < 0.5 * level)
     predicted += level * rng.standard_normal(predicted.shape)
@@ -250,25 +255,20 @@ def test_diagnostics_of_known_chains() -> None:
 def test_draws_that_cannot_be_trusted_are_refused(
     model: IdentifiedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(draw, "_LONGER", 0)
+    hasten(monkeypatch)
     monkeypatch.setattr(draw, "_LARGEST_RHAT", 1.0)
-    monkeypatch.setattr(draw, "_AIMED", (1.0, 0.5))
     with pytest.raises(IdentificationError, match="chains that draw models do not agree"):
         model.sample(10)
 
 
-def test_intervals_of_drawn_models(model: IdentifiedModel, model_file: Path) -> None:
-    log = model_file.parent / "log.csv"
-    dynamics, rng = compiled(model.robot), np.random.default_rng(2)
-    p = prior_parameters(model.robot)
-    motion = random_motion(dynamics.kinematics, rng)
-    write_recording(simulate_recording(dynamics, p, motion, rng, duration=5.0), log)
-    linear = deltaid.identify(ROBOT, log).model
-    settings = deltaid.Settings(intervals="posterior")
-    drawn = deltaid.identify(ROBOT, log, settings=settings).model
-    assert (linear.settings.intervals, drawn.settings.intervals) == ("linear", "posterior")
-    p = linear.sample(8000).p
-    for i, (a, b) in enumerate(zip(linear.parameters, drawn.parameters, strict=True)):
+def test_intervals_of_drawn_models(model: IdentifiedModel, monkeypatch) -> None:
+    hasten(monkeypatch)
+    monkeypatch.setattr(intervals, "_MODELS", 100)
+    settings, linear, p = deltaid.Settings(intervals="posterior"), model, model.sample(100).p
+    known = identified("stout")
+    told = deltaid.identify(known.robot, known.log, settings=settings).model
+    assert (linear.settings.intervals, told.settings.intervals) == ("linear", "posterior")
+    for i, (a, b) in enumerate(zip(linear.parameters, told.parameters, strict=True)):
         assert (a.value, a.determined_by) == (b.value, b.determined_by)
         if p[:, i].std() > 0:
             low, high = np.quantile(p[:, i], [0.025, 0.975])
@@ -278,5 +278,5 @@ def test_intervals_of_drawn_models(model: IdentifiedModel, model_file: Path) -> 
             assert a == b
     from deltaid.report.model_tables import parameter_table
 
-    assert parameter_table(drawn).title.endswith("intervals: posterior")
+    assert parameter_table(told).title.endswith("intervals: posterior")
     assert "intervals" not in parameter_table(linear).title

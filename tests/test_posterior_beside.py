@@ -12,7 +12,7 @@ from stout_robot import ROBOT
 from test_loads import table
 
 
-@pytest.mark.parametrize("held", ["cycles", "always"])
+@pytest.mark.parametrize("held", [pytest.param("cycles", marks=pytest.mark.slow), "always"])
 def test_what_is_beside_the_robot_is_averaged_out(held: str) -> None:
     """Against the joint normal distribution of base parameters and of what is beside them."""
     columns = ColumnMapping(load=deltaid.Load(column="gripper"))

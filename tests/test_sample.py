@@ -13,19 +13,24 @@ from command import run
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
-from stout_robot import ROBOT, recorded
+from identified import identified
+from posteriors import hasten
+from stout_robot import ROBOT
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory) -> IdentifiedModel:
-    return recorded(tmp_path_factory.mktemp("posterior")).model
+@pytest.fixture(autouse=True)
+def _hastened(monkeypatch: pytest.MonkeyPatch) -> None:
+    hasten(monkeypatch)
 
 
-@pytest.fixture(scope="module")
-def model_file(model, tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.yaml"
-    model.save(path)
-    return path
+@pytest.fixture
+def model() -> IdentifiedModel:
+    return identified("stout").result.model
+
+
+@pytest.fixture
+def model_file() -> Path:
+    return identified("stout").model_file
 
 
 def test_files_of_earlier_versions_and_robots_are_refused(model_file: Path, tmp_path) -> None:

@@ -54,7 +54,7 @@ def recorded(
     rng = np.random.default_rng(seed)
     p = surrogate_parameters(dynamics.robot, rng)
     motion = random_motion(dynamics.kinematics, rng)
-    return dynamics, simulate_recording(dynamics, p, motion, rng, noise=SensorNoise())
+    return dynamics, simulate_recording(dynamics, p, motion, rng, duration=8.0, noise=SensorNoise())
 
 
 def judged(
@@ -133,11 +133,20 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@cache
+def told(name: str) -> tuple[Verdict, ...]:
+    return judged(recorded()[0], fault(name))
+
+
+QUICK = ("kN", "sign of fz", "moments first", "x and y exchanged", "tilted", "origin", "late")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in FAULTS]
+)
 def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
     dynamics, frame = recorded()[0], fault(name)
-    found = judged(dynamics, frame)
-    poor = [one for one in found if one.grade is not Grade.GOOD]
+    poor = [one for one in told(name) if one.grade is not Grade.GOOD]
     assert [(one.key, one.subject) for one in poor] == [(FAULTS[name], "plate")]
     assert poor[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
     (recording,) = open_recordings(frame, dynamics.kinematics)
@@ -150,10 +159,8 @@ def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
 
 
 def test_what_was_found_is_what_was_made() -> None:
-    dynamics = recorded()[0]
-
     def proposed(name: str, key: str) -> Any:
-        poor = next(one for one in judged(dynamics, fault(name)) if one.cause)
+        poor = next(one for one in told(name) if one.cause)
         return dict(poor.proposals[0].changes)[f"sensors.plate.{key}"]
 
     assert proposed("lbf and lbf*in", "unit") == ["lbf"] * 3 + ["lbf*in"] * 3
@@ -208,7 +215,9 @@ def test_a_tolerance_of_the_pose_allows_for_it() -> None:
     assert not any(v.key == "sensor-frame" for v in judged(wide, frame))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize(
+    "seed", [4, 5, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 1, 2, 3, 6, 7, 8, 9))]
+)
 def test_good_recordings_of_all_robots_have_no_verdict(seed: int) -> None:
     names = KINDS
     dynamics, frame = recorded(names[seed % len(names)], seed, tared=seed % 3 == 1)

@@ -15,15 +15,18 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.sensors.geometry import sensor_errors
 from deltaid.sensors.of_robot import all_sensor_rows
+from poor_priors import PLAIN
 from sensed import recorded, sensed, weighed
 from sensor_rows import dense
 from test_tolerances import longer
 
 STEP = 1e-5  # m or rad
 PLATE = {"kind": "base-wrench", "position": [0.1, -0.2, 0.3], "rotation_deg": [10, 20, 30]}
-SENSORS: list[tuple[str, dict[str, Any]]] = [
+QUICK: list[tuple[str, dict[str, Any]]] = [
     ("irb360-6-1600", PLATE),
     ("clavel-delta3", {"kind": "strut-force", "strut": "strut2", "at": "elbow"}),
+]
+SLOW: list[tuple[str, dict[str, Any]]] = [
     ("h4", {"kind": "strut-force", "strut": "strut1", "at": "platform"}),
     ("linear-delta", {"kind": "strut-force", "strut": "strut3", "at": "middle"}),
     ("par4", {"kind": "joint-torque", "drive": "drive2"}),
@@ -41,7 +44,11 @@ def shown(
     return Y @ values, values
 
 
-@pytest.mark.parametrize(("name", "sensor"), SENSORS, ids=[f"{n}-{s['kind']}" for n, s in SENSORS])
+@pytest.mark.parametrize(
+    ("name", "sensor"),
+    [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
+    ids=[f"{n}-{s['kind']}" for n, s in (*QUICK, *SLOW)],
+)
 def test_slopes_are_those_of_changed_robots(name: str, sensor: dict[str, Any]) -> None:
     ones = {"lengths": 0.05, "homing": 0.2, "mounting": 0.2}
     robot = load_robot(name).changed(tolerances=ones, sensors={"s": sensor})
@@ -75,7 +82,7 @@ def deviations(case: str, **tolerances: float) -> dict[str, Parameter]:
     of, rng = sensed("clavel-delta3", case, 0.5), np.random.default_rng(2)
     p, exact = of.reduction.p_reg, {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
     robot = weighed(of, p, rng).changed(tolerances=exact | tolerances)
-    model = identify(robot, recorded("clavel-delta3", of, p, rng)).model
+    model = identify(robot, recorded("clavel-delta3", of, p, rng), settings=PLAIN).model
     return {one.name: one for one in model.parameters}
 
 

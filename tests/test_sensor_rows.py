@@ -24,7 +24,15 @@ from sensor_rows import (
 )
 from test_own_mechanism import own_delta
 
-every_robot = pytest.mark.parametrize("make", [*SINGLE, *SUMS], ids=label)
+
+def each(*makes: Make) -> pytest.MarkDecorator:
+    """With a telescope, of an H4 on rails and of a Par4 by default, the others with --slow."""
+    quick = (SINGLE[1], SINGLE[4], SUMS[0])
+    marked = [pytest.param(m, marks=() if m in quick else pytest.mark.slow) for m in makes]
+    return pytest.mark.parametrize("make", marked, ids=label)
+
+
+every_robot = each(*SINGLE, *SUMS)
 
 
 @every_robot
@@ -87,7 +95,7 @@ def test_friction_that_depends_on_load_stands_on_the_motors_side() -> None:
     assert found[True] == found[False]
 
 
-@pytest.mark.parametrize("make", SINGLE, ids=label)
+@each(*SINGLE)
 @pytest.mark.parametrize("at", ["platform", "elbow", "middle"])
 def test_a_gauge_shows_what_an_independent_library_says(make: Make, at: str) -> None:
     twin = sensor_twin(make)
@@ -112,7 +120,9 @@ def test_a_gauge_shows_what_an_independent_library_says(make: Make, at: str) -> 
 
 
 @every_robot
-@pytest.mark.parametrize("at", ["platform", "elbow", "middle"])
+@pytest.mark.parametrize(
+    "at", [*(pytest.param(x, marks=pytest.mark.slow) for x in ("platform", "elbow")), "middle"]
+)
 def test_gauges_of_a_limb_show_a_sum_that_is_independent_of_how_its_struts_share(
     make: Make, at: str
 ) -> None:

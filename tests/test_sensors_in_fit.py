@@ -15,9 +15,10 @@ from deltaid.identification.identify import identify
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.scatter import Scatter
 from deltaid.identification.sensor_columns import SensorColumns
-from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
+from identified import identified as shared
+from poor_priors import PLAIN
 from sensed import CASES, drawn, identified, motion, recorded, sensed, weighed
 
 SPREAD = 0.2
@@ -47,7 +48,7 @@ def test_gains_of_drives_follow_from_a_plate_without_any_load() -> None:
     of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(2)
     gains = {0: 1.05, 1: 0.93, 2: 1.02}
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, gains)
-    model = identify(of.robot, log).model
+    model = identify(of.robot, log, settings=PLAIN).model
     found = {one.subject: one for one in model.corrections if one.kind == "gain"}
     for i, c in gains.items():
         one = found[f"drive{i + 1}"]
@@ -63,10 +64,10 @@ def test_a_recording_without_the_sensor_is_fitted_as_ever() -> None:
     of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(6)
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
     bare = log.select([name for name in log.columns if not name.startswith("plate")])
-    alone = identify(of.robot, bare).model
+    alone = identify(of.robot, bare, settings=PLAIN).model
     assert alone.sensors == ()
-    both = identify(of.robot, [bare, recorded("clavel-delta3", of, of.reduction.p_reg, rng)]).model
-    assert both.sensors[0].name == "plate"
+    logs = [bare, recorded("clavel-delta3", of, of.reduction.p_reg, rng)]
+    assert identify(of.robot, logs, settings=PLAIN).model.sensors[0].name == "plate"
 
 
 def test_facts_add_their_own_variance_to_the_scatter_of_groups() -> None:
@@ -91,6 +92,7 @@ def test_facts_add_their_own_variance_to_the_scatter_of_groups() -> None:
     assert np.mean(seen, axis=0) == pytest.approx(np.mean(true, axis=0), rel=0.15)
 
 
+@pytest.mark.slow
 def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> None:
     CASES["plate noisy"] = {
         "sensors": {
@@ -108,7 +110,7 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
     (rows,) = of.sensors
     true = np.array([0.0] * 6 + [0.002, -0.003, 0.004, 0.01, -0.005, 0.008, 0.02])
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, unknowns=true)
-    model = identify(of.robot, log).model
+    model = identify(of.robot, log, settings=PLAIN).model
     (plate,) = model.sensors
     assert [one.name for one in plate.parameters] == [one.name for one in rows.parameters]
     for one, x in zip(plate.parameters, true, strict=True):
@@ -120,7 +122,10 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
 
 @pytest.mark.parametrize(
     ("place", "turn", "gain"),
-    [((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 0.0), ((0.03, -0.02, 0.01), (0.05, -0.06, 0.04), 0.1)],
+    [
+        pytest.param((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 0.0, marks=pytest.mark.slow),
+        ((0.03, -0.02, 0.01), (0.05, -0.06, 0.04), 0.1),
+    ],
 )
 def test_a_plate_that_truly_stands_elsewhere_is_found_there(
     place: tuple[float, ...], turn: tuple[float, ...], gain: float
@@ -139,13 +144,13 @@ def test_a_plate_that_truly_stands_elsewhere_is_found_there(
     )
     log = recorded("clavel-delta3", other, of.reduction.p_reg, np.random.default_rng(7))
     log = log.with_columns(pl.selectors.starts_with("plate") / (1.0 - gain))
-    (plate,) = identify(of.robot, log).model.sensors
+    (plate,) = identify(of.robot, log, settings=PLAIN).model.sensors
     for one, x in zip(plate.parameters[6:], (*place, *turn, gain), strict=True):
         # A turn is told as 2 tan(θ/2), which is 0.1 mrad more at a tenth of a radian.
         assert abs(one.value - x) < 4 * one.std + 1e-4 * (one.unit == "rad"), one.name
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_what_the_robot_holds_hangs_on_the_plate_too(known: bool) -> None:
     of, rng = sensed("clavel-delta3", "wrench", 0.5), np.random.default_rng(3)
     bare = of.reduction.p_reg
@@ -157,7 +162,7 @@ def test_what_the_robot_holds_hangs_on_the_plate_too(known: bool) -> None:
     log = pl.concat([two[0].filter(pl.col("t") < half), two[1].filter(pl.col("t") >= half)])
     load = {"name": "part", "spans": [[half - 1e-4, 1e6]]} | ({"mass": 0.8} if known else {})
     mapping = ColumnMapping.model_validate({"load": load})
-    model = identify(of.robot, log, columns=mapping).model
+    model = identify(of.robot, log, columns=mapping, settings=PLAIN).model
     (part,), (plate,) = model.loads, model.sensors
     assert part.mass.value == pytest.approx(0.8, abs=0.01)
     for one, x in zip(plate.parameters[:6], bias, strict=True):
@@ -167,18 +172,17 @@ def test_what_the_robot_holds_hangs_on_the_plate_too(known: bool) -> None:
         assert channel.left < channel.stated
 
 
-@pytest.mark.parametrize("case", ["wrench", "strut and platform weighed"])
-def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(case: str) -> None:
-    of, rng = sensed("clavel-delta3", case, 0.5), np.random.default_rng(3)
-    log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
-    plain = of.robot.changed(sensors={}, measured=[])
-    bare = log.select([name for name in log.columns if not name.startswith("plate")])
-    keys = ("base-parameters", "excitation")
+@pytest.mark.parametrize("name", [pytest.param("plate", marks=pytest.mark.slow), "weighed"])
+def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(name: str) -> None:
+    more = shared(name)
+    plain = more.robot.changed(sensors={}, measured=[])
+    bare = more.frames[0].select(~pl.selectors.starts_with("plate"))
     found, alone = (
-        {one.key: one.seen for one in deltaid.identify(robot, rows).verdicts if one.key in keys}
-        for robot, rows in ((of.robot, log), (plain, bare))
+        {one.key: one.seen for one in verdicts if one.key in ("base-parameters", "excitation")}
+        for verdicts in (more.result.verdicts, deltaid.identify(plain, bare).verdicts)
     )
     assert found == alone
+    assert len(found) == 2
 
 
 def drag(v: np.ndarray) -> np.ndarray:
@@ -195,8 +199,8 @@ def drag_backwards(v: np.ndarray) -> np.ndarray:
     ("case", "shape", "word"),
     [
         ("wrench", drag, "|speed|"),
-        ("strut and platform weighed", drag, "|speed|"),
-        ("gauges", drag_backwards, "each direction its own"),
+        pytest.param("strut and platform weighed", drag, "|speed|", marks=pytest.mark.slow),
+        pytest.param("gauges", drag_backwards, "each direction its own", marks=pytest.mark.slow),
     ],
 )
 def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
@@ -210,7 +214,8 @@ def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
         tau = log[f"tau{i + 1}"].to_numpy()
         more = 0.05 * np.abs(tau).max() * shape(v / np.abs(v).max())
         log = log.with_columns(pl.Series(f"tau{i + 1}", tau + more))
-    model = identify(weighed(of, p, rng), log, settings=Settings(prior_spread=SPREAD)).model
+    settings = PLAIN.changed(prior_spread=SPREAD, friction="choose")
+    model = identify(weighed(of, p, rng), log, settings=settings).model
     laws = [one.text for one in model.corrections if one.kind == "friction"]
     assert len(laws) == 3
     assert all(word in text for text in laws)

@@ -23,6 +23,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from poor_priors import PLAIN
 
+slow = pytest.mark.slow
 STEP = 1e-5  # m or rad
 LENGTH, ZERO = 1e-3, np.deg2rad(0.5)
 EXACT = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
@@ -61,11 +62,11 @@ def moved(name: str, samples: int = 40) -> tuple[Dynamics, tuple[np.ndarray, ...
 @pytest.mark.parametrize(
     ("name", "length", "limb"),
     [
-        ("irb360-6-1600", "upper_arm", None),
         ("irb360-6-1600", "telescope", None),
         ("clavel-delta3", "strut", 2),
-        ("linear-delta", "base_radius", 3),
-        ("h4", "platform", None),
+        pytest.param("irb360-6-1600", "upper_arm", None, marks=slow),
+        pytest.param("linear-delta", "base_radius", 3, marks=slow),
+        pytest.param("h4", "platform", None, marks=slow),
     ],
 )
 def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int | None) -> None:
@@ -80,7 +81,7 @@ def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int |
     np.testing.assert_allclose(mine, expected, atol=1e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ["irb360-6-1600", "par4-linear"])
+@pytest.mark.parametrize("name", ["irb360-6-1600", pytest.param("par4-linear", marks=slow)])
 def test_slopes_are_those_of_zeros_and_of_gravity(name: str) -> None:
     dynamics, (z, q, qd, qdd), p = moved(name)
     found = {one.name: one.effect for one in geometric_errors(dynamics, z, qd, qdd, p)}
@@ -155,7 +156,7 @@ def test_a_length_shifts_parameters_as_predicted() -> None:
     name, tolerances = "clavel-delta3", EXACT | {"lengths": LENGTH}
     robot = load_robot(name).changed(tolerances=tolerances)
     recording, p = recorded(name, longer(robot, "upper_arm", LENGTH, 1), np.zeros(3), 1e-9)
-    problem = identify(robot, recording).problem
+    problem = identify(robot, recording, settings=PLAIN).problem
     assert problem.geometry is not None
     predicted = problem.geometry.shifts[:, problem.geometry.names.index("upper_arm of limb 1")]
     error = problem.estimate.values - true_values(problem.base, p)

@@ -9,10 +9,10 @@ import pytest
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.identification.identify import identify
-from deltaid.model.record import Settings
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.sensors.weighings import weighing, weighings
+from poor_priors import PLAIN
 from sensed import CASES, drawn, identified, recorded, sensed
 
 EXACT = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
@@ -98,7 +98,9 @@ def test_weighed_bodies_are_known_as_well_as_they_were_weighed() -> None:
     assert np.mean(held) > 0.88
 
 
-@pytest.mark.parametrize(("body", "off"), [("S", 0.03), ("P", 0.2)])
+@pytest.mark.parametrize(
+    ("body", "off"), [("S", 0.03), pytest.param("P", 0.2, marks=pytest.mark.slow)]
+)
 def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float) -> None:
     of, rng = sensed("clavel-delta3", "strut and platform weighed", 0.2), np.random.default_rng(4)
     p = of.reduction.p_reg
@@ -110,10 +112,11 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
         {"of": "P", "mass": true["mass of P"], "std": 0.0005},
         {"of": "U", "first_moment": float(p[1]), "axis": "x", "std": 0.0005},
     ]
-    right = identify(of.robot.changed(measured=values), log).model.warnings
+    robot = of.robot.changed(measured=values)
+    right = identify(robot, log, settings=PLAIN).model.warnings
     assert not [text for text in right if text.startswith("measured")]
     wrong = [one | {"mass": one["mass"] + off} if one["of"] == body else one for one in values]
-    told = identify(of.robot.changed(measured=wrong), log).model.warnings
+    told = identify(robot.changed(measured=wrong), log, settings=PLAIN).model.warnings
     assert any(
         "standard deviations apart" in text and "the recording says" in text for text in told
     )
@@ -124,11 +127,8 @@ def test_a_weighing_that_only_consistency_contradicts_is_told() -> None:
     p = of.reduction.p_reg
     log, (row,) = recorded("clavel-delta3", of, p, rng), weighings(of.robot)
     heavy = [{"of": "P", "mass": 3.0 * float(row.coefficients @ p), "std": 0.005}]
-    (told,) = (
-        text
-        for text in identify(of.robot.changed(measured=heavy), log).model.warnings
-        if text.startswith("measured")
-    )
+    model = identify(of.robot.changed(measured=heavy), log, settings=PLAIN).model
+    (told,) = (text for text in model.warnings if text.startswith("measured"))
     assert "the fit, whose bodies must be possible, says" in told
 
 
@@ -165,8 +165,8 @@ def test_spread_of_an_entry_is_that_of_its_prior() -> None:
     bodies["S"] = bodies["S"].changed(spread={"m": 0.01})
     of, rng = sensed("clavel-delta3", "torque", 0.5), np.random.default_rng(0)
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
-    wide = {one.name: one for one in identify(of.robot, log).model.parameters}
-    sure = identify(of.robot.changed(bodies=bodies), log).model
+    wide = {one.name: one for one in identify(of.robot, log, settings=PLAIN).model.parameters}
+    sure = identify(of.robot.changed(bodies=bodies), log, settings=PLAIN).model
     narrow = {one.name: one for one in sure.parameters}
     assert wide["S.m"].std == pytest.approx(0.5 * 0.21, rel=1e-6)
     assert narrow["S.m"].std == pytest.approx(0.01 * 0.21, rel=1e-6)
@@ -178,7 +178,7 @@ def test_a_prior_that_is_stated_to_be_wide_is_not_contradicted() -> None:
     heavy = of.reduction.p_reg.copy()
     heavy[of.reduction.layout.body("P")] *= 1.6
     log = recorded("clavel-delta3", of, heavy, rng)
-    settings = Settings(prior_spread=0.1)
+    settings = PLAIN.changed(prior_spread=0.1)
     told = identify(of.robot, log, settings=settings).model.corrections
     assert any((one.kind, one.subject) == ("prior", "P") for one in told)
     bodies = dict(of.robot.bodies)
@@ -195,7 +195,7 @@ def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
     p = of.reduction.p_reg
     log = recorded(name, of, p, rng)
     large = log.with_columns(pl.selectors.starts_with("tau") * 1.03)
-    right, wrong = (identify(of.robot, one).model for one in (log, large))
+    right, wrong = (identify(of.robot, one, settings=PLAIN).model for one in (log, large))
     (told,) = (text for text in right.warnings if "torque constants" in text)
     foretold = dict(re.findall(r"(\S+) by ([\d.]+) %", told))
     assert len(foretold) == 3
@@ -204,7 +204,7 @@ def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
         seen = abs(values[1][entry] / values[0][entry] - 1) / 0.03
         assert seen == pytest.approx(float(share) / 100 / 0.01, rel=0.2), entry
     unsure = of.robot.changed(tolerances={**EXACT, "torque_constants": 0.03})
-    model = identify(unsure, large).model
+    model = identify(unsure, large, settings=PLAIN).model
     assert not [text for text in model.warnings if "torque constants" in text]
     for one, true in zip(model.parameters, p, strict=True):
         if one.determined_by in ("data", "measured"):
@@ -213,7 +213,7 @@ def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
     of = sensed(name, "wrench", 0.5)
     log = recorded(name, of, of.reduction.p_reg, rng)
     widths = [
-        [one.std for one in identify(robot, log).model.parameters]
+        [one.std for one in identify(robot, log, settings=PLAIN).model.parameters]
         for robot in (of.robot, of.robot.changed(tolerances={**EXACT, "torque_constants": 0.03}))
     ]
     np.testing.assert_allclose(widths[0], widths[1], rtol=1e-6)
