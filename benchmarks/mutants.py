@@ -3,11 +3,11 @@
     pip install -e '.[test]'
     python benchmarks/mutants.py [--count N] [--seed N] [--only ROOM,…]
 
-Needs Python 3.12 or later. Draws mutants over all rooms of `src/deltaid`, each one expression of one line. First the whole
-suite runs once and notes which tests reach these lines. Then each mutant gets a copy of the
-repository of its own, in which these tests run until one fails; what survives them meets the other
-tests of the same files. Tests that fail without a mutant count for none. Prints every survivor and
-leaves `tables/mutants.md`.
+Needs Python 3.12 or later. Draws mutants over all rooms of `src/deltaid`, each one expression of a
+line. First the whole suite runs once and notes which tests reach these lines. Then each mutant gets
+a copy of the repository of its own, in which these tests run until one fails; what survives them
+meets the other tests of the same files. Tests that fail without a mutant count for none. Prints
+every survivor and leaves `tables/mutants.md`.
 """
 
 import argparse
