@@ -1,7 +1,7 @@
 """Whether `identify` gives the same model on every machine: decisions and values under rounding.
 
     pip install -e '.[test]'
-    python benchmarks/same_answer.py [--recordings N] [--processes N]
+    python benchmarks/same_answer.py [--recordings N] [--processes N] [--keep FOLDER]
 
 60 recordings of `tests/drives` (clean, with one fault, with several) are identified once as here
 and again with what machines differ by: kernels of OpenBLAS, the vector code of deltaid's own
@@ -116,13 +116,23 @@ def differences(one: dict[str, Any], two: dict[str, Any]) -> tuple[list[str], fl
     return other, max(changes, default=0.0)
 
 
-def on(machine: str, count: int) -> list[dict[str, Any]]:
+def on(machine: str, count: int, keep: Path | None) -> list[dict[str, Any]]:
     """Answers of all recordings, in a process that is set up as that machine."""
-    command = [sys.executable, __file__, "--recordings", str(count), "--answers"]
-    environment = os.environ | MACHINES[machine]
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    kept = keep / f"{machine}.jsonl" if keep else None
+    if kept and kept.exists():
+        lines = kept.read_text().splitlines()
+    else:
+        command = [sys.executable, __file__, "--recordings", str(count), "--answers"]
+        environment = os.environ | MACHINES[machine]
+        done = subprocess.run(
+            command, env=environment, stdout=subprocess.PIPE, text=True, check=True
+        )
+        lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+        if kept:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            kept.write_text("\n".join(lines))
     print(f"{machine}: done", flush=True)
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return [json.loads(line) for line in lines]
 
 
 def rows(asked: list[tuple[str, str, int]], found: dict[str, list[Any]]) -> Iterator[list[str]]:
@@ -157,6 +167,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=60)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--keep", type=Path, help="folder for answers, to go on later")
     parser.add_argument("--answers", action="store_true", help="of this machine alone")
     asked = parser.parse_args()
     wanted = recordings(asked.recordings)
@@ -165,7 +176,7 @@ def main() -> int:
             print(json.dumps(answer(*what)), flush=True)
         return 0
     with ThreadPoolExecutor(asked.processes) as pool:
-        answers = pool.map(lambda machine: on(machine, asked.recordings), MACHINES)
+        answers = pool.map(lambda machine: on(machine, asked.recordings, asked.keep), MACHINES)
         found = dict(zip(MACHINES, answers, strict=True))
     counts = [sum(kind(row) == group for row, _, _ in wanted) for group in range(3)]
     clean, single, mixed = counts
