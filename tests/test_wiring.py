@@ -1,5 +1,6 @@
 """Units, gears, signs, order and zeros of columns: each fault is told, and its cure mends it."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -11,8 +12,13 @@ from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.verdict import Grade, Verdict
+from deltaid.check.wiring.candidate import assigned
+from deltaid.check.wiring.homing import shifts
 from deltaid.check.wiring.motion import motion
+from deltaid.check.wiring.residual import residual
+from deltaid.check.wiring.search import explained
 from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.check.wiring.zeros import _zero
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.record import Settings
@@ -174,6 +180,26 @@ def test_homing() -> None:
     assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
     assert "drive2" in verdict.subject
     assert dict(verdict.proposals[0].changes)["position[1].zero"] == pytest.approx(0.04, rel=0.1)
+    assert (verdict.number, verdict.unit) == (pytest.approx(-40.0, rel=0.1), "mrad")
+    value, half = re.findall(r"drive2 that is ([\d.]+) ± ([\d.]+) mrad off", verdict.cause)[0]
+    assert abs(float(value) - 40.0) <= float(half)
+
+
+def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
+    """Of slopes and scatter where it has been corrected."""
+    rows = recorded("linear-delta")
+    looked_at = seen("linear-delta", rows | {"q": rows["q"] + [0.01, 0.0, 0.0]})
+    fine, dynamics = motion(looked_at.rows), looked_at.dynamics
+    assert fine is not None
+    best = explained(dynamics, fine, fine)[0]
+    told = shifts(dynamics, fine, best)
+    value, half = _zero(looked_at, fine, best, told, 0)
+    assert value == pytest.approx(-0.01, abs=half)
+    corrected = residual(dynamics, fine, replace(best.map, shift=(value, 0.0, 0.0)))
+    assert corrected is not None
+    again = shifts(dynamics, fine, assigned(corrected, best.order))
+    assert half == pytest.approx(2 * np.sqrt(again.told([0])[1][0, 0]))
+    assert abs(again.told([0])[0][0]) < half
 
 
 def test_tilt() -> None:
@@ -181,6 +207,7 @@ def test_tilt() -> None:
     verdict = told("linear-delta-45", columns, cured=False)
     assert (verdict.key, verdict.subject) == ("homing-or-tilt", "")
     assert "out of level" in verdict.cause
+    assert (verdict.number, verdict.unit) == (pytest.approx(30.0, abs=3.0), "mrad")
     gravity = dict(verdict.proposals[0].changes)["gravity"]
     assert gravity == pytest.approx([0, 9.81 * 0.03, -9.81], abs=0.05)
 
@@ -195,7 +222,8 @@ def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
     assert "homing-or-tilt" not in [one.key for one in bad(told.verdicts)]
     off = columns | {"q": columns["q"] + [0.01, 0.0, 0.0]}
     told = identify(load_robot(name), table(without(off, "qd")), settings=OFFSETS)
-    assert "homing-or-tilt" in [one.key for one in bad(told.verdicts)]
+    (zero,) = (one for one in bad(told.verdicts) if one.key == "homing-or-tilt")
+    assert (zero.number, zero.unit) == (pytest.approx(-10.0, rel=0.1), "mm")
 
 
 def without(columns: Columns, key: str) -> Columns:

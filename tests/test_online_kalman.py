@@ -1,0 +1,140 @@
+"""What is estimated while a robot runs: how it is forgotten, what numbers tell of it, its prior."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from deltaid.dynamics.parameters import stated_spreads
+from deltaid.model.model import load
+from deltaid.motion.random_motion import random_motion
+from deltaid.online.kalman import Estimate
+from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.settings import OnlineSettings
+from deltaid.online.states import States
+
+PRIOR = np.array([1.0, 0.0, 1.0, 4.0])
+MEANS, WANDERS = np.array([0.7, -0.2, 1.5, -3.0]), np.array([0.0, 1.0, 0.0, 1.0])
+
+
+def covariance(seed: int = 0) -> np.ndarray:
+    root = np.random.default_rng(seed).uniform(-0.4, 0.4, (4, 4))
+    return root @ root.T
+
+
+def numbers(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    return np.array(ca.evalf(estimate.x)).ravel(), np.array(ca.evalf(estimate.P))
+
+
+def forgotten(P: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance a cycle later."""
+    start = Estimate(ca.SX(MEANS), ca.SX(P))
+    return numbers(start.forgotten(ca.SX(kept), ca.SX(PRIOR), ca.SX(WANDERS)))
+
+
+def test_states_at_their_prior_stay_there() -> None:
+    """The noise of x' = φ x + w is what the stationary variance of the prior needs."""
+    _, P = forgotten(np.diag(PRIOR), np.array([0.3, 0.5, 0.8, 0.99]))
+    np.testing.assert_allclose(P, np.diag(PRIOR), atol=1e-15)
+
+
+def test_many_cycles_are_one_long_one() -> None:
+    """As of Ornstein and Uhlenbeck's process, sampled: what is remembered after a time does not
+    depend on the cycles that it is cut into."""
+    kept, P = np.array([0.9, 0.8, 0.7, 0.95]), covariance()
+    estimate = Estimate(ca.SX(MEANS), ca.SX(P))
+    for _ in range(5):
+        estimate = estimate.forgotten(ca.SX(kept), ca.SX(PRIOR), ca.SX(WANDERS))
+    x, found = numbers(estimate)
+    once_x, once = forgotten(P, kept**5)
+    np.testing.assert_allclose(found, once, atol=1e-14)
+    np.testing.assert_allclose(x, once_x, atol=1e-14)
+    np.testing.assert_allclose(x, np.where(WANDERS == 1, kept**5, 1.0) * MEANS, atol=1e-14)
+
+
+def test_all_is_forgotten_in_the_end() -> None:
+    _, P = forgotten(covariance(), np.full(4, 1e-9))
+    np.testing.assert_allclose(P, np.diag(PRIOR), atol=1e-15)
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.3, 0.0])
+def test_a_number_tells_what_the_normal_distribution_says(weight: float) -> None:
+    """By inverse covariances, of which a share of what it tells counts."""
+    P, h, y, variance = covariance(1), np.array([[0.5, -1.0, 0.0, 2.0]]), 1.3, 0.04
+    start = Estimate(ca.SX(MEANS), ca.SX(P))
+    found, told = start.measured(ca.SX(h), ca.SX(y), ca.SX(variance), ca.SX(weight))
+    information = np.linalg.inv(P) + weight * h.T @ h / variance
+    right = np.linalg.solve(P, MEANS) + weight * h[0] * y / variance
+    x, after = numbers(found)
+    np.testing.assert_allclose(after, np.linalg.inv(information), atol=1e-12)
+    np.testing.assert_allclose(x, np.linalg.solve(information, right), atol=1e-12)
+    np.testing.assert_array_equal(after, after.T)
+    assert float(told.innovation) == pytest.approx(weight * (y - h[0] @ MEANS))
+    assert float(told.variance) == pytest.approx(weight * (h @ P @ h.T)[0, 0] + variance)
+    if weight:
+        moved = np.array(ca.evalf(told.gain)).ravel() * (y - h[0] @ MEANS)
+        np.testing.assert_allclose(x - MEANS, moved, atol=1e-12)
+
+
+def test_each_kind_of_state_has_its_own_memory() -> None:
+    """What is known exactly is uncertain by 1 − e^(−2 t/T) after t: of a load that is held for ever
+    known, of the model after 300 s, of friction as is asked for, of torques it has not 50 ms."""
+    period, friction = 0.002, 20.0
+
+    def later(held: float, gripping: float) -> np.ndarray:
+        nothing = ca.SX.zeros(10)  # the lower triangle of P
+        given = ca.SX(held), ca.SX(gripping)
+        states = States(np.arange(4), ca.SX.zeros(4), nothing, *given, period, friction)
+        return np.diag(numbers(states.later)[1])
+
+    memory = np.array([1e6, 300.0, friction, 0.05])
+    np.testing.assert_allclose(later(1.0, 0.0), -np.expm1(-2 * period / memory), rtol=1e-6)
+    assert later(0.0, 0.0)[0] == 0.0
+    # A load that may still be on its way is forgotten within 10 ms.
+    assert later(1.0, 0.03)[0] == pytest.approx(-np.expm1(-2 * period / 0.01))
+
+
+@pytest.fixture(scope="module")
+def known() -> Knowledge:
+    return knowledge(load("irb360-6-1600"), OnlineSettings(largest_mass=4.0))
+
+
+def test_what_carries_a_load_may_be_heavier_and_nothing_else(known: Knowledge) -> None:
+    """By one per cent of the largest load: a tare, which no moment goes with."""
+    names = load("irb360-6-1600").layout.names
+    tare = dict(zip(names, known.directions[:, -1].tolist(), strict=True))
+    assert tare.pop("EE.m") == pytest.approx(0.04)
+    assert not any(tare.values())
+
+
+def test_directions_and_what_they_leave_are_all_that_a_model_may_be_off_by(
+    known: Knowledge,
+) -> None:
+    """Variances of torques along a typical motion by the prior's spreads, without friction, are
+    those by the directions and, on the mean, what is taken for torque that the model has not."""
+    model = load("irb360-6-1600")
+    motion = random_motion(model.dynamics.kinematics, np.random.default_rng(0), period=8.0)
+    pose = motion.evaluate(np.linspace(0.0, 8.0, 800, endpoint=False))
+    q, qd, qdd = model.dynamics.kinematics.drive_motion(*pose)
+    Y = model.dynamics.regressor(q, qd, qdd, np.zeros_like(q))
+    spreads = stated_spreads(model.robot)
+    spread = np.array(
+        [spreads.get(one.name, model.prior_spread) * one.scale for one in model.layout.parameters]
+    )
+    spread[list(known.followed)] = 0.0
+    largest = np.abs(Y @ model.p).max(axis=0)
+    told = np.mean(np.sum((Y @ known.directions[:, :-1]) ** 2, axis=2), axis=0)
+    left = known.unmodelled**2 - (0.01 * largest) ** 2
+    np.testing.assert_allclose(told + left, np.mean(Y**2 @ spread**2, axis=0), rtol=1e-9)
+    np.testing.assert_allclose(known.noise, 0.02 * largest)
+    # No three others tell more of it against the noise.
+    weighed = (Y * spread / known.noise[:, None]).reshape(-1, len(spread))
+    most = np.linalg.eigvalsh(weighed.T @ weighed)[-3:].sum()
+    assert len(Y) * np.sum(told / known.noise**2) == pytest.approx(most)
+
+
+def test_loads_are_up_to_three_times_as_heavy_as_what_carries_them() -> None:
+    """Where nothing else is said; those below a hundredth of the heaviest are not looked for."""
+    model = load("linear-delta")
+    found = knowledge(model, OnlineSettings())
+    assert found.load_scales[0] == pytest.approx(3 * model.body("P")[0])
+    assert found.least_mass == pytest.approx(0.03 * model.body("P")[0])
