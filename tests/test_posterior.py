@@ -18,13 +18,14 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.marginal import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.samples import Samples
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, write_recording
 from deltaid.posterior import draw
 from deltaid.posterior.density import Density, density
 from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.sampler import Chains
-from posteriors import by_rejection, matrices
+from posteriors import by_rejection, matrices, normal
 from stout_robot import ROBOT, recorded, truth
 
 
@@ -43,6 +44,11 @@ def model_file(model, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.yaml"
     model.save(path)
     return path
+
+
+@pytest.fixture(scope="module")
+def drawn(model) -> Samples:
+    return model.sample(4000, seed=1)
 
 
 def with_spread(model: IdentifiedModel, spread: float) -> IdentifiedModel:
@@ -166,18 +172,23 @@ def test_all_are_consistent_and_the_same_for_a_seed(model_file: Path) -> None:
                                   drawn.p[7, drawn.names.index("P.m")])  # fmt: skip
 
 
-def test_where_data_decides_models_spread_as_the_intervals(found: Identification) -> None:
-    """With no edge near: friction of two drives."""
-    model = found.model
-    p = model.sample(10_000, seed=0).p
-    for parameter in model.parameters:
-        at = model.layout.names.index(parameter.name)
-        kind, _, joint = parameter.name.partition(".")
-        if kind not in ("viscous", "coulomb") or joint == "drive1":
-            continue
-        base = next(b for b in model.base_parameters if b.representative == parameter.name)
-        low, high = np.quantile(p[:, at], [0.025, 0.975])
-        assert high - low == pytest.approx(base.high - base.low, rel=0.1)
+@pytest.mark.parametrize("drive", ["drive2", "drive3"])
+@pytest.mark.parametrize("kind", ["viscous", "coulomb"])
+def test_where_data_decides_models_spread_as_the_intervals(
+    model: IdentifiedModel, drawn: Samples, kind: str, drive: str
+) -> None:
+    """The prior takes up to 8 % of an interval, and edges of what is consistent up to 3 % more.
+
+    Chains are others on another processor, and 4000 draws know a deviation to 1.1 %: 8 % are four
+    times that and the edges' part.
+    """
+    name = f"{kind}.{drive}"
+    at = model.layout.names.index(name)
+    (base,) = (one for one in model.base_parameters if one.representative == name)
+    interval = (base.high - base.low) / (2 * stats.norm.ppf(0.975))
+    expected = float(np.linalg.norm(normal(model).spread[at]))
+    assert 0.9 * interval < expected < interval
+    assert drawn.p[:, at].std() == pytest.approx(expected, rel=0.08)
 
 
 def test_the_record_has_the_deviations_of_the_intervals(found: Identification) -> None:
@@ -192,16 +203,16 @@ def test_the_record_has_the_deviations_of_the_intervals(found: Identification) -
     np.testing.assert_allclose(record.combination(found.model.layout.names), K, atol=1e-7)
 
 
-def test_limbs_scatter_about_what_they_share(model: IdentifiedModel) -> None:
+def test_limbs_scatter_about_what_they_share(model: IdentifiedModel, drawn: Samples) -> None:
     tolerance = 0.05
-    shared, own = model.sample(1000, seed=1), model.sample(1000, seed=1, limb_tolerance=tolerance)
+    own = model.sample(len(drawn), seed=1, limb_tolerance=tolerance)
     assert own.robot.limbs is not None
     assert not own.robot.limbs.identical
     at = {name: i for i, name in enumerate(own.names)}
     for name in ("U.m", "U.mcx", "U.Iyy", "S.m", "S.Ixx"):
         body, entry = name.split(".")
         limbs = own.p[:, [at[f"{body}{i}.{entry}"] for i in (1, 2, 3)]]
-        whole = shared.p[:, shared.names.index(name)]
+        whole = drawn.p[:, drawn.names.index(name)]
         np.testing.assert_allclose(limbs.mean(axis=1), whole, rtol=1e-9)
         if entry == "m":
             scatter = (limbs / whole[:, None]).std(axis=0)
