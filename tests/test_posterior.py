@@ -24,7 +24,7 @@ from deltaid.posterior.density import Density, density
 from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.sampler import Chains
 from identified import identified
-from posteriors import by_rejection, hasten, matrices
+from posteriors import by_rejection, hasten, matrices, normal
 
 
 @pytest.fixture(scope="module")
@@ -169,18 +169,23 @@ def test_models_are_the_same_for_a_seed(model: IdentifiedModel, monkeypatch) -> 
                                   drawn.p[7, drawn.names.index("P.m")])  # fmt: skip
 
 
-def test_where_data_decides_models_spread_as_the_intervals(found: Judged) -> None:
-    """With no edge near: friction of two drives."""
-    model = found.model
-    p = model.sample(10_000, seed=0).p
-    for parameter in model.parameters:
-        at = model.layout.names.index(parameter.name)
-        kind, _, joint = parameter.name.partition(".")
-        if kind not in ("viscous", "coulomb") or joint == "drive1":
-            continue
-        base = next(b for b in model.base_parameters if b.representative == parameter.name)
-        low, high = np.quantile(p[:, at], [0.025, 0.975])
-        assert high - low == pytest.approx(base.high - base.low, rel=0.1)
+@pytest.mark.parametrize("drive", ["drive2", "drive3"])
+@pytest.mark.parametrize("kind", ["viscous", "coulomb"])
+def test_where_data_decides_models_spread_as_the_intervals(
+    model: IdentifiedModel, drawn: Samples, kind: str, drive: str
+) -> None:
+    """The prior takes up to 8 % of an interval, and edges of what is consistent up to 3 % more.
+
+    Chains are others on another processor, and 8000 draws, worth half as many independent ones,
+    know a deviation to 1.1 %: 8 % are four times that and the edges' part.
+    """
+    name = f"{kind}.{drive}"
+    at = model.layout.names.index(name)
+    (base,) = (one for one in model.base_parameters if one.representative == name)
+    interval = (base.high - base.low) / (2 * stats.norm.ppf(0.975))
+    expected = float(np.linalg.norm(normal(model).spread[at]))
+    assert 0.9 * interval < expected < interval
+    assert drawn.p[:, at].std() == pytest.approx(expected, rel=0.08)
 
 
 def test_the_record_has_the_deviations_of_the_intervals(found: Judged) -> None:

@@ -1,7 +1,6 @@
 """The studio without a browser: its folder, its plan, its steps, and who may talk to it."""
 
 import asyncio
-import subprocess
 import sys
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from deltaid.studio.folder import ConflictError, Folder
 from deltaid.studio.jobs import Job, error_in
 from deltaid.studio.plan import FILE, Checked, Plan, Store, Used, digest
 from deltaid.studio.runs import new_run, next_run, runs
-from deltaid.studio.steps import check_step, excite_step, fit_step
+from deltaid.studio.steps import check_step, fit_step
 
 
 @pytest.fixture
@@ -206,27 +205,6 @@ def test_a_job_that_fails_says_what_to_mend(folder: Folder) -> None:
 def test_a_defect_is_one_sentence() -> None:
     said = "warning: x\nTraceback (most recent call last):\n  File\nValueError: 3\n"
     assert error_in(said).startswith("a defect of deltaid (ValueError: 3)")
-
-
-def test_a_job_that_is_cancelled_ends_with_all_it_started(folder: Folder) -> None:
-    place = new_run(folder, "excite")
-    step = excite_step("irb360-6-1600", f"{place}/motion.csv", place, starts=100)
-    job = Job(step, folder, place)
-
-    async def scenario() -> None:
-        task = asyncio.create_task(job.go())
-        while not job.stages:
-            await asyncio.sleep(0.05)
-        await job.cancel()
-        await asyncio.wait_for(task, 20)
-
-    asyncio.run(scenario())
-    assert job.state == "cancelled"
-    assert job._process is not None
-    assert job._process.returncode is not None
-    assert not (folder.root / place / "motion.csv").exists()
-    listed = subprocess.run(["ps", "-A", "-o", "pgid="], capture_output=True, text=True, check=True)
-    assert str(job._process.pid) not in listed.stdout.split()
 
 
 def test_cures_of_a_robot_leave_its_comments(folder: Folder) -> None:

@@ -12,6 +12,7 @@ import pytest
 from command import refused
 from deltaid.errors import DeltaidError
 from deltaid.robot.load import catalogue_text
+from deltaid.studio import jobs
 from deltaid.studio.folder import Folder
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem, opened, told
@@ -81,6 +82,60 @@ def test_a_step_that_is_killed_is_one_message_and_another_may_begin(session: Ses
     (run,) = runs(session.folder)
     assert not run.succeeded
     assert not (session.folder.root / run.folder / "m.csv").exists()
+
+
+# Before the command: its search, and a process that it starts, wait for a question and answer it.
+_WAITING = """
+import os
+from deltaid.excitation.excite import Exciter
+held = os.open({alive!r}, os.O_WRONLY)
+def wait(*_, **__):
+    os.read(os.open({asked!r}, os.O_RDONLY), 1)
+    os.write(held, b"alive ")
+if os.fork() == 0:
+    wait()
+    os._exit(0)
+Exciter.optimise = wait
+"""
+
+
+def test_a_job_that_is_cancelled_ends_with_all_it_started(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two named pipes tell it, without the clock or a list of processes.
+
+    Who is alive holds one of them open, so its end is the end of all. Both processes read the other
+    one: asked after the cancelling, they answer unless a signal waits for them.
+    """
+    alive, asked = tmp_path / "alive", tmp_path / "asked"
+    for pipe in (alive, asked):
+        os.mkfifo(pipe)
+    before = _WAITING.format(alive=str(alive), asked=str(asked))
+    monkeypatch.setattr(jobs, "_ENTRY", before + jobs._ENTRY)
+    place = new_run(session.folder, "excite")
+    step = excite_step("clavel-delta3", f"{place}/motion.csv", place)
+    job = Job(step, session.folder, place)
+
+    async def scenario() -> bytes:
+        ended = os.open(alive, os.O_RDONLY | os.O_NONBLOCK)
+        question = os.open(asked, os.O_RDWR)  # so that it waits for no reader
+        task = asyncio.create_task(job.go())
+        while not (job.stages or task.done()):
+            await asyncio.sleep(0.05)
+        os.set_blocking(ended, True)
+        await job.cancel()
+        os.write(question, b"??")
+        with open(ended, "rb") as pipe:
+            answers = await asyncio.to_thread(pipe.read)
+        await task
+        os.close(question)
+        return answers
+
+    assert asyncio.run(scenario()) == b""
+    assert job.state == "cancelled"
+    assert job._process is not None
+    assert job._process.returncode is not None
+    assert not (session.folder.root / place / "motion.csv").exists()
 
 
 @pytest.mark.slow
