@@ -279,7 +279,7 @@ def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: 
     motion = random_motion(dynamics.kinematics, rng)
     noise = SensorNoise(torque=0.02)
     p = prior_parameters(true)
-    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, rate=500.0, noise=noise)
+    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, noise=noise)
     write_recording(found, tmp_path / "log.csv")
     one = gathered(robot, tmp_path / "log.csv", settings=SETTINGS)
     expected, own = one.record.model, identify_gathered(robot, [one], SETTINGS).model
