@@ -115,6 +115,8 @@ def test_friction_by_direction_looks_like_a_lag_but_not_where_drives_turn_round(
 def test_a_filter_of_the_drive_counts_as_lag() -> None:
     lags = estimated(recorded(0.0, loop=3e-3))
     np.testing.assert_allclose(lags.values[0], 3e-3, atol=4e-4)
+    np.testing.assert_allclose(lags.steps[0], 3e-3, atol=3e-4)  # as reversals alone tell it
+    assert np.all(np.isfinite(lags.told))
 
 
 def test_estimates_agree_that_do_not_contradict_each_other() -> None:

@@ -1,0 +1,198 @@
+"""Where torques step as a drive turns round: at once, behind a filter, or not at all."""
+
+import numpy as np
+import pytest
+
+from deltaid.identification.torque_steps import (
+    Local,
+    Steps,
+    _posterior,
+    behind_filter,
+    is_abrupt,
+    locally,
+    located,
+    misfit,
+    rounded,
+    sharp,
+)
+
+PERIOD, SEEN, SLOPE = 2e-3, 0.8, 20.0
+# Time constants that are tried, in samples: eight from 0.1 to 4, and lags so far apart [s].
+CONSTANTS, LAGS_APART = np.geomspace(0.1, 4.0, 8), (2 * 1.5e-3 + 4 * PERIOD) / 60
+
+
+def response(since: np.ndarray, constant: float) -> np.ndarray:
+    """A step from −½ to ½ at zero, behind a first-order filter."""
+    return np.where(since > 0, 0.5 - np.exp(-np.maximum(since, 0.0) / constant), -0.5)
+
+
+def steps(
+    rng: np.random.Generator, dead: float, constant: float, noise: float, seen: float = SEEN
+) -> Steps:
+    """Torques of 20 reversals about a step that comes so late, each with an offset and a slope.
+
+    Reversals lie anywhere between two samples; of the model's step a part is seen.
+    """
+    after = (np.arange(-13, 14) - rng.uniform(0.0, 1.0, (20, 1))) * PERIOD
+    jump = rng.choice([-1.0, 1.0], 20) * rng.uniform(1.0, 3.0, 20)
+    shape = response(after - dead, constant) if constant else sharp(after, dead)
+    left = rng.normal(0.0, 5.0, (20, 1)) + jump[:, None] * (seen * shape + SLOPE * after)
+    return Steps(after, left + noise * rng.standard_normal(after.shape), jump)
+
+
+def test_a_step_behind_a_filter_is_its_response() -> None:
+    """What is lost before its place is won behind it: delays of filters add up."""
+    after, constant = np.linspace(-0.02, 0.06, 40001)[None], 2.5e-3
+    found = rounded(after, 4e-3, constant)
+    np.testing.assert_allclose(found, response(after - 1.5e-3, constant), atol=1e-12)
+    area = 2e-6 * np.sum(sharp(after, 4e-3) - found)
+    assert area == pytest.approx(0.0, abs=2e-6)
+
+
+@pytest.mark.parametrize("constant", CONSTANTS[[2, 4, 6]])
+@pytest.mark.parametrize("dead", [-1.3e-3, 0.7e-3])
+def test_the_lag_of_a_filter_has_its_time_constant_in_it(constant: float, dead: float) -> None:
+    """To half of what lags that are tried lie apart; the deviation that is told holds it."""
+    lag = dead + constant * PERIOD
+    of_drive = steps(np.random.default_rng(3), dead, constant * PERIOD, noise=0.01)
+    found = behind_filter(of_drive, lag + 4e-4, PERIOD)
+    assert found is not None
+    assert found[0] == pytest.approx(lag, abs=0.5 * LAGS_APART)
+    assert found[1] == pytest.approx(LAGS_APART, rel=0.1)
+
+
+def test_between_the_constants_that_are_tried_the_lag_is_near() -> None:
+    constant = np.sqrt(CONSTANTS[4] * CONSTANTS[5])
+    lag = 0.5e-3 + constant * PERIOD
+    of_drive = steps(np.random.default_rng(4), 0.5e-3, constant * PERIOD, noise=0.01)
+    found = behind_filter(of_drive, lag, PERIOD)
+    assert found is not None
+    assert abs(found[0] - lag) < 2 * found[1]
+
+
+def test_a_filter_in_noise_is_as_uncertain_as_it_can_be_told() -> None:
+    """By likelihoods of all lags and constants that are tried, whose noise is what the best one
+    leaves."""
+    lag = 1e-3 + CONSTANTS[4] * PERIOD
+    of_drive = steps(np.random.default_rng(5), 1e-3, CONSTANTS[4] * PERIOD, noise=1.2)
+    places = lag + np.linspace(-1.5e-3, 1.5e-3 + CONSTANTS[-1] * PERIOD, 61)
+    squares = np.array([
+        [
+            np.sum(locally(of_drive, response(of_drive.after - (x - c), c)).left ** 2)
+            for c in CONSTANTS * PERIOD
+        ]
+        for x in places
+    ])  # fmt: skip
+    variance = squares.min() / of_drive.left.size
+    likely = np.exp((squares.min() - squares) / (2 * variance)).sum(axis=1)
+    mean = likely @ places / likely.sum()
+    std = np.sqrt(likely @ (places - mean) ** 2 / likely.sum())
+    found = behind_filter(of_drive, lag, PERIOD)
+    assert found is not None
+    assert found[0] == pytest.approx(mean)
+    assert found[1] == pytest.approx(np.hypot(std, LAGS_APART))
+    assert std > LAGS_APART
+    assert abs(mean - lag) < 2 * std
+
+
+def test_what_a_filter_leaves_open_is_looked_for_where_the_step_begins() -> None:
+    """That is its time constant before the lag."""
+    dead, constant = 1e-3, CONSTANTS[-1] * PERIOD
+    of_drive = steps(np.random.default_rng(12), dead, constant, noise=0.01)
+    before = np.abs(of_drive.after - (dead - 2 * PERIOD)) < 0.5 * PERIOD
+    rung = Steps(of_drive.after, of_drive.left + 0.9 * of_drive.jump[:, None] * before,
+                 of_drive.jump)  # fmt: skip
+    assert behind_filter(of_drive, dead + constant, PERIOD) is not None
+    assert behind_filter(rung, dead + constant, PERIOD) is None
+
+
+def test_what_is_no_filter_tells_nothing() -> None:
+    """Torques without any step, and those that step twice."""
+    rng = np.random.default_rng(6)
+    none = steps(rng, 1e-3, PERIOD, noise=0.01)
+    smooth = Steps(none.after, SLOPE * none.jump[:, None] * none.after, none.jump)
+    assert behind_filter(smooth, 1e-3, PERIOD) is None
+    ringing = none.left + none.jump[:, None] * np.exp(-((none.after / PERIOD) ** 2))
+    assert behind_filter(Steps(none.after, ringing, none.jump), 1e-3, PERIOD) is None
+
+
+def test_a_sharp_step_lies_where_it_says() -> None:
+    """Its place errs by the deviation that is told."""
+    rng, z = np.random.default_rng(7), []
+    for _ in range(200):
+        late = rng.uniform(0.0, PERIOD)
+        found = located(steps(rng, late, 0.0, noise=0.25, seen=0.45), late + 0.3e-3, 5e-3)
+        assert found is not None
+        z.append((found[0] - late) / found[1])
+    assert np.std(z) == pytest.approx(1.0, abs=0.2)  # 200 draws tell it to 0.05
+    assert np.mean(z) == pytest.approx(0.0, abs=0.25)
+    few = steps(rng, 1e-3, 0.0, noise=0.01)
+    three = Steps(few.after[:3], few.left[:3], few.jump[:3])
+    assert located(three, 1e-3, 5e-3) is None
+
+
+def test_the_place_of_a_step_has_its_likelihood() -> None:
+    """All places within reach are as likely before; summed over a fine grid of them."""
+    of_drive, noise = steps(np.random.default_rng(11), 1e-3, 0.0, noise=1.0, seen=1.0), 1.0
+    some = Steps(of_drive.after[:4], of_drive.left[:4], of_drive.jump[:4])
+    left = some.left - SLOPE * some.jump[:, None] * some.after
+    left -= left.mean(axis=1, keepdims=True)
+    places = np.linspace(-2e-3, 5e-3, 14001)
+    shapes = sharp(some.after[None], places[:, None, None])
+    # log L = −Σ (r − J s)² / 2σ², of which only the mixed term depends on the place.
+    log = np.sum(some.jump[:, None] * left * shapes, axis=(1, 2)) / noise**2
+    likely = np.exp(log - log.max())
+    mean = likely @ places / likely.sum()
+    std = np.sqrt(likely @ (places - mean) ** 2 / likely.sum())
+    found = _posterior(some.after, left, some.jump, noise**2, 1.5e-3, 3.5e-3)
+    np.testing.assert_allclose(found, (mean, std), rtol=2e-3)
+
+
+def test_offsets_a_step_and_a_slope_are_least_squares() -> None:
+    of_drive = steps(np.random.default_rng(8), 1e-3, 0.0, noise=0.3)
+    shape = sharp(of_drive.after, 1e-3)
+    offsets = np.kron(np.eye(20), np.ones((27, 1)))
+    both = of_drive.jump[:, None, None] * np.stack([shape, of_drive.after], axis=2)
+    A = np.hstack([offsets, both.reshape(-1, 2)])
+    weights = np.linalg.lstsq(A, of_drive.left.ravel(), rcond=None)[0]
+    found = locally(of_drive, shape)
+    np.testing.assert_allclose(found.left.ravel(), of_drive.left.ravel() - A @ weights, atol=1e-9)
+    assert found.seen == pytest.approx(weights[20])
+
+
+def test_what_samples_next_to_a_step_miss_is_a_share_of_it() -> None:
+    """Root mean square of three samples on either side, beyond that of the others."""
+    of_drive = steps(np.random.default_rng(9), 0.0, 0.0, noise=0.0)
+    near = np.abs(of_drive.after) < 3 * PERIOD
+    size = np.sqrt(np.mean(of_drive.jump**2))
+    off = Local(size * np.where(near, 0.1, 0.03), 0.5)
+    assert misfit(off, of_drive, 0.0) == pytest.approx(np.sqrt(0.1**2 - 0.03**2) / 0.5)
+    # A mean square of n numbers scatters by √(2/n); four times that is chance.
+    chance = 1 + 4 * np.sqrt(2 / near.sum())
+    for share, seen in ((0.999, False), (1.001, True)):
+        one = Local(np.where(near, np.sqrt(share * chance), 1.0), 0.5)
+        assert (misfit(one, of_drive, 0.0) > 0) == seen
+
+
+def test_a_step_is_told_from_a_slope_over_many_samples() -> None:
+    rng = np.random.default_rng(10)
+    abrupt = steps(rng, 0.0, 0.0, noise=0.01)
+    ramp = np.clip(abrupt.after / (14 * PERIOD), -0.5, 0.5)
+    yielding = Steps(abrupt.after, abrupt.jump[:, None] * ramp, abrupt.jump)
+    for one, expected in ((abrupt, True), (yielding, False)):
+        local = locally(one, sharp(one.after, 0.0))
+        assert is_abrupt(local, one, 0.0) == expected
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.8, True), (1.25, False)])
+def test_a_step_that_noise_hides_nearby_is_a_step(share: float, expected: bool) -> None:
+    """Up to three deviations of what seven samples say of it beside a slope."""
+    of_drive = steps(np.random.default_rng(13), 0.0, 0.0, noise=4.0, seen=0.2)
+    few = Steps(of_drive.after[:, 10:17], of_drive.left[:, 10:17], of_drive.jump)
+    near = locally(few, sharp(few.after, 0.0))
+    columns = few.jump[:, None] * np.stack([sharp(few.after, 0.0), few.after])
+    columns -= columns.mean(axis=2, keepdims=True)
+    flat = columns.reshape(2, -1)
+    std = float(np.sqrt(np.mean(near.left**2) * np.linalg.inv(flat @ flat.T)[0, 0]))
+    local = Local(of_drive.left, near.seen + share * 3 * std)
+    assert is_abrupt(local, of_drive, 0.0) == expected

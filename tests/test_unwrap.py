@@ -1,0 +1,150 @@
+"""Counters that begin anew and angles of one turn: within which range, in which pieces, how far."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.time.unwrap import Unwrapper, _numbers
+from logs import read, recorded, write
+
+TURN, BITS = 360.0, 2.0**16
+
+
+def unwrapped(one: Unwrapper, x: np.ndarray, *cuts: int) -> np.ndarray:
+    """All numbers, given in pieces."""
+    rows = np.array([0, *cuts, len(x)])
+    pieces = zip(np.split(x, list(cuts)), rows[:-1], strict=True)
+    return np.concatenate([one.add(piece, int(row)) for piece, row in pieces])
+
+
+def angle() -> Unwrapper:
+    return Unwrapper((TURN,), ())
+
+
+def counter() -> Unwrapper:
+    return Unwrapper((), (2.0**16, 2.0**24))
+
+
+@pytest.mark.parametrize("low", [0.0, -0.5], ids=["from zero on", "about zero"])
+def test_angles_go_on_as_they_went(low: float) -> None:
+    """In whatever pieces they come; forth and back, over many turns."""
+    t = np.arange(300)
+    whole = 800.0 * np.sin(0.05 * t) + 170.0 * np.sin(0.13 * t)
+    wrapped = (whole - low * TURN) % TURN + low * TURN
+    whole += wrapped[0] - whole[0]
+    crossed = np.flatnonzero(np.abs(np.diff(wrapped)) > 0.5 * TURN)
+    for cuts in ((), (1, 2, 3), tuple(range(1, 300)), tuple(crossed), tuple(crossed + 1)):
+        one = angle()
+        np.testing.assert_allclose(unwrapped(one, wrapped, *cuts), whole, atol=1e-9)
+        assert (one.count, one.first) == (len(crossed), crossed[0] + 1)
+        assert one.period == TURN
+
+
+def test_pieces_number_their_first_row() -> None:
+    one = angle()
+    one.add(np.array([340.0, 350.0]), 100)
+    assert one.count == 0
+    np.testing.assert_array_equal(one.add(np.array([0.0, 10.0]), 102), [360.0, 370.0])
+    np.testing.assert_array_equal(one.add(np.array([20.0]), 104), [380.0])
+    assert (one.count, one.first) == (1, 102)
+
+
+@pytest.mark.parametrize("period", [TURN, BITS])
+@pytest.mark.parametrize(
+    ("before", "after", "inside"),
+    [
+        (1.005, 0.005, True), (1.02, 0.02, False),  # a little over the highest number
+        (0.99, -0.005, True), (0.5, -0.505, True), (0.48, -0.52, False),  # and below the lowest
+        (-0.5, 0.5, True), (-0.52, 0.48, False), (0.0, 1.005, True), (0.02, 1.02, False),
+        (1.7, 0.7, False), (-1.2, -0.2, False), (0.2, -0.8, False),
+        (0.95, -0.25, True), (0.95, -0.35, False),  # a leap may miss the period by a quarter
+    ],
+)  # fmt: skip
+def test_a_new_round_begins_within_the_range(
+    period: float, before: float, after: float, inside: bool
+) -> None:
+    """From 0 to one period, or half of it to either side, and a hundredth beyond: what leaps
+    elsewhere has moved."""
+    x = np.round(period * np.array([before, before, after, after]), 0)
+    one = angle() if period == TURN else counter()
+    back = np.sign(before - after) * period if inside else 0.0
+    np.testing.assert_allclose(unwrapped(one, x), x + np.array([0.0, 0.0, back, back]))
+    assert one.count == inside
+
+
+@pytest.mark.parametrize(
+    ("steps", "rounds"),
+    [
+        ([0, -280, 0], 1), ([0, -260, 0], 0),  # three quarters of a turn
+        ([80, -340, 80], 1), ([100, -340, 0], 0), ([0, -340, 100], 0), ([-100, -250, 0], 0),
+    ],
+)  # fmt: skip
+def test_a_leap_between_small_steps_is_a_new_round(steps: list[int], rounds: int) -> None:
+    """It misses a period by less than a quarter; so do the steps beside it from rest."""
+    x = 270.0 - steps[0] + np.cumsum([0.0, *steps])
+    for cuts in ((), (1,), (2,), (1, 2)):
+        one = angle()
+        unwrapped(one, x, *cuts)
+        assert one.count == rounds
+
+
+def test_counts_are_whole_numbers() -> None:
+    """A leap of 65 536 of what has fractions is none of a counter of 16 bits."""
+    x = np.array([65_530.0, 65_535.0, 1.0, 6.0])
+    one, other = counter(), counter()
+    np.testing.assert_array_equal(unwrapped(one, x), [65_530.0, 65_535.0, 65_537.0, 65_542.0])
+    assert one.period == 2.0**16
+    np.testing.assert_array_equal(unwrapped(other, x + 0.5), x + 0.5)
+
+
+def test_the_nearest_period_is_taken_and_kept() -> None:
+    one = Unwrapper((65_000.0,), (2.0**16, 2.0**24))
+    x = np.array([65_000.0, 65_530.0, 2.0, 10.0])
+    np.testing.assert_array_equal(unwrapped(one, x)[2:], x[2:] + 2.0**16)
+    assert one.period == 2.0**16
+    other = Unwrapper((), (2.0**16, 2.0**24))
+    top = np.array([2.0**24 - 8.0, 2.0**24 - 1.0, 6.0, 14.0])
+    leap = np.array([65_540.0, 65_541.0])  # as far as a smaller counter goes, on a larger one
+    found = unwrapped(other, np.concatenate([top, leap]), 4)
+    np.testing.assert_array_equal(found[2:], 2.0**24 + np.concatenate([top[2:], leap]))
+
+
+def test_time_only_counts_up() -> None:
+    """A leap back is a new round, one ahead is none: it lacks rows."""
+    for x, expected in (([250.0, 2.0, 10.0], [250.0, 258.0, 266.0]), ([2.0, 250.0, 255.0], None)):
+        one = Unwrapper((), (2.0**8,), rising=True)
+        np.testing.assert_array_equal(unwrapped(one, np.array(x)), expected or x)
+
+
+@pytest.mark.parametrize(
+    ("period", "words"),
+    [(1.0, "1, one turn,"), (360.0, "360, one turn,"), (1000.0, "1000, one turn,"),
+     (256.0, "256 counts (8 bits)"), (65536.0, "65536 counts (16 bits)")],
+)  # fmt: skip
+def test_a_turn_is_no_counter_however_large_its_number(period: float, words: str) -> None:
+    assert _numbers(period) == words
+
+
+@pytest.mark.parametrize(
+    ("unit", "turn"), [("rad", 2 * np.pi), ("deg", 360.0), ("rev", 1.0), ("360/1000 deg", 1000.0)]
+)
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_turn_is_one_in_the_unit_of_the_column(
+    tmp_path: Path, unit: str, turn: float, declared: bool
+) -> None:
+    """Whether a mapping says the unit or the log does, and whatever gear comes before it."""
+    whole = turn * (0.9 + 0.2 * np.arange(20) / 20)
+    frame = recorded(20).with_columns(q2=pl.Series(whole % turn))
+    mapping = None
+    names, *rows = frame.write_csv().splitlines()
+    if declared:
+        columns = [{"column": f"q{i}", "unit": unit, "gear": 5.0} for i in (1, 2, 3)]
+        mapping = ColumnMapping.model_validate({"position": columns})
+    else:
+        rows = [f"s,rad,{unit},rad,N m,N m,N m", *rows]
+    values = read(write(tmp_path / "log.csv", "\n".join([names, *rows, ""])), mapping)[:, 2]
+    expected = 2 * np.pi * whole / turn / (5.0 if declared else 1.0)
+    np.testing.assert_allclose(values, expected, rtol=1e-9)
