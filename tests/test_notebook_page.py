@@ -19,6 +19,7 @@ def new() -> Any:
     return notebook_page.executed()
 
 
+@pytest.mark.slow
 def test_it_gives_what_it_stores(old: Any, new: Any) -> None:
     assert not list(notebook_page.differences(old, new))
 
@@ -32,6 +33,7 @@ def test_the_page_shows_what_it_stores(old: Any) -> None:
     assert "notebook.md" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_it_goes_the_whole_way(new: Any) -> None:
     code = "\n".join(cell["source"] for cell in notebook_page.code(new))
     for step in ("load_robot", "optimise", "verdicts", "cured_columns", "identify", "validate",
