@@ -1,4 +1,6 @@
-"""Shapes and types are checked as functions are called; robots that several test files share."""
+"""Options of the tests, checks of shapes and types on request, robots that several files share."""
+
+from __future__ import annotations
 
 import functools
 import gc
@@ -65,10 +67,14 @@ def _some_calls_checked(**options: object):
     return decorate
 
 
-jaxtyping.jaxtyped = _some_calls_checked
 # Where a float is wanted an integer will do, as it does for basedpyright.
 _CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
-jaxtyping.install_import_hook(_CHECKED, _CHECKER)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--shapes"):
+        jaxtyping.jaxtyped = _some_calls_checked
+        jaxtyping.install_import_hook(_CHECKED, _CHECKER)
 
 
 # Files with a long test come first: no worker begins one when the others have nothing left to do.
@@ -78,6 +84,8 @@ _LONG = ("test_docs.py", "test_fleet.py", "test_reproduce.py", "test_studio_brow
 def pytest_addoption(parser: pytest.Parser) -> None:
     what = "run long sweeps, other programs and every page in the browser as well"
     parser.addoption("--slow", action="store_true", help=what)
+    shapes = "check shapes and types as functions are called, which takes half as long again"
+    parser.addoption("--shapes", action="store_true", help=shapes)
     parser.addoption("--renew", action="store_true", help="store today's words as snapshots")
 
 
