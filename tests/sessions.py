@@ -10,8 +10,7 @@ A page that runs a command with --json must name all keys of its result. Blocks 
 commands alone. Blocks marked `python` are executed, one namespace a page. A comment `<!-- before`
 (or `<!-- before python`) holds lines that have to run first and that a page does not show. All
 pages run in one folder, with deltaid inside this process. What `NOT_RUN` matches stays out, and
-except for --renew a search for a motion has one start. With --quick DEMO, a folder that `deltaid
-demo --keep` left, commands that `LONG` matches stay out as well.
+except for --renew a search for a motion has one start.
 """
 
 import contextlib
@@ -43,8 +42,6 @@ NOT_RUN = re.compile(
     r"|\bdeltaid (compare-controllers|reproduce|studio)\b|--live\b"
     r"|\bbenchmarks/|\b(surrogate|irb360)/|^cd "
 )
-# Each takes seconds; of what they write, others need the model alone, which the demonstration has.
-LONG = re.compile(r"^deltaid (demo|excite|identify|online|sample|sensors|simulate)\b")
 _BEFORE = re.compile(r"<!-- before( python)?\n(.*?)-->", re.DOTALL)
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
@@ -174,7 +171,7 @@ def _words(line: str) -> list[str]:
     return _NUMBER.sub("#", line).split()
 
 
-def compare(path: Path, folder: Path, *, renew: bool = False, quick: bool = False) -> list[str]:
+def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
     """Run a page; complaints about what it quotes. Rewrites outputs if asked to.
 
     An output that is quoted whole is replaced whole, of one with `…` the lines that still match.
@@ -184,8 +181,6 @@ def compare(path: Path, folder: Path, *, renew: bool = False, quick: bool = Fals
     for step in steps(page):
         if isinstance(step, Code):
             execute(step, namespace, folder)
-            continue
-        if quick and LONG.search(step.text):
             continue
         where = f"{path.name}:{step.line}: {step.text}"
         code, printed = run(step.text if renew else quicker(step.text), folder)
@@ -211,26 +206,17 @@ def compare(path: Path, folder: Path, *, renew: bool = False, quick: bool = Fals
 
 
 def complaints(*arguments: str) -> list[str]:
-    """Complaints about pages, or about what is quick in them."""
-    quick = Path(arguments[1]) if arguments[0] == "--quick" else None
-    pages = [Path(name) for name in arguments[2 if quick else 0 :] if name != "--renew"]
+    """Complaints about pages."""
+    pages = [Path(name) for name in arguments if name != "--renew"]
+    renew = "--renew" in arguments
     with (
         tempfile.TemporaryDirectory() as temporary,
         patch.object(fmu_binaries, "find_spec", lambda _: None),  # units for this machine alone
     ):
         folder = Path(temporary)
         shutil.copytree(ROOT / "examples", folder / "examples")
-        if quick:
-            shutil.copytree(quick, folder / "demo")
-            shutil.copy(quick / "model.yaml", folder)
-        else:
-            run("deltaid demo --keep demo", folder)  # what all pages may use
-        renew = "--renew" in arguments
-        return [
-            complaint
-            for page in pages
-            for complaint in compare(page, folder, renew=renew, quick=bool(quick))
-        ]
+        run("deltaid demo --keep demo", folder)  # what all pages may use
+        return [complaint for page in pages for complaint in compare(page, folder, renew=renew)]
 
 
 if __name__ == "__main__":

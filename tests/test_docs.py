@@ -149,10 +149,6 @@ def _require_agreement(*arguments: str | Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_what_is_quick_in_the_readme(demonstration: Path) -> None:
-    _require_agreement("--quick", demonstration, ROOT / "README.md")
-
-
 @pytest.mark.slow
 def test_sessions_and_code_of_the_pages() -> None:
     _require_agreement(*RUNNABLE)

@@ -66,6 +66,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     return found
 
 
+@pytest.mark.slow
 def test_a_robot_and_a_period_are_rows_of_one_table(whole: Plant) -> None:
     table = whole.table()
     assert table.select("robot", "period", "recordings").unique(maintain_order=True).rows() == [

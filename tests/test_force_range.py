@@ -87,6 +87,7 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Job:
     return made(tmp_path_factory.mktemp("exact"), None)
 
 
+@pytest.mark.slow
 def test_ranges_hold_truth_and_model_and_are_wide_where_torques_are_blind(noisy: Job) -> None:
     ranges, held, blind = noisy.ranges, [], 0
     for c in noisy.coefficients[1:].reshape(-1, len(noisy.truth)):

@@ -3,11 +3,13 @@
 import re
 from pathlib import Path
 
+import pytest
 from ruamel.yaml import YAML
 
 from links import DOCS, PAGES, ROOT, Link, anchors, external, links
 
 
+@pytest.mark.slow
 def test_links_lead_somewhere() -> None:
     broken = {
         (str(page.relative_to(ROOT)), link.target): why

@@ -56,6 +56,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> list[FactorFile]:
     ]
 
 
+@pytest.mark.slow
 def test_loads_of_some_recordings_are_found_from_all(loaded: list[FactorFile]) -> None:
     found = identify_gathered(robot()[0].robot, loaded, PLAIN).model
     columns = [GRIPPER, GRIPPER, ColumnMapping()]
@@ -71,6 +72,7 @@ def test_loads_of_some_recordings_are_found_from_all(loaded: list[FactorFile]) -
             assert abs(one.value - true) < 4.0 * one.std
 
 
+@pytest.mark.slow
 def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None:
     """Torques of a heavier load taken out, and the same columns: the same load."""
     one, other = loaded[:2]

@@ -142,6 +142,7 @@ class Terminal:
         return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no pseudo-terminals")
 def test_in_a_terminal_it_asks(tmp_path: Path) -> None:
     shell = Terminal(tmp_path / "mine.yaml", "--swing", "45")

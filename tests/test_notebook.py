@@ -74,6 +74,7 @@ def values(result, motion) -> dict[str, object]:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_kind_is_looked_at(values: dict[str, object]) -> None:
     seen = {
         f"{kind.__module__.removeprefix('deltaid.')}.{kind.__qualname__}"

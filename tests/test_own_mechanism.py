@@ -168,6 +168,7 @@ def test_the_example_is_excited_within_its_limits(heli4):
     assert all(limit.share <= 1.0 for limit in result.limits)
 
 
+@pytest.mark.slow
 def test_the_example_runs_the_whole_pipeline(heli4, tmp_path):
     dynamics, rng = Dynamics(heli4), np.random.default_rng(1)
     motion = random_motion(dynamics.kinematics, rng, period=4.0)

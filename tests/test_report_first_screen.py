@@ -18,7 +18,8 @@ from deltaid.report.page import write_page
 from deltaid.report.validation import validation_page
 from visit import CHROMIUM, Visit, chromium
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytestmark = [NO_CHROMIUM, pytest.mark.slow]
 
 BODIES = ("U", "S", "P", "TU", "TL", "EE")
 VERDICT = "Good: predicts torques of an unseen motion within"

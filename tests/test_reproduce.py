@@ -83,6 +83,7 @@ def test_errors_of_a_tenth_are_called_so(irb360: Dynamics) -> None:
     assert accuracy(irb360, along, truth, -truth).definite == 0
 
 
+@pytest.mark.slow
 def test_weights_and_ways_down_are_judged_by_the_truth() -> None:
     known = identified("clavel-delta3")
     along, objective = motion(known.dynamics), known.result.problem.objective

@@ -69,6 +69,7 @@ def _steps() -> Iterator[object]:
         yield export_step(ROBOT, form, f"at/{form}/")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", list(_steps()), ids=lambda step: " ".join(step.arguments[:3]))
 def test_the_python_of_a_step_makes_what_its_command_makes(folder: Path, step: Step) -> None:
     if step is not EXCITE:  # which the folder has been made by

@@ -11,7 +11,8 @@ from logs import recorded
 from studios import Studio, Visitor, foreign
 from visit import CHROMIUM, chromium
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytestmark = [NO_CHROMIUM, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
