@@ -139,7 +139,7 @@ def test_cli_page_lists_keys_of_files(heading: str, model: type) -> None:
 
 
 def _require_agreement(*arguments: str | Path) -> None:
-    # In a process of its own, without the tests' type checks, which would make it slow.
+    # In a process of its own, since it changes the folder and what commands find.
     done = subprocess.run(
         [sys.executable, Path(__file__).with_name("sessions.py"), *arguments],
         capture_output=True,
