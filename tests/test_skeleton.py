@@ -22,6 +22,7 @@ from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import RigidPlatform
 from deltaid.studio.stand import stand
+from joint_places import direction, elbow, part_of_limb, parts_of_platform, poses, tool_point
 
 ROBOTS = ("telescope aside", "linear-delta-45", "h4-linear", "par4", "i4", "one strut a limb")
 
@@ -44,50 +45,25 @@ def drawn(name: str) -> tuple[RobotDescription, Kinematics, Skeleton]:
     return robot, kinematics, Skeleton(robot, kinematics.mechanism)
 
 
-def poses(robot: RobotDescription, count: int) -> np.ndarray:
-    """Anywhere in the workspace, turned by up to a quarter of a radian."""
-    rng, (centre, half) = np.random.default_rng(3), robot.workspace.inner_box
-    dof = len(robot.drives)
-    z = np.column_stack([centre + half * rng.uniform(-0.7, 0.7, (count, 3)), np.zeros(count)])
-    z[:, 3] = rng.uniform(0.1, 0.25, count)
-    return z[:, :dof]
-
-
-def direction(angle: float) -> np.ndarray:
-    return np.array([np.cos(angle), np.sin(angle), 0.0])
-
-
-def parts_of_platform(robot: RobotDescription, z: np.ndarray) -> list[np.ndarray]:
-    """The platform point, or the points of both parts that limbs hold."""
-    if isinstance(robot.platform, RigidPlatform):
-        return [z[:3]]
-    half = robot.platform.half(float(z[3]))
-    return [z[:3] + half, z[:3] - half]
-
-
 def of_limbs(robot: RobotDescription, q: np.ndarray, z: np.ndarray) -> list[Line]:
     """Struts, what is between the two of a pair, arms or rails; base and platform around them."""
     parts, limbs = parts_of_platform(robot, z), robot.limb_geometry
     apart = 0.25 * np.mean([np.linalg.norm(limb.attachment) for limb in limbs])
     lines, base, seats = list[Line](), list[np.ndarray](), [[] for _ in parts]
     for i, limb in enumerate(limbs):
-        rigid = isinstance(robot.platform, RigidPlatform)
-        k = 0 if rigid or i + 1 in robot.platform.first else 1
-        held = parts[k] + limb.attachment
-        x, y, up = limb.R_WL.T
+        k = part_of_limb(robot, i)
+        held, joint, y = parts[k] + limb.attachment, elbow(limb, q[i]), limb.R_WL[:, 1]
         if limb.drive == "rotary":
-            elbow = limb.base + limb.upper_arm * (np.cos(q[i]) * x - np.sin(q[i]) * up)
-            lines.append(("U", limb.base, elbow))
+            lines.append(("U", limb.base, joint))
         else:
-            elbow = limb.base + q[i] * limb.R_WL @ limb.rail
             low, high = robot.drive_limits[f"drive{i + 1}"].range
             ends = (limb.base + s * limb.R_WL @ limb.rail for s in (low, high))
             lines.append(("base", *ends))
-        assert np.linalg.norm(held - elbow) == pytest.approx(limb.strut)
+        assert np.linalg.norm(held - joint) == pytest.approx(limb.strut)
         sides = [-apart * y, apart * y] if limb.struts == 2 else [np.zeros(3)]
-        lines += [("S", elbow + side, held + side) for side in sides]
+        lines += [("S", joint + side, held + side) for side in sides]
         driven = "U" if limb.drive == "rotary" else "C"
-        lines.append((driven, elbow + sides[0], elbow + sides[-1]))
+        lines.append((driven, joint + sides[0], joint + sides[-1]))
         base += [limb.base + side for side in sides]
         seats[k] += [held + side for side in sides]
     lines += [("base", *both) for both in zip(base, np.roll(base, 1, axis=0), strict=True)]
@@ -109,7 +85,7 @@ def of_tool(robot: RobotDescription, z: np.ndarray) -> list[Line]:
         return []
     one, other = parts_of_platform(robot, z)
     size = np.mean([np.linalg.norm(limb.attachment) for limb in robot.limb_geometry])
-    tool = {"middle": z[:3], "first": one, "second": other}[platform.tool_on] + platform.tool
+    tool = tool_point(robot, z)
     pointer = tool + max(0.5 * size, 0.03) * direction(z[3])
     joining = {"h4": "MB", "par4": "R", "i4": "HP"}[platform.kind]
     return [(joining, one, other), ("EE", tool, pointer)]
