@@ -11,6 +11,7 @@ from deltaid.check.run import of_robot
 from deltaid.drafting.backwards import answers, kind_of
 from deltaid.drafting.draft import GIVEN, Draft
 from deltaid.drafting.drafts import description, doubts
+from deltaid.drafting.guesses import lifted
 from deltaid.drafting.interview import interview
 from deltaid.drafting.kinds import KINDS as KINDS_OF_ROBOT
 from deltaid.drafting.quantity import quantity
@@ -244,3 +245,9 @@ def test_limits_of_questions_are_those_of_their_words() -> None:
             question.require(question.high * 1.01 + 1e-3)
         with pytest.raises(DeltaidError):
             question.require(question.low - abs(question.low) * 0.01 - 1e-15)
+
+
+def test_a_drive_lifts_its_share_of_the_platform_and_both_struts_of_its_limb() -> None:
+    masses = {"platform_mass": 0.9, "tool_mass": 0.3, "telescope_mass": 0.6, "strut_mass": 0.07}
+    assert lifted("delta", masses) == pytest.approx(1.8 / 3 + 2 * 0.07)
+    assert lifted("h4", masses) == pytest.approx(1.8 / 4 + 2 * 0.07)

@@ -292,3 +292,14 @@ def test_a_page_of_a_year_stays_small(tmp_path: Path) -> None:
     assert max(page.stat().st_size for page in pages) < 230_000
     (plotly,) = [path for path in folder.rglob("*.js") if path.stat().st_size > 1e6]
     assert plotly.parent == folder / "site"
+
+
+def test_a_line_is_drawn_to_the_last_recording_at_least(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 15, foreign=())
+    changed(folder, "drift", "R003", horizon=None)
+    write(folder)
+    page = document(folder / "site" / "robots" / "R003.html")
+    friction = next(json.loads(one) for one in page.scripts if '"rate"' in one)
+    rate = next(one for one in friction["data"] if one["name"] == "rate")
+    seen = [one["x"] for one in friction["data"] if one["name"].startswith("friction")]
+    assert rate["x"][1] >= max(max(x) for x in seen)

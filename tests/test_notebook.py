@@ -257,3 +257,12 @@ def test_pages(values: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(deltaid.DeltaidError, match=r"must end in \.html"):
         result.report(tmp_path / "x.pdf")
     assert not (tmp_path / "x.pdf").exists()
+
+
+def test_a_card_says_each_doubt_once() -> None:
+    model = identified("clavel-delta3").result.model
+    warnings = ("the plate is loose", "the clock is slow")
+    doubtful = model.model_copy(update={"warnings": warnings})
+    words = " ".join(Document(doubtful._repr_html_()).texts)
+    assert words.count("the plate is loose") == 1
+    assert words.count("the clock is slow") == 1

@@ -22,6 +22,7 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
+from deltaid.population.coordinates import Coordinates
 from deltaid.population.fitted import fitted
 from deltaid.population.member import Fact, Member, member
 from deltaid.population.next_robot import next_robot, save_next, summary
@@ -267,3 +268,15 @@ def test_a_member_says_what_its_recording_says(tmp_path: Path) -> None:
     assert np.median(alone / expected) == pytest.approx(1.0, abs=0.05)
     found = fitted([own], weighed)
     assert found.members[0].within.std[STRUT] == pytest.approx(0.001, rel=0.05)
+
+
+@pytest.mark.parametrize(("wide", "factor"), [(3, 1.0), (4, 5.5), (6, 6.5)])
+def test_a_prior_is_as_wide_as_more_than_half_of_the_recordings_ask_for(
+    wide: int, factor: float
+) -> None:
+    """The median of what they ask for: 4, 5, 6 … times."""
+    _, _, members = fleet(6, 1)
+    asked = [{"P.m": 4.0 + k} if k < wide else None for k in range(6)]
+    some = [replace(one, widened=own) for one, own in zip(members, asked, strict=True)]
+    reduction = Coordinates.of(ROBOT, some, Settings()).reduction
+    assert reduction.widened.get("P.m", 1.0) == factor

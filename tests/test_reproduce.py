@@ -83,12 +83,13 @@ def test_errors_of_a_tenth_are_called_so(irb360: Dynamics) -> None:
     assert accuracy(irb360, along, truth, -truth).definite == 0
 
 
-@pytest.mark.slow
 def test_weights_and_ways_down_are_judged_by_the_truth() -> None:
     known = identified("clavel-delta3")
     along, objective = motion(known.dynamics), known.result.problem.objective
+    judged: list[np.ndarray] = []
 
     def judge(x: np.ndarray) -> Accuracy:
+        judged.append(x)
         return accuracy(known.dynamics, along, known.p, objective.reduction.parameters(x))
 
     light, heavy = sweep(known.dynamics, known.result, along, known.p, np.array([1e-8, 1e-2]))
@@ -96,7 +97,12 @@ def test_weights_and_ways_down_are_judged_by_the_truth() -> None:
     assert heavy.accuracy.mass_diagonal > 3 * light.accuracy.mass_diagonal
     found = descend(objective, judge, iterations=5)
     assert [one.way for one in found.ways] == list(WAYS)
+    ends = iter(judged)
     for one in found.ways:
+        if one.usual is not None:
+            next(ends)
+        apart = (next(ends) - found.conic.x) / objective.reduction.scale
+        assert one.distance == pytest.approx(np.linalg.norm(apart))
         assert one.objective[0] > one.objective[-1] >= found.conic.objective * (1 - 1e-9)
         assert one.at_end.samples == 50
 

@@ -247,3 +247,17 @@ def test_each_is_one_on_every_limb_or_drive() -> None:
     }  # fmt: skip
     for limb, body in product(range(3), "US"):
         assert load_robot(DELTA).limb_bodies(limb)["US".index(body)] == body
+
+
+def test_a_motion_is_judged_with_the_likely_size_of_offsets_that_nobody_stated() -> None:
+    """An offset of which nothing at all is known leaves more open."""
+    plate = {key: value for key, value in PLATE.items() if key != "force_bias"}
+    exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, harmonics=2, starts=1))
+    motion = exciter.optimise().optimum.motion
+
+    def left(**changed: float) -> float:
+        robot = load_robot(DELTA).changed(sensors={"plate": {**plate, **changed}})
+        dynamics = Exciter(robot, exciter.settings).dynamics
+        return by_bodies(dynamics, 0.02 * exciter.torque_reference, 1000.0)(motion)
+
+    assert left() < left(force_bias=1e4, moment_bias=1e4) - 1e-4

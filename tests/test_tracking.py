@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from deltaid.control.comparison import Run
+from deltaid.control.comparison import Candidate, Run, compare, gains
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import (
     CONTROLLERS,
@@ -164,3 +164,17 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
     [text] = [block for block in page.sections[0].blocks if isinstance(block, Text)]
     assert "12 Hz" in text.text
     assert "a delay of 2 samples" in text.text
+
+
+def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> None:
+    robot = load_robot(ROBOT)
+    forward, p = compiled_forward(robot), prior_parameters(robot)
+    trajectory, drives = motion(forward, 0.1), Drives(encoder_step=0.0)
+    light, right = ControlModel(robot, 0.5 * p), ControlModel(robot, p)
+    models = (Candidate("half", light), Candidate("right", right))
+    runs = compare(Model(forward.robot, p), models, trajectory, drives, 10.0)
+    law = gains("pd", right, trajectory, 10.0)
+    alone = track(Model(forward.robot, p), law, right, trajectory, drives)
+    pd = next(run.tracking for run in runs if run.controller == "pd")
+    assert pd is not None
+    np.testing.assert_allclose(pd.error.platform_rms, alone.error.platform_rms, rtol=1e-9)
