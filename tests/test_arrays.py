@@ -205,3 +205,18 @@ def test_what_is_no_recording(frame: pl.DataFrame) -> None:
         assert "a dictionary of arrays" in message
     assert "no log was given" in refusal(open_recordings, [], KINEMATICS)
     assert [str(source) for source in as_sources(("a.csv", frame))] == ["a.csv", "table 2"]
+
+
+def test_columns_of_an_array_are_the_same_wherever_they_begin(
+    tmp_path: Path, frame: pl.DataFrame
+) -> None:
+    """Behind others, so that the array's first columns are never read."""
+    q, tau = (frame.select(names(key)).to_numpy() for key in ("q", "tau"))
+    wide = np.hstack([np.zeros((len(q), 2)), q])
+    np.savez(tmp_path / "log.npz", t=frame["t"].to_numpy(), q=wide, tau=tau)
+    columns = {
+        "position": [{"column": f"q[{k}]", "unit": "rad"} for k in (2, 3, 4)],
+        "torque": [{"column": f"tau[{k}]", "unit": "N m"} for k in range(3)],
+    }
+    found = samples(tmp_path / "log.npz", deltaid.ColumnMapping.model_validate(columns))
+    np.testing.assert_array_equal(found[:, 1:7], np.hstack([q, tau]))

@@ -6,10 +6,12 @@
 import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from damage import complaint, damaged, outcome
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.recording.formats.mat5 import DamagedError, Numbers
 from kinds_of_files import KINDS, ROWS
 
 COUNT = 6
@@ -27,3 +29,10 @@ def test_damaged_files(tmp_path: Path, clavel: Dynamics, kind: str) -> None:
         assert not complaint(found, path)
         ends.add(found.end)
     assert "refused" in ends
+
+
+def test_an_array_of_a_mat_file_that_ends_behind_its_variable_is_refused() -> None:
+    data = memoryview(np.arange(6.0).tobytes())
+    np.testing.assert_array_equal(Numbers(8, "<f8", (5,)).array(data), np.arange(1.0, 6.0))
+    with pytest.raises(DamagedError, match="6 numbers ends behind the end of its variable"):
+        Numbers(8, "<f8", (6,)).array(data)

@@ -7,7 +7,7 @@ from scipy import stats
 from deltaid.drift.evidence import FREEDOM, KINDS, MONTH, SIZE, Changes, Prior, evidence
 from deltaid.drift.findings import finding
 from deltaid.drift.outliers import inflation
-from deltaid.drift.series import Regressors, explained
+from deltaid.drift.series import Regressors, _slow, explained
 from deltaid.drift.settings import DriftSettings
 from deltaid.drift.shared import _A_YEAR, _moments, _with_others, first_prior
 from deltaid.drift.tools import tool_changes
@@ -259,3 +259,12 @@ def test_a_drive_that_tells_nothing_is_unknown_and_disturbs_no_other() -> None:
 def test_one_recording_is_no_error() -> None:
     days, T, y = _series(np.random.default_rng(6), 1)
     assert finding(_looked(days, T, y, 1), 0, DriftSettings(), 3).state == "unknown"
+
+
+def test_a_slow_temperature_is_the_mean_of_the_weeks_about_a_day() -> None:
+    days, T = np.array([700.0, 703.0, 710.0, 730.0]), np.array([20.0, 30.0, np.nan, 24.0])
+    known = np.isfinite(T)
+    found = _slow(days, T, known)
+    for day, value in zip(days, found, strict=True):
+        weights = np.exp(-0.5 * ((day - days[known]) / 7.0) ** 2)
+        assert value == pytest.approx(np.average(T[known], weights=weights))

@@ -283,3 +283,10 @@ def test_contradictions_about_a_load_are_refused() -> None:
     assert both.mass == 2.0
     with pytest.raises(RecordingError, match="X is no body of the robot"):
         _ = LoadColumns(dynamics, Load(always=True, body="X"), 0.5, np.zeros(10)).body
+
+
+def test_a_tolerance_is_the_standard_deviation_of_a_mass() -> None:
+    """Scales of parameters are in units of the fit's spread."""
+    load = Load(always=True, mass=2.0, mass_tolerance=0.03)
+    columns = LoadColumns(compiled(load_robot("clavel-delta3")), load, 0.4, np.zeros(10))
+    assert columns.parameters[0].scale * 0.4 == pytest.approx(0.03)

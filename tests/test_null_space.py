@@ -58,3 +58,14 @@ def test_a_whole_null_space_holds_what_is_not_seen_at_all() -> None:
     basis = whole_null_space(rows, layout)
     assert basis.shape == (len(layout.names), len(layout.names) - 2)
     assert np.abs(rows * [one.scale for one in layout.parameters] @ basis).max() < 1e-9
+
+
+def test_what_is_weaker_than_a_billionth_of_the_strongest_is_open() -> None:
+    """n columns of length 1 that are nearly the same have singular values √n and √n ε."""
+    layout = parameter_layout(load_robot("clavel-delta3"))
+    scale = np.array([one.scale for one in layout.parameters])
+    n = len(scale)
+    for small, dimension in ((3e-9, n - 1), (3e-8, n - 2)):
+        turned = small / np.sqrt(n) * np.where(np.arange(n) % 2, 1.0, -1.0)
+        rows = np.vstack([np.ones(n), turned]) / scale
+        assert whole_null_space(rows, layout).shape == (n, dimension)

@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from deltaid.errors import RecordingError
+from deltaid.online.doubts import doubts
 from deltaid.online.found import Entry, HeldLoad, Watched
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.gripping import gripper_doubts
@@ -208,3 +209,14 @@ def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
     assert not gripper_doubts(always, [load()], 0.0, is_column=False)
     (doubt,) = gripper_doubts(NOTHING, [load(0.0), load(0.0), load()], 0.0)
     assert "closed without a part" in doubt
+
+
+def test_torques_beyond_the_model_for_most_of_the_time_are_no_contact(made: Picked) -> None:
+    replay, settings = opened(made, made.table), OnlineSettings(largest_mass=2.0)
+
+    def keys(touched: float, untouched: float) -> list[str]:
+        seen = replace(NOTHING, touched=touched, untouched=untouched)
+        return [one.key for one in doubts(made.model, replay, settings, seen, [load()], [])]
+
+    assert "residual" in keys(60.0, 40.0)
+    assert "residual" not in keys(10.0, 90.0)

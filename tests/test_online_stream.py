@@ -1,10 +1,12 @@
 """The stream in Python, its feed-forward, and friction that is followed."""
 
 import numpy as np
+import polars as pl
 import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
+from deltaid.online.contact_part import standard_parts
 from deltaid.online.cycle import step_graph
 from deltaid.online.feedforward import FeedForward
 from deltaid.online.knowledge import knowledge
@@ -136,3 +138,21 @@ def test_a_stream_tells_of_contacts_where_the_model_is_identified() -> None:
     prior = deltaid.Online("clavel-delta3").step(np.full(3, 0.4), np.zeros(3), np.zeros(3))
     with pytest.raises(DeltaidError, match="identify a model"):
         _ = prior.contact
+
+
+def test_a_contact_is_timed_from_its_first_cycle_to_its_last() -> None:
+    made, rows = picked(), slice(3300, 3800)
+    graph = step_graph(made.model, OnlineSettings(largest_mass=2.0), standard_parts(made.model))
+    table = made.table[rows]
+    q, tau = (table.select(pl.col(f"^{name}[1-3]$")).to_numpy() for name in ("q", "tau"))
+    held = table["gripper"].to_numpy().astype(float)
+    u = np.column_stack([q, np.gradient(q, 1e-3, axis=0), tau, held])
+    states, outputs = graph.function.mapaccum(len(u))(graph.state.initial, u.T)
+    time = graph.state.split(np.array(states).T)["contact_time"].squeeze()
+    contact = graph.outputs.split(np.array(outputs).T)["contact"].squeeze()
+    expected, lasts = [], 0.0
+    for found in contact:
+        lasts = lasts + 1e-3 if found else 0.0
+        expected.append(lasts)
+    assert max(expected) > 0.05  # the push lasts 0.1 s
+    np.testing.assert_allclose(time, expected, atol=1e-9)

@@ -13,6 +13,7 @@ from deltaid.report.check import check_page
 from deltaid.report.check_tables import page_table, short_table
 from deltaid.report.corrected import corrected
 from deltaid.report.excitation import excitation_page
+from deltaid.report.numbers import number, span
 from deltaid.report.page import Fact, Page, Section, Text, render
 from deltaid.report.typeset import explained
 from deltaid.robot.load import load_robot
@@ -114,3 +115,8 @@ def test_a_check_begins_with_its_verdict(snapshot: Callable[[str], None]) -> Non
         assert ('class="marked wrong"' in html) == (SIGN in verdicts)
         said.append(page.verdict.sentence)
     snapshot("\n".join(said) + "\n")
+
+
+def test_an_interval_without_a_width_is_its_number() -> None:
+    assert span(2.5, 2.5) == number(2.5)
+    assert span(2.4, 2.6) == "2.40 … 2.60"

@@ -5,6 +5,7 @@ and description, and then nothing is left to say.
 """
 
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.run import verdicts
-from deltaid.check.sensors import sensor_verdicts
+from deltaid.check.sensors import _along, sensor_verdicts
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
@@ -234,3 +235,17 @@ def test_check_tells_and_identify_refuses() -> None:
     said = str(caught.value)
     assert "its numbers are to be multiplied by" in said
     assert "unit: [kN, kN, kN, kN*m, kN*m, kN*m]" in said.replace("\n", "").replace("  ", " ")
+
+
+def test_a_constant_is_no_part_of_how_shown_and_expected_go_together() -> None:
+    rng, counts = np.random.default_rng(0), np.ones(200)
+    shape = rng.standard_normal((2, 200))
+    shape -= shape.mean(axis=1, keepdims=True)
+    misfit = SimpleNamespace(
+        sheet=SimpleNamespace(of_torques=(np.eye(1), np.ones(1))),
+        expected=lambda theta: theta[0] * (shape + 30.0),
+        told=counts,
+        noise=np.array([0.5, 2.0]),
+        moving=-2.0 * shape,
+    )
+    assert _along(misfit) == pytest.approx(1.0)  # pyright: ignore[reportArgumentType]

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
+from scipy import signal
 
 from deltaid.check.evidence import evidence
 from deltaid.check.signal import checked_signals
@@ -154,3 +155,17 @@ def test_bandwidth_is_the_fastest_part_of_a_motion() -> None:
     noisy = q + 1e-5 * np.random.default_rng(0).standard_normal(len(t))
     assert bandwidth(noisy[:, None], 1000.0) == pytest.approx(4.0, rel=0.1)
     assert bandwidth(np.zeros((1000, 2)), 1000.0) == 0.0
+
+
+def test_bandwidth_is_that_of_a_spectrum_by_a_window_of_blackman_and_harris() -> None:
+    """Two waves, the faster one from hardly any of the speed's power to more than a hundredth."""
+    n, rate = 1000, 100.0
+    turn = 2 * np.pi * np.arange(n) / n
+    window, frequency = signal.windows.blackmanharris(n, sym=False), np.fft.rfftfreq(n, 1 / rate)
+    for share in np.geomspace(0.01, 0.2, 300):
+        q = np.cos(turn) + share * np.cos(9 * turn)
+        power = np.abs(np.fft.rfft((q - q.mean()) * window)) ** 2
+        power[power < 1e-4 * power.max()] = 0.0
+        total = np.cumsum(power * frequency**2)
+        expected = frequency[np.searchsorted(total, 0.99 * total[-1])]
+        assert bandwidth(q[:, None], rate) == pytest.approx(expected), share
