@@ -17,6 +17,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,11 +79,7 @@ def answer(row: str, kind: str, seed: int) -> dict[str, Any]:
     """Decisions and values of one recording, in this process."""
     made = case(row, kind, seed)
     if change := float(os.environ.get("SAME_ANSWER_CHANGE", 0)):
-        rng = np.random.default_rng(seed)
-        for log in made.logs:
-            for name in (column for column in log.columns if log[column].dtype.is_float()):
-                factor = 1 + change * rng.choice([-1.0, 1.0], len(log))
-                log.replace_column(log.columns.index(name), pl.Series(name, log[name] * factor))
+        made = replace(made, logs=tuple(changed(log, change) for log in made.logs))
     try:
         model = identified(made).model
     except DeltaidError as error:
@@ -98,6 +95,21 @@ def answer(row: str, kind: str, seed: int) -> dict[str, Any]:
     values |= {f"base {one.representative}": _value(one.value, one.low, one.high)
                for one in model.base_parameters}  # fmt: skip
     return {"decisions": sorted(decisions), "values": values}
+
+
+def changed(log: pl.DataFrame, change: float) -> pl.DataFrame:
+    """A recording whose measured numbers are larger or smaller by a share of themselves.
+
+    Their last bit says which, so numbers that are equal stay so, as in a conversion of units. Whole
+    numbers stay as they are: counters and signals.
+    """
+
+    def moved(column: pl.Series) -> pl.Series:
+        x = column.to_numpy()
+        sign = np.where(x.view(np.int64) & 1, 1.0, -1.0)
+        return pl.Series(column.name, np.where(x == np.round(x), x, x * (1 + change * sign)))
+
+    return log.with_columns(moved(one) for one in log if one.dtype == pl.Float64)
 
 
 def _value(value: float, low: float, high: float) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import gc
 import inspect
@@ -103,6 +104,12 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def _given_back() -> None:
+    """Memory that is free goes back to the system, where glibc would keep it."""
+    with suppress(AttributeError, OSError, TypeError):  # other C libraries have no such function
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
     """What a file keeps from test to test, robots with their compiled kernels, goes with it."""
@@ -112,6 +119,7 @@ def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
         if hasattr(kept, "cache_clear"):
             kept.cache_clear()
     gc.collect()
+    _given_back()
 
 
 @pytest.fixture
