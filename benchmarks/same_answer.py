@@ -3,9 +3,9 @@
     pip install -e '.[test]'
     python benchmarks/same_answer.py [--recordings N] [--processes N] [--keep FOLDER]
 
-60 recordings of `tests/drives` (clean, with one fault, with several) are identified once as here
-and again with what machines differ by: kernels of OpenBLAS, the vector code of deltaid's own
-kernels, and each recorded number changed by 1e-12 of itself. Prints which decisions differ
+60 recordings of `tests/drives` (clean, with one fault, with several) are made once, then identified
+as here and again with what machines differ by: kernels of OpenBLAS, the vector code of deltaid's
+own kernels, and each recorded number changed by 1e-12 of itself. Prints which decisions differ
 (corrections, friction laws, exclusions, refusals) and by how much values do, in half widths of
 their 95 % intervals. Leaves `tables/same_answer.md`.
 """
@@ -15,9 +15,9 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,13 @@ import numpy as np
 import polars as pl
 from _table import leave
 
+from deltaid.check.identified import identify
 from deltaid.errors import DeltaidError
 from deltaid.kernel.target import VARIABLE
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.robot.description import RobotDescription
 from drives import KINDS, ROWS, case
-from drives.told import identified
+from drives.told import columns, described
 
 # Relative change of each recorded number: larger than rounding, smaller than any sensor's noise.
 CHANGE = 1e-12
@@ -75,13 +78,27 @@ def recordings(count: int) -> list[tuple[str, str, int]]:
     ]  # fmt: skip
 
 
-def answer(row: str, kind: str, seed: int) -> dict[str, Any]:
+def store(what: tuple[str, str, int], folder: Path) -> None:
+    """Make a recording, once: what it is made by rounds otherwise on other machines, too."""
+    made = case(*what)
+    folder.mkdir(parents=True)
+    for k, log in enumerate(made.logs):
+        log.write_parquet(folder / f"log{k}.parquet")
+    mappings = [one.model_dump(mode="json", exclude_unset=True) for one in columns(made) or ()]
+    (folder / "columns.json").write_text(json.dumps(mappings))
+    (folder / "robot.json").write_text(described(made).model_dump_json())
+
+
+def answer(folder: Path) -> dict[str, Any]:
     """Decisions and values of one recording, in this process."""
-    made = case(row, kind, seed)
+    robot = RobotDescription.model_validate_json((folder / "robot.json").read_text())
+    logs = [pl.read_parquet(path) for path in sorted(folder.glob("log*.parquet"))]
+    mappings = [ColumnMapping.model_validate(one)
+                for one in json.loads((folder / "columns.json").read_text())]  # fmt: skip
     if change := float(os.environ.get("SAME_ANSWER_CHANGE", 0)):
-        made = replace(made, logs=tuple(changed(log, change) for log in made.logs))
+        logs = [changed(log, change) for log in logs]
     try:
-        model = identified(made).model
+        model = identify(robot, logs, columns=mappings or None).model
     except DeltaidError as error:
         return {"decisions": [f"refused: {type(error).__name__}"], "values": {}}
     decisions = {f"correction {one.kind} {one.subject}".strip() for one in model.corrections}
@@ -128,21 +145,19 @@ def differences(one: dict[str, Any], two: dict[str, Any]) -> tuple[list[str], fl
     return other, max(changes, default=0.0)
 
 
-def on(machine: str, count: int, keep: Path | None) -> list[dict[str, Any]]:
+def on(machine: str, keep: Path) -> list[dict[str, Any]]:
     """Answers of all recordings, in a process that is set up as that machine."""
-    kept = keep / f"{machine}.jsonl" if keep else None
-    if kept and kept.exists():
+    kept = keep / f"{machine}.jsonl"
+    if kept.exists():
         lines = kept.read_text().splitlines()
     else:
-        command = [sys.executable, __file__, "--recordings", str(count), "--answers"]
+        command = [sys.executable, __file__, "--keep", str(keep), "--answers"]
         environment = os.environ | MACHINES[machine]
         done = subprocess.run(
             command, env=environment, stdout=subprocess.PIPE, text=True, check=True
         )
         lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-        if kept:
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            kept.write_text("\n".join(lines))
+        kept.write_text("\n".join(lines))
     print(f"{machine}: done", flush=True)
     return [json.loads(line) for line in lines]
 
@@ -179,17 +194,24 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=60)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--keep", type=Path, help="folder for answers, to go on later")
+    parser.add_argument(
+        "--keep", type=Path, help="folder for recordings and answers, to go on later"
+    )
     parser.add_argument("--answers", action="store_true", help="of this machine alone")
     asked = parser.parse_args()
-    wanted = recordings(asked.recordings)
     if asked.answers:
-        for what in wanted:
-            print(json.dumps(answer(*what)), flush=True)
+        for k in range(len(list(asked.keep.glob("recording-*")))):
+            print(json.dumps(answer(asked.keep / f"recording-{k}")), flush=True)
         return 0
-    with ThreadPoolExecutor(asked.processes) as pool:
-        answers = pool.map(lambda machine: on(machine, asked.recordings, asked.keep), MACHINES)
-        found = dict(zip(MACHINES, answers, strict=True))
+    wanted = recordings(asked.recordings)
+    with tempfile.TemporaryDirectory() as folder:
+        keep = asked.keep or Path(folder)
+        for k, what in enumerate(wanted):
+            if not (keep / f"recording-{k}").exists():
+                store(what, keep / f"recording-{k}")
+        with ThreadPoolExecutor(asked.processes) as pool:
+            answers = pool.map(lambda machine: on(machine, keep), MACHINES)
+            found = dict(zip(MACHINES, answers, strict=True))
     counts = [sum(kind(row) == group for row, _, _ in wanted) for group in range(3)]
     clean, single, mixed = counts
     note = NOTE.format(
