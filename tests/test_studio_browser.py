@@ -108,6 +108,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     visitor.see("error, as a share of the torque")
     page.locator(".js-plotly-plot .main-svg").first.wait_for()
     visitor.go("Use")
+    page.get_by_role("link", name="axes.csv").wait_for()
     export = page.get_by_role("button", name="Export", exact=True)
     export.click()
     page.get_by_role("link", name="clavel_delta3.xml").wait_for()
