@@ -27,7 +27,7 @@ A, B, U = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("u")
 EXACT = {
     "neg": (-A, ca.OP_NEG),
     "sq": (A * A, ca.OP_SQ),
-    "twice": (2 * A, ca.OP_TWICE),
+    "twice": (A + A, ca.OP_TWICE),
     "inv": (1 / A, ca.OP_INV),
     "sqrt": (ca.sqrt(A), ca.OP_SQRT),
     "fabs": (ca.fabs(A), ca.OP_FABS),
@@ -144,7 +144,10 @@ def test_a_processor_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatc
 def test_every_operation_is_on_trial(operations: BatchKernel) -> None:
     f = operations.function
     present = {f.instruction_id(k) for k in range(f.n_instructions())}
-    assert {op for _, op in OPERATIONS.values()} <= present
+    made = {op for _, op in OPERATIONS.values()}
+    if int(ca.__version__.split(".")[1]) < 8:  # before 3.8 CasADi doubles by a product
+        made.remove(ca.OP_TWICE)
+    assert made <= present
     assert {*LIBM_UNARY, *LIBM_BINARY} <= present
 
 
