@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import gc
 import inspect
@@ -30,6 +29,10 @@ def pytest_xdist_auto_num_workers() -> int:
 # the processes that tests start.
 os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
 threadpoolctl.threadpool_limits(1, user_api="blas")
+
+# glibc gives back at once what it has mapped, and keeps smaller pieces; from which size on it maps
+# would grow to 32 MB. Workers of xdist are started after this.
+os.environ |= {"MALLOC_MMAP_THRESHOLD_": str(1 << 17), "MALLOC_ARENA_MAX": "2"}
 
 # What is started in the background ignores Ctrl-C, and so would the processes that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -104,12 +107,6 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-def _given_back() -> None:
-    """Memory that is free goes back to the system, where glibc would keep it."""
-    with suppress(AttributeError, OSError, TypeError):  # other C libraries have no such function
-        ctypes.CDLL(None).malloc_trim(0)
-
-
 @pytest.fixture(scope="module", autouse=True)
 def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
     """What a file keeps from test to test, robots with their compiled kernels, goes with it."""
@@ -119,7 +116,6 @@ def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
         if hasattr(kept, "cache_clear"):
             kept.cache_clear()
     gc.collect()
-    _given_back()
 
 
 @pytest.fixture
