@@ -15,6 +15,7 @@ import pytest
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.run import verdicts
+from deltaid.check.sensing.misfit import Misfit
 from deltaid.check.sensors import _along, sensor_verdicts
 from deltaid.check.verdict import Grade, Verdict
 from deltaid.dynamics.dynamics import Dynamics, compiled
@@ -241,11 +242,12 @@ def test_a_constant_is_no_part_of_how_shown_and_expected_go_together() -> None:
     rng, counts = np.random.default_rng(0), np.ones(200)
     shape = rng.standard_normal((2, 200))
     shape -= shape.mean(axis=1, keepdims=True)
-    misfit = SimpleNamespace(
-        sheet=SimpleNamespace(of_torques=(np.eye(1), np.ones(1))),
-        expected=lambda theta: theta[0] * (shape + 30.0),
-        told=counts,
-        noise=np.array([0.5, 2.0]),
-        moving=-2.0 * shape,
-    )
-    assert _along(misfit) == pytest.approx(1.0)  # pyright: ignore[reportArgumentType]
+
+    class Moved(Misfit):
+        sheet = SimpleNamespace(of_torques=(np.eye(1), np.ones(1)))
+        told, noise, moving = counts, np.array([0.5, 2.0]), -2.0 * shape
+
+        def expected(self, theta: np.ndarray) -> np.ndarray:
+            return theta[0] * (shape + 30.0)
+
+    assert _along(object.__new__(Moved)) == pytest.approx(1.0)
