@@ -35,6 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 _LONGEST = 1200.0
 # Tests that are run before all others that reach a mutant [s].
 _PORTION = 20.0
+# What a file that starts other processes has in it.
 _PROCESSES = re.compile(r"\bsubprocess\b|\bPopen\b|\bStudio\(")
 _COMMON = {"deltaid", "test", "src", "py"}
 # Mutants that no test can find, by file and replaced expression, and why.

@@ -84,7 +84,9 @@ def store(what: tuple[str, str, int], folder: Path) -> None:
     folder.mkdir(parents=True)
     for k, log in enumerate(made.logs):
         log.write_parquet(folder / f"log{k}.parquet")
-    mappings = [one.model_dump(mode="json", exclude_unset=True) for one in columns(made) or ()]
+    mappings = [
+        mapping.model_dump(mode="json", exclude_unset=True) for mapping in columns(made) or ()
+    ]
     (folder / "columns.json").write_text(json.dumps(mappings))
     (folder / "robot.json").write_text(described(made).model_dump_json())
 
@@ -93,8 +95,8 @@ def answer(folder: Path) -> dict[str, Any]:
     """Decisions and values of one recording, in this process."""
     robot = RobotDescription.model_validate_json((folder / "robot.json").read_text())
     logs = [pl.read_parquet(path) for path in sorted(folder.glob("log*.parquet"))]
-    mappings = [ColumnMapping.model_validate(one)
-                for one in json.loads((folder / "columns.json").read_text())]  # fmt: skip
+    stored = json.loads((folder / "columns.json").read_text())
+    mappings = [ColumnMapping.model_validate(mapping) for mapping in stored]
     if change := float(os.environ.get("SAME_ANSWER_CHANGE", 0)):
         logs = [changed(log, change) for log in logs]
     try:
@@ -126,7 +128,7 @@ def changed(log: pl.DataFrame, change: float) -> pl.DataFrame:
         sign = np.where(x.view(np.int64) & 1, 1.0, -1.0)
         return pl.Series(column.name, np.where(x == np.round(x), x, x * (1 + change * sign)))
 
-    return log.with_columns(moved(one) for one in log if one.dtype == pl.Float64)
+    return log.with_columns(moved(column) for column in log if column.dtype == pl.Float64)
 
 
 def _value(value: float, low: float, high: float) -> tuple[float, float]:

@@ -27,7 +27,7 @@ A, B, U = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("u")
 EXACT = {
     "neg": (-A, ca.OP_NEG),
     "sq": (A * A, ca.OP_SQ),
-    "twice": (A + A, ca.OP_TWICE),
+    "twice": (2 * A, ca.OP_TWICE),
     "inv": (1 / A, ca.OP_INV),
     "sqrt": (ca.sqrt(A), ca.OP_SQRT),
     "fabs": (ca.fabs(A), ca.OP_FABS),

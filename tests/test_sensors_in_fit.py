@@ -208,14 +208,17 @@ def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
 ) -> None:
     """More columns come when gains and facts are known already; gains give friction no scale.
 
-    Over the speeds of a motion another term may bend as much: of 24 drags 3 were such, by kernels.
+    Over the speeds of a motion another term may bend as much (of 24 drags 3 were such, by kernels),
+    so that what the law gives is compared, and its name for one drive only.
     """
     of, rng = sensed("clavel-delta3", case, SPREAD), np.random.default_rng(3)
     p, (_, _, _, qd, _) = drawn(of.reduction, SPREAD, rng), motion("clavel-delta3")
     log = recorded("clavel-delta3", of, p, rng)
+    sizes = list[float]()
     for i, v in enumerate(qd.T):
         tau = log[f"tau{i + 1}"].to_numpy()
-        more = 0.05 * np.abs(tau).max() * shape(v / np.abs(v).max())
+        sizes.append(0.05 * np.abs(tau).max())
+        more = sizes[i] * shape(v / np.abs(v).max())
         log = log.with_columns(pl.Series(f"tau{i + 1}", tau + more))
     settings = PLAIN.changed(prior_spread=SPREAD, friction="choose")
     model = identify(weighed(of, p, rng), log, settings=settings).model
@@ -225,6 +228,13 @@ def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
     gains = [one.value for one in model.corrections if one.kind == "gain"]
     assert gains == pytest.approx([1.0] * len(gains), abs=5e-3)
     true = dict(zip(of.reduction.layout.names, p, strict=True))
+    for i, v in enumerate(qd.T):
+        (curve,) = (curve for curve in model.friction_curves if curve.joint == f"drive{i + 1}")
+        speed = 0.8 * np.abs(v).max() * np.array([-1.0, -0.7, 0.7, 1.0])
+        law = true[f"viscous.drive{i + 1}"] * speed + true[f"coulomb.drive{i + 1}"] * np.sign(speed)
+        expected = law + sizes[i] * shape(speed / np.abs(v).max())
+        friction = np.interp(speed, curve.speed, curve.friction)
+        np.testing.assert_allclose(friction, expected, rtol=0, atol=0.05 * sizes[i])
     known = [x for x in model.parameters if x.determined_by in ("data", "measured")]
     held = [x.low <= true[x.name] <= x.high for x in known if x.name in true and x.name[1] == "."]
     assert np.mean(held) > 0.8

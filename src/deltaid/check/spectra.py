@@ -19,8 +19,6 @@ _FINEST = 1e7
 # Distances are compared with the least one as long as they are so many times larger at most.
 _FEW = 20.0
 
-_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
-
 # Samples of a stretch in which the scatter of instants is looked at, and stretches at least; by how
 # much noise has to grow with speed.
 _STRETCH, _FEWEST, _GROWS = 64, 10, 1.0
