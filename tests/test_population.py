@@ -25,10 +25,12 @@ from deltaid.motion.surrogate import (
 from deltaid.population.coordinates import Coordinates
 from deltaid.population.fitted import fitted
 from deltaid.population.member import Fact, Member, member
+from deltaid.population.mixed import Rows
 from deltaid.population.next_robot import next_robot, save_next, summary
 from deltaid.population.result import Population
 from deltaid.population.tables import MEMBERS, TYPES, members_table, types_table
 from deltaid.population.widths import widest
+from deltaid.population.within import alone
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import Measured
@@ -280,3 +282,17 @@ def test_a_prior_is_as_wide_as_more_than_half_of_the_recordings_ask_for(
     some = [replace(one, widened=own) for one, own in zip(members, asked, strict=True)]
     reduction = Coordinates.of(ROBOT, some, Settings()).reduction
     assert reduction.widened.get("P.m", 1.0) == factor
+
+
+def test_a_robot_alone_is_least_squares_of_its_rows_and_of_what_is_known() -> None:
+    """Against a singular value decomposition of both, in units of the standard deviations."""
+    _, _, members = fleet(6, 1)
+    coordinates = Coordinates.of(ROBOT, members, Settings())
+    rows = Rows.of([coordinates.rows(member, ()) for member in members])
+    root = np.linalg.cholesky(coordinates.precision).T
+    for (u, C), H, b in zip(alone(rows, coordinates), rows.H, rows.b, strict=True):
+        U, S, Vt = np.linalg.svd(np.vstack([root, H]), full_matrices=False)
+        expected = Vt.T @ (U.T @ np.concatenate([root @ coordinates.prior, b]) / S)
+        std = np.linalg.norm(Vt.T / S, axis=1)
+        np.testing.assert_allclose(u / std, expected / std, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(np.sqrt(np.diag(C)), std, rtol=1e-9)

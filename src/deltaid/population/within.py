@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
 
+from deltaid.identification.information import triangle
 from deltaid.population.belonging import Sorted
 from deltaid.population.coordinates import Coordinates
 from deltaid.population.mixed import Rows, mean
@@ -58,10 +60,12 @@ def members_within(
 
 def alone(rows: Rows, coordinates: Coordinates) -> list[tuple[np.ndarray, np.ndarray]]:
     """u of each robot and its covariance by its own rows and the description."""
-    found = list[tuple[np.ndarray, np.ndarray]]()
+    n, root = len(coordinates.prior), np.linalg.cholesky(coordinates.precision).T
+    known, found = np.column_stack([root, root @ coordinates.prior]), []
     for H, b in zip(rows.H, rows.b, strict=True):
-        C = np.linalg.inv(coordinates.precision + H.T @ H)
-        found.append((C @ (coordinates.precision @ coordinates.prior + H.T @ b), C))
+        R = triangle(np.vstack([known, np.column_stack([H, b])]))
+        inverse = solve_triangular(R[:n, :n], np.eye(n))
+        found.append((inverse @ R[:n, n], inverse @ inverse.T))
     return found
 
 
