@@ -109,9 +109,9 @@ def answer(folder: Path) -> dict[str, Any]:
     for source in model.sources:
         decisions |= {f"excluded {one.reason}" for one in source.left_out}
         decisions |= {f"{len(source.events)} events"} if source.events else set()
-    values = {one.name: _value(one.value, one.low, one.high) for one in model.parameters
+    values = {one.name: (one.value, half_width(one.low, one.high)) for one in model.parameters
               if one.determined_by == "data"}  # fmt: skip
-    values |= {f"base {one.representative}": _value(one.value, one.low, one.high)
+    values |= {f"base {one.representative}": (one.value, half_width(one.low, one.high))
                for one in model.base_parameters}  # fmt: skip
     return {"decisions": sorted(decisions), "values": values}
 
@@ -131,8 +131,9 @@ def changed(log: pl.DataFrame, change: float) -> pl.DataFrame:
     return log.with_columns(moved(column) for column in log if column.dtype == pl.Float64)
 
 
-def _value(value: float, low: float, high: float) -> tuple[float, float]:
-    return value, (high - low) / 2
+def half_width(low: float, high: float) -> float:
+    """Of an interval."""
+    return (high - low) / 2
 
 
 def differences(one: dict[str, Any], two: dict[str, Any]) -> tuple[list[str], float]:
