@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import replace
 from itertools import product
 
@@ -14,11 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.errors import DeltaidError
 from deltaid.kernel import batch
 from deltaid.kernel.batch import BatchKernel
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operations_unknown
-from deltaid.kernel.target import VARIABLE, target
+from deltaid.kernel.target import target
 from support import assert_close, random_twin
 
 A, B, U = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("u")
@@ -111,34 +109,6 @@ def assert_same_numbers(actual: np.ndarray, expected: np.ndarray, name: str) -> 
         sound = ~np.isnan(expected)
         signs = np.signbit(actual[sound]) == np.signbit(expected[sound])
         assert signs.all(), f"{name} has a zero of the wrong sign"
-
-
-def test_code_for_another_processor_differs_by_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sum of a product is rounded once or twice, by what the processor offers."""
-    x = 1 + np.random.default_rng(0).uniform(size=(2, 37))
-    expected = x[0] * x[1] + np.sqrt(x[0] * x[0] + x[1])
-    levels = [level for level in ("x86-64-v2", "x86-64-v3", "x86-64-v4") if _usable(level)]
-    assert levels or platform.machine() not in ("x86_64", "AMD64")
-    for level in levels:
-        monkeypatch.setenv(VARIABLE, level)
-        assert target().width == (8 if level == "x86-64-v4" else 4)
-        kernel = BatchKernel(ca.vertcat(A, B), A * B + ca.sqrt(A * A + B))
-        np.testing.assert_allclose(kernel(x)[0], expected, rtol=4e-16)
-
-
-def _usable(level: str) -> bool:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(VARIABLE, level)
-        try:
-            return target().cpu == level
-        except DeltaidError:
-            return False
-
-
-def test_a_processor_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "haswell")
-    with pytest.raises(DeltaidError, match=f"{VARIABLE}: is 'haswell'.*cannot run"):
-        BatchKernel(A, A + 1)
 
 
 def test_every_operation_is_on_trial(operations: BatchKernel) -> None:
