@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from deltaid.errors import DeltaidError
+from deltaid.kernel import target as module
 from deltaid.kernel.batch import BatchKernel
 from deltaid.kernel.target import VARIABLE, target
 
@@ -39,3 +40,19 @@ def test_a_processor_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv(VARIABLE, "haswell")
     with pytest.raises(DeltaidError, match=f"{VARIABLE}: is 'haswell'.*cannot run"):
         BatchKernel(A, A + 1)
+
+
+@pytest.mark.parametrize("lacking", ["fma", "bmi2"])
+def test_a_processor_needs_all_that_a_level_has(
+    monkeypatch: pytest.MonkeyPatch, lacking: str
+) -> None:
+    """Early ones have AVX2 without fused operations."""
+    there = {name: name != lacking for name in ("sse4.2", "popcnt", "avx2", "fma", "bmi2")}
+    monkeypatch.setattr(module.llvm, "get_host_cpu_features", lambda: there)
+    monkeypatch.setattr(module, "_target", module._target.__wrapped__)  # without what it remembers
+    monkeypatch.setenv(VARIABLE, "x86-64-v2")
+    assert (target().cpu, target().width) == ("x86-64-v2", 4)
+    monkeypatch.setenv(VARIABLE, "x86-64-v3")
+    with pytest.raises(DeltaidError, match="cannot run") as caught:
+        target()
+    assert "use one of x86-64-v2, or unset it" in str(caught.value.cure)
