@@ -205,7 +205,7 @@ def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
 ) -> None:
     def study(scale: float, load: float) -> Mock:
         one = Mock(spec=Study, scene=Mock(), account=Mock())
-        one.scene.basis.scale = np.full(3, scale)
+        one.scene.rows.scale = np.full(3, scale)
         one.account.left = np.full(4, np.sqrt((1.0 - load) / 4))
         one.account.found = [Mock(gain=load, pattern=Mock(kind="load-change"))]
         return one

@@ -9,7 +9,9 @@ import pytest
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.identification.lag import REACH, Basis, basis_of, coarse_lag, estimate_lag
+from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.span import Span
+from deltaid.identification.lag import REACH, coarse_lag, estimate_lag
 from deltaid.identification.traces import Trace, trace
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
@@ -47,20 +49,22 @@ def frame(late: np.ndarray, noise: float = 0.02, rate: float = RATE) -> pl.DataF
     return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
 
 
-def traced(table: pl.DataFrame, **options: bool) -> tuple[Trace, Basis]:
+def traced(table: pl.DataFrame, **options: bool) -> tuple[Trace, DriveRows, Span]:
     dynamics, _, _ = moving()
     recording = with_filter(open_log(table, dynamics.kinematics), 15.0)
     load = prior_parameters(dynamics.robot)
     one = trace(dynamics, recording, load, cutoff=15.0, reach=REACH, **options)
-    return one, basis_of(dynamics, one.regressor(between=True), recording.log.torque_max)
+    Y = one.regressor(between=True)
+    rows = DriveRows(recording.log.torque_max, Y.shape[1])
+    return one, rows, Span.of(rows.stack(Y))
 
 
 @pytest.mark.parametrize("late", [-7.3e-3, 0.0, 0.6e-3, 13.1e-3])
 def test_a_common_lag_is_found_with_an_interval_that_holds_it(late: float) -> None:
-    one, basis = traced(frame(np.full(3, late)))
-    start = coarse_lag(one, basis)
+    one, rows, span = traced(frame(np.full(3, late)))
+    start = coarse_lag(one, rows, span)
     assert start == pytest.approx(late, abs=3e-3)
-    lag = estimate_lag(one, basis, np.full(3, start), common=True)
+    lag = estimate_lag(one, rows, span, np.full(3, start), common=True)
     assert np.ptp(lag.values) == 0
     assert lag.values[0] == pytest.approx(late, abs=1.5 * lag.interval[0])
     assert lag.interval[0] < 0.3e-3
@@ -68,15 +72,15 @@ def test_a_common_lag_is_found_with_an_interval_that_holds_it(late: float) -> No
 
 def test_lags_of_drives_are_told_apart() -> None:
     late = np.array([2e-3, 2e-3, -1.5e-3])
-    one, basis = traced(frame(late))
-    lag = estimate_lag(one, basis, np.zeros(3), common=False)
+    one, rows, span = traced(frame(late))
+    lag = estimate_lag(one, rows, span, np.zeros(3), common=False)
     np.testing.assert_array_less(np.abs(lag.values - late), 1.5 * lag.interval)
     assert lag.interval.max() < 0.5e-3
 
 
 def test_without_noise_a_lag_and_the_parameters_come_out() -> None:
-    one, basis = traced(frame(np.full(3, 4e-3), noise=0.0))
-    lag = estimate_lag(one, basis, np.zeros(3), common=True)
+    one, rows, span = traced(frame(np.full(3, 4e-3), noise=0.0))
+    lag = estimate_lag(one, rows, span, np.zeros(3), common=True)
     assert lag.values[0] == pytest.approx(4e-3, abs=0.15e-3)  # steps fall between samples
     dynamics, p, motion = moving()
     z, zd, zdd = motion.evaluate(np.linspace(0, 4, 50))
@@ -88,7 +92,7 @@ def test_without_noise_a_lag_and_the_parameters_come_out() -> None:
 
 def test_a_step_of_friction_lies_between_samples() -> None:
     """Half of the filtered difference to the sampled step is on either side."""
-    one, _ = traced(frame(np.zeros(3)))
+    one, *_ = traced(frame(np.zeros(3)))
     between, sampled = one.regressor(between=True), one.regressor()
     changed = np.abs(between - sampled).max(axis=(0, 1))
     names = np.array(moving()[0].layout.names)
@@ -101,16 +105,16 @@ def test_a_step_of_friction_lies_between_samples() -> None:
 
 
 def test_torques_are_shifted_by_parts_of_a_sample() -> None:
-    one, _ = traced(frame(np.full(3, 2.7e-3), noise=0.0))
-    straight, _ = traced(frame(np.zeros(3), noise=0.0))
+    one, *_ = traced(frame(np.full(3, 2.7e-3), noise=0.0))
+    straight, *_ = traced(frame(np.zeros(3), noise=0.0))
     back, right = one.torques(np.full(3, 2.7e-3)), straight.torques(np.zeros(3))
     assert np.abs(back - right).max() < 0.01 * np.abs(right).max()
     assert np.abs(one.torques(np.zeros(3)) - right).max() > 0.03 * np.abs(right).max()
 
 
 def test_reversals_are_left_out_on_demand() -> None:
-    with_them, _ = traced(frame(np.zeros(3)))
-    without, _ = traced(frame(np.zeros(3)), reversals=False)
+    with_them, *_ = traced(frame(np.zeros(3)))
+    without, *_ = traced(frame(np.zeros(3)), reversals=False)
     kept = [np.mean(one.stretches[0].weights) for one in (with_them, without)]
     assert kept[1] < kept[0] - 0.02
 

@@ -10,21 +10,22 @@ from scipy import stats
 
 from deltaid.check.wiring.homing import BLOCKS as OF_ZEROS
 from deltaid.check.wiring.homing import Shifts
+from deltaid.estimation.drive_rows import STRETCHES, DriveRows
+from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.span import Span
 from deltaid.identification.explained import account
 from deltaid.identification.friction_rows import FrictionRows
-from deltaid.identification.lag import Basis, Lag, deviations
+from deltaid.identification.lag import Lag, deviations
 from deltaid.identification.patterns import Pattern
-from deltaid.identification.rows_with_prior import BLOCKS, Prior, Sheet, solved
 from deltaid.identification.velocity_stage import _lag
 
 LONG = 4  # samples a stretch
-SAMPLES = BLOCKS * LONG
-NOTHING_KNOWN = Prior(np.zeros((0, 4)), np.zeros(0))
+SAMPLES = STRETCHES * LONG
 
 
 def stretched(rng: np.random.Generator, *columns: int) -> np.ndarray:
     """Numbers that stay as they are within a stretch."""
-    return np.repeat(rng.standard_normal((BLOCKS, *columns)), LONG, axis=0)
+    return np.repeat(rng.standard_normal((STRETCHES, *columns)), LONG, axis=0)
 
 
 def in_turn() -> np.ndarray:
@@ -34,47 +35,43 @@ def in_turn() -> np.ndarray:
 
 def of_stretches(rows: np.ndarray, left: np.ndarray) -> np.ndarray:
     """Sums over each stretch of all drives, of rows times what is left: (stretches, columns)."""
-    return (rows * left[:, None]).reshape(-1, BLOCKS, LONG, rows.shape[1]).sum(axis=(0, 2))
+    return (rows * left[:, None]).reshape(-1, STRETCHES, LONG, rows.shape[1]).sum(axis=(0, 2))
 
 
-def sheet(rng: np.random.Generator) -> Sheet:
-    """Rows of two drives of x = (2, −1) and a = (3, 0.5), which goes on for a stretch."""
-    X, A = rng.standard_normal((2, SAMPLES, 2)), np.stack([stretched(rng, 2) for _ in range(2)])
-    return Sheet(X, A, X @ [2.0, -1.0] + A @ [3.0, 0.5] + stretched(rng))
+def recorded(rng: np.random.Generator) -> LinearProblem:
+    """Rows of two drives of x = (2, −1, 3, 0.5), the last two of which go on for a stretch."""
+    A = rng.standard_normal((2, SAMPLES, 4))
+    A[:, :, 2:] = [stretched(rng, 2) for _ in range(2)]
+    b = A @ [2.0, -1.0, 3.0, 0.5] + stretched(rng)
+    return DriveRows.by_noise(A, b).problem(A, b)
 
 
-def clustered(sheets: list[Sheet]) -> tuple[np.ndarray, np.ndarray]:
-    """a by least squares, and its covariance (Liang and Zeger's, n/(n − 1) for n stretches)."""
-    whole = np.vstack([one.over(one.noise) for one in sheets])
-    tau = np.concatenate([(one.tau / one.noise[:, None]).ravel() for one in sheets])
-    X, A = whole[:, :2], whole[:, 2:]
-    found = np.linalg.lstsq(whole, tau, rcond=None)[0]
-    A = A - X @ np.linalg.lstsq(X, A, rcond=None)[0]
-    parts = [
-        of_stretches(*both) for both in zip(np.split(A, len(sheets)),
-                                            np.split(tau - whole @ found, len(sheets)), strict=True)
-    ]  # fmt: skip
-    middle = sum(s.T @ s for s in parts) * BLOCKS / (BLOCKS - 1)
-    bread = np.linalg.inv(A.T @ A)
-    return found[2:], bread @ middle @ bread
+def clustered(parts: list[LinearProblem]) -> tuple[np.ndarray, np.ndarray]:
+    """x by least squares, and its covariance (Liang and Zeger's, n/(n − 1) for n stretches)."""
+    A, b = np.vstack([one.A for one in parts]), np.concatenate([one.b for one in parts])
+    x = np.linalg.lstsq(A, b, rcond=None)[0]
+    sums = np.vstack([of_stretches(one.A, one.b - one.A @ x) for one in parts])
+    bread, n = np.linalg.inv(A.T @ A), len(sums)
+    return x, bread @ sums.T @ sums @ bread * n / (n - 1)
 
 
 @pytest.mark.parametrize("recordings", [1, 2])
-def test_rows_beside_a_prior_have_the_covariance_of_clusters(recordings: int) -> None:
+def test_a_linear_problem_has_the_covariance_of_clusters(recordings: int) -> None:
     rng = np.random.default_rng(recordings)
-    sheets = [sheet(rng) for _ in range(recordings)]
-    a, covariance = clustered(sheets)
-    found = solved(sheets, NOTHING_KNOWN)
-    np.testing.assert_allclose(found.a, a, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-8)
+    parts = [recorded(rng) for _ in range(recordings)]
+    x, covariance = clustered(parts)
+    found, at = LinearProblem.together(parts), np.ix_([2, 3], [2, 3])
+    np.testing.assert_allclose(found.x, x, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance()[at], covariance[at], rtol=1e-8)
+    np.testing.assert_allclose(found.covariance(slice(2, 4)), covariance[at], rtol=1e-8)
 
 
-def test_rows_beside_a_prior_err_as_their_scatter_says() -> None:
+def test_a_linear_problem_errs_as_its_scatter_says() -> None:
     rng = np.random.default_rng(5)
-    found = [solved([sheet(rng)], NOTHING_KNOWN) for _ in range(150)]
-    errors = np.array([one.a for one in found]) - [3.0, 0.5]
-    said = np.mean([np.diag(one.covariance) for one in found], axis=0)
-    np.testing.assert_allclose(np.mean(errors**2, axis=0), said, rtol=0.3)  # 150 draws: ±12 %
+    found = [recorded(rng) for _ in range(600)]
+    errors = np.array([one.x[2:] for one in found]) - [3.0, 0.5]
+    said = np.mean([np.diag(one.covariance(slice(2, 4))) for one in found], axis=0)
+    np.testing.assert_allclose(np.mean(errors**2, axis=0), said, rtol=0.2)  # 600 draws: ±6 %
 
 
 def test_white_noise_is_believed_where_stretches_scatter_less() -> None:
@@ -83,10 +80,10 @@ def test_white_noise_is_believed_where_stretches_scatter_less() -> None:
     A = stretched(rng, 2)
     left = in_turn() + 0.01 * stretched(rng)
     left -= A @ np.linalg.lstsq(A, left, rcond=None)[0]
-    one = Sheet(np.zeros((1, SAMPLES, 2)), A[None], (A @ [3.0, 0.5] + left)[None])
-    found = solved([one], NOTHING_KNOWN).covariance
+    rows = DriveRows(np.ones(1), SAMPLES)
+    found = rows.problem(A[None], (A @ [3.0, 0.5] + left)[None]).covariance()
     bread = np.linalg.inv(A.T @ A)
-    white = np.diag(bread) * np.mean(left**2)
+    white = np.diag(bread) * (left @ left) / (SAMPLES - 2)
     np.testing.assert_allclose(np.diag(found), white, rtol=1e-9)
     scores = of_stretches(A, left) @ bread
     together = scores.T @ scores
@@ -95,33 +92,35 @@ def test_white_noise_is_believed_where_stretches_scatter_less() -> None:
                                together / np.outer(size, size), rtol=1e-6)  # fmt: skip
 
 
-def of_lags(rng: np.random.Generator) -> tuple[Basis, np.ndarray]:
+ROWS = DriveRows(np.ones(2), SAMPLES)
+
+
+def of_lags(rng: np.random.Generator) -> tuple[Span, np.ndarray]:
     """Rows of two drives, and slopes of two lags beside two columns of parameters."""
-    Q, _ = np.linalg.qr(rng.standard_normal((2 * SAMPLES, 2)))
-    basis = Basis(Q, np.zeros((2, 2)), np.ones(2))
+    span = Span.of(rng.standard_normal((2 * SAMPLES, 2)))
     A = np.vstack([stretched(rng, 2), stretched(rng, 2)])
-    return basis, basis.without(A)
+    return span, span.without(A)
 
 
 def test_lags_err_by_the_scatter_of_both_drives_together() -> None:
     rng = np.random.default_rng(1)
-    basis, A = of_lags(rng)
+    span, A = of_lags(rng)
     left = np.tile(stretched(rng), 2)
     bread, scores = np.linalg.inv(A.T @ A), of_stretches(A, left)
-    expected = bread @ scores.T @ scores @ bread * BLOCKS / (BLOCKS - 1)
-    found = deviations(A, left, basis)
+    expected = bread @ scores.T @ scores @ bread * STRETCHES / (STRETCHES - 1)
+    found = deviations(A, left, ROWS, span)
     np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=1e-9)
     lag = Lag(np.zeros(2), found, np.zeros(2), left, left)
-    t = stats.t.ppf(0.975, BLOCKS - 1)
+    t = stats.t.ppf(0.975, STRETCHES - 1)
     np.testing.assert_allclose(lag.interval, t * found, rtol=1e-9)
 
 
 def test_lags_err_at_least_by_white_noise() -> None:
-    basis, A = of_lags(np.random.default_rng(2))
+    span, A = of_lags(np.random.default_rng(2))
     left = np.tile(in_turn(), 2)
     sigma2 = left @ left / (len(left) - 4)  # two parameters and two lags
     expected = np.sqrt(np.diag(np.linalg.inv(A.T @ A)) * sigma2)
-    np.testing.assert_allclose(deviations(A, left, basis), expected, rtol=1e-9)
+    np.testing.assert_allclose(deviations(A, left, ROWS, span), expected, rtol=1e-9)
 
 
 def test_intervals_of_late_velocities_hold_the_truth_in_95_of_100() -> None:
@@ -134,9 +133,11 @@ def test_intervals_of_late_velocities_hold_the_truth_in_95_of_100() -> None:
     inside = np.abs(found.values - late) < found.interval
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
     # The mean of as many independent numbers as there are stretches.
-    each = (slope * (slope * late - noise))[counts].reshape(BLOCKS, LONG - 1, drives).mean(axis=1)
-    std = np.std(each, axis=0, ddof=1) / np.sqrt(BLOCKS)
-    np.testing.assert_allclose(found.interval, stats.t.ppf(0.975, BLOCKS - 1) * std)
+    each = (
+        (slope * (slope * late - noise))[counts].reshape(STRETCHES, LONG - 1, drives).mean(axis=1)
+    )
+    std = np.std(each, axis=0, ddof=1) / np.sqrt(STRETCHES)
+    np.testing.assert_allclose(found.interval, stats.t.ppf(0.975, STRETCHES - 1) * std)
 
 
 def of_zeros(rng: np.random.Generator, columns: int) -> Shifts:
@@ -189,11 +190,14 @@ def test_a_pattern_surprises_by_what_it_explains_over_the_scatter(alike: bool) -
     noise = np.tile(stretched(rng) if alike else in_turn(), 2)
     noise -= Q @ (Q.T @ noise)
     left = 40.0 * Q[:, 0] + noise
-    basis = Basis(np.zeros((len(left), 0)), np.zeros((1, 0)), np.ones(2))
-    (one,) = account([Pattern("one", "", columns, tries=2.0)], lambda _: (), basis, left).first
+    span, pattern = (
+        Span(np.zeros((len(left), 0)), np.zeros((1, 0))),
+        Pattern("one", "", columns, tries=2.0),
+    )
+    (one,) = account([pattern], lambda _: (), ROWS.groups, span, left).first
     level = noise @ noise / (len(left) - 2)
     if alike:
-        level = np.sum(of_stretches(Q, noise) ** 2) / 2
+        level = np.sum(of_stretches(Q, noise) ** 2) / 2 * STRETCHES / (STRETCHES - 1)
     # The probability that χ² with two degrees of freedom exceeds x is e^(−x/2).
     assert one.surprise == pytest.approx(0.5 * 1600 / level / np.log(10) - 2.0)
 
@@ -205,12 +209,13 @@ def test_columns_of_friction_are_judged_by_the_scatter_of_what_they_leave(alike:
     noise = np.tile(stretched(rng) if alike else in_turn(), 2)
     noise -= Q @ (Q.T @ noise)
     left, U = 20.0 * Q[:, 1] + noise, Q[:, 1:]
-    rows = object.__new__(FrictionRows)  # of all that belongs to it only the basis counts
-    object.__setattr__(rows, "basis", Basis(Q[:, :1], np.ones((1, 1)), np.ones(2)))
+    rows = object.__new__(FrictionRows)  # of all that belongs to it only these count
+    object.__setattr__(rows, "drive_rows", ROWS)
+    object.__setattr__(rows, "span", Span(Q[:, :1], np.ones((1, 1))))
     found = rows.judged(U, left, constants=2)
     level = noise @ noise / (len(left) - 3)
     if alike:
-        level = np.sum(of_stretches(U, noise) ** 2) / 2
+        level = np.sum(of_stretches(U, noise) ** 2) / 2 * STRETCHES / (STRETCHES - 1)
     x = 400 / level
     np.testing.assert_allclose(found.after, noise, atol=1e-12)
     assert found.gain == pytest.approx(400 / (left @ left))

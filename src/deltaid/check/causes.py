@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.identification.explained import Explained
-from deltaid.identification.information import active_columns
 from deltaid.identification.lag import deviations
 from deltaid.identification.study import Study
 
@@ -37,13 +36,13 @@ class Cause:
 
 def causes_of(study: Study) -> list[Cause]:
     """The causes that count."""
-    found, basis = study.account.found, study.scene.basis
+    found, scene = study.account.found, study.scene
     if not found:
         return []
     columns = np.hstack([one.pattern.columns for one in found])
     norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    bare = basis.without(columns / norms)
-    theta = np.linalg.lstsq(bare, basis.without(study.scene.tau), rcond=1e-4)[0] / norms
+    bare = scene.span.without(columns / norms)
+    theta = np.linalg.lstsq(bare, scene.span.without(scene.tau), rcond=1e-4)[0] / norms
     ends = np.cumsum([one.pattern.columns.shape[1] for one in found])[:-1]
     parts = np.split(theta, ends)
     total = sum(one.gain for one in found)
@@ -52,7 +51,7 @@ def causes_of(study: Study) -> list[Cause]:
     for kind in dict.fromkeys(one.pattern.kind for one in found):
         own = [k for k, one in enumerate(found) if one.pattern.kind == kind]
         added = sum(found[k].directions @ (found[k].directions.T @ study.scene.tau) for k in own)
-        rms = np.sqrt(np.mean(np.reshape(added, (dof, -1)) ** 2, axis=1)) * basis.scale
+        rms = np.sqrt(np.mean(np.reshape(added, (dof, -1)) ** 2, axis=1)) * scene.rows.scale
         gain = sum(found[k].gain for k in own)
         if gain > _SHARE * total and np.any(rms > _LEAST * largest):
             mine = tuple(found[k] for k in own)
@@ -90,14 +89,14 @@ def _factors(
     """What each drive's torque is of the model's, up to a common factor, and its deviation."""
     scene = study.scene
     others = [one.directions for one in study.account.found if one.pattern.kind != "drive-gain"]
-    model, basis = scene.scaled_model, scene.basis
+    model, span = scene.scaled_model, scene.span
     for U in others:
-        extra, R = np.linalg.qr(basis.without(U))
-        basis = basis.extended(extra[:, np.abs(np.diag(R)) > 1e-6])
-    own = basis.own(model)
-    bare = basis.without(own)
-    theta = np.linalg.lstsq(bare, basis.without(scene.tau), rcond=1e-4)[0]
-    p = basis.parameters(scene.tau - own @ theta)[active_columns(scene.trace.dynamics)]
+        extra, R = np.linalg.qr(span.without(U))
+        span = span.with_directions(extra[:, np.abs(np.diag(R)) > 1e-6])
+    own = scene.rows.own(model)
+    bare = span.without(own)
+    theta = np.linalg.lstsq(bare, span.without(scene.tau), rcond=1e-4)[0]
+    p = span.coefficients(scene.tau - own @ theta)
     common = float(np.sum((scene.Y @ p) * model) / np.sum(model**2))
-    left = basis.without(scene.tau) - bare @ theta
-    return (common + theta) / common, deviations(bare, left, basis) / common
+    left = span.without(scene.tau) - bare @ theta
+    return (common + theta) / common, deviations(bare, left, scene.rows, span) / common

@@ -80,9 +80,7 @@ def _of_patterns(study: Study, recording: Recording, *, rings: bool) -> Iterator
             yield verdict
     if causes:
         return
-    left = (
-        study.account.left.reshape(len(study.scene.drives), -1) * study.scene.basis.scale[:, None]
-    )
+    left = study.scene.rows.of_drives(study.account.left)
     rms = np.sqrt(np.mean(left**2, axis=1))
     noise, largest = white_share(study), largest_torques(study)
     times = rms / np.maximum(noise, _FLOOR * largest)
@@ -203,7 +201,7 @@ def _load_seen(study: Study, cause: Cause, subject: str, share: float) -> _Seen:
 
 def _mass(study: Study, cause: Cause) -> float:
     """How much heavier the robot is in the second of a load's two states [kg]."""
-    alone = study.scene.basis.without(cause.found[0].pattern.columns)
+    alone = study.scene.span.without(cause.found[0].pattern.columns)
     return float(np.linalg.lstsq(alone, study.scene.tau, rcond=1e-6)[0][0])
 
 

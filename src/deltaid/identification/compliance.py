@@ -7,10 +7,10 @@ import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.identification.compliance_fit import compliances
 from deltaid.identification.compliance_found import Found
 from deltaid.identification.lag_stage import lags_put_right, without_lags
-from deltaid.identification.rows_with_prior import BLOCKS
 from deltaid.identification.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study, studied
@@ -77,7 +77,7 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         found, left = before.account.found, before.account.left
         of_loads = sum(one.gain for one in found if one.pattern.kind == "load-change")
         whole = float(left @ left) + sum(one.gain for one in found)
-        by_gears = np.mean((after.scene.basis.scale / before.scene.basis.scale) ** 2)
+        by_gears = np.mean((after.scene.rows.scale / before.scene.rows.scale) ** 2)
         if by_gears > 1.0 - of_loads / whole:
             return False
     return True
@@ -86,7 +86,7 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
 def _told(setup: Setup, found: Found) -> list[Correction]:
     """One a drive whose gear winds up."""
     corrections = list[Correction]()
-    wide = float(quantile(np.array([BLOCKS - 1.0]))[0])
+    wide = float(quantile(np.array([STRETCHES - 1.0]))[0])
     for i, drive in enumerate(setup.robot.drives):
         s, slides = float(found.values[i]), setup.robot.is_linear(drive)
         if s == 0:

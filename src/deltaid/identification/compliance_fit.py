@@ -24,11 +24,12 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.estimation.drive_rows import stretch_starts
 from deltaid.identification.compliance_found import Found, Groups
-from deltaid.identification.compliance_rows import Columns, Rows, torques_of
+from deltaid.identification.compliance_rows import Columns, Rows, slopes, torques_of
 from deltaid.identification.lag_groups import agree
-from deltaid.identification.rows_with_prior import Sheet, stretches
 from deltaid.identification.setup import Setup
+from deltaid.identification.trace_rows import Sheet
 from deltaid.identification.traces import Trace
 from deltaid.identification.windings import Compliance, Windings, motors_of, wound
 from deltaid.recording.gears import Gears
@@ -140,7 +141,7 @@ class _Fit:
     @cached_property
     def rows(self) -> Rows:
         """What rows are made for."""
-        return Rows.of(self.traces, self.setup)
+        return Rows.of(self.setup)
 
     def windings(self, p: Parameters) -> list[Windings]:
         """What gears carry in each trace, with the motors of p."""
@@ -194,12 +195,17 @@ class _Fit:
         little, count = _LITTLE / (S.T @ self._largest), S.shape[1]
         for _ in range(most):
             s, windings = self.known + S @ sizes, self.windings(p)
-            sheets = [self._sheet(one, s, S * little, p) for one in windings]
-            clean = [self._clean(one, s, S * little, p) for one in windings]
-            solution = self.rows.solved(sheets, clean)
-            moved = np.maximum(sizes + solution.a[:count], 0.0) - sizes
-            sizes, p = sizes + moved, self.rows.parameters(sheets, clean)
-            covariance = solution.covariance
+            sheets = [
+                replace(
+                    self._sheet(one, s, S * little, p),
+                    instruments=self._clean(one, s, S * little, p),
+                )
+                for one in windings
+            ]
+            problem, first = self.rows.rows.problem(sheets), self.rows.rows.size
+            moved = np.maximum(sizes + problem.x[first : first + count], 0.0) - sizes
+            sizes, p = sizes + moved, self.rows.parameters(sheets)
+            covariance = problem.covariance(slice(first, first + count + len(s)))
             if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
                 break
         return Found(
@@ -215,11 +221,12 @@ class _Fit:
             return one.inner(low_pass).inner(low_pass).turned(s)
 
         now = at(s)
-        return self.rows.sheet(
-            now, p, _slopes_over(now, [at(s + step) for step in steps.T], steps, p)
-        )
+        more = [at(s + step) for step in steps.T]
+        return self.rows.sheet(now, p, _slopes_over(now, more, steps, p), slopes(now, p))
 
-    def _clean(self, one: Windings, s: Compliance, steps: Groups, p: Parameters) -> list[Sheet]:
+    def _clean(
+        self, one: Windings, s: Compliance, steps: Groups, p: Parameters
+    ) -> tuple[Columns, ...]:
         """The same columns by torques of the model, without the noise that measured ones bring into
         the links' motion: along that of the motors, and along this turned back by the model's
         torques, which is that of the links below the frequency at which gear and inertia resonate.
@@ -228,13 +235,15 @@ class _Fit:
         motor = one.by_model(p)
         link = replace(motor, trace=motor.turned(s)).by_model(p)
         motor = motor.inner(low_pass)
-        return [
+        return tuple(
             self.rows.sheet(
-                along.trace, p,
+                along.trace,
+                p,
                 _slopes_over(along.trace, [along.turned(step) for step in steps.T], steps, p),
-            )
+                slopes(along.trace, p),
+            ).A
             for along in (motor, link)
-        ]  # fmt: skip
+        )
 
     def better(self, found: Found, least: float = _BETTER) -> bool:
         """Whether rows of most stretches of time are nearer with what was found than without, by
@@ -244,7 +253,7 @@ class _Fit:
         for ours, theirs in zip(with_it, without, strict=True):
             noise = np.mean(ours**2, axis=1, keepdims=True)
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
-            gains.append(np.add.reduceat(gain, stretches(len(gain))))
+            gains.append(np.add.reduceat(gain, stretch_starts(len(gain))))
         each = np.concatenate(gains)
         return bool(each.mean() > least * each.std(ddof=1) / np.sqrt(len(each)))
 

@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.identification.additions import Addition, extended
-from deltaid.identification.information import active_columns
-from deltaid.identification.reduction import Reduction
-from deltaid.identification.rows_with_prior import Prior, Sheet, Solution, reduced, solved
+from deltaid.estimation.drive_rows import of_own_drives
 from deltaid.identification.setup import Setup
+from deltaid.identification.trace_rows import Sheet, TraceRows
 from deltaid.identification.traces import Trace
 from deltaid.recording.windows import Samples
 
@@ -42,76 +40,66 @@ _FREE = len(_SHAPES) + 3
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What rows of traces are made for: the free parameters of a fit, and their prior."""
+    """Rows of traces beside lags and friction as a free curve, of which nothing is known."""
 
-    reduction: Reduction
-    additions: tuple[Addition, ...]
-    prior: Prior
+    rows: TraceRows
 
     @classmethod
-    def of(cls, traces: Sequence[Trace], setup: Setup) -> "Rows":
+    def of(cls, setup: Setup) -> "Rows":
         """For the fit that a setup leads to."""
-        reduction = reduced(traces[0], setup.additions)
-        return cls(reduction, setup.additions, Prior.of(reduction, setup.settings.prior_spread))
+        return cls(TraceRows.of(setup.dynamics, setup.additions, setup.settings.prior_spread))
 
     def fitted(self, traces: Sequence[Trace]) -> tuple[list[np.ndarray], Parameters]:
         """What is left of each trace's rows, and p."""
-        nothing = [np.zeros((*torques_of(one).shape, 0)) for one in traces]
-        sheets = [self.sheet(one, None, none) for one, none in zip(traces, nothing, strict=True)]
-        p = self.parameters(sheets)
+        sheets = [self.sheet(one, one.load) for one in traces]
+        p, first = self.parameters(sheets), self.rows.size
         sheets = [
-            replace(one, A=np.concatenate([_slopes(now, p), one.A], axis=2))
+            replace(
+                one,
+                A=np.concatenate([one.A[..., :first], slopes(now, p), one.A[..., first:]], axis=2),
+            )
             for one, now in zip(sheets, traces, strict=True)
         ]
-        solution = self.solved(sheets)
-        x = np.concatenate([solution.x, solution.a])
-        left = [one.tau - np.concatenate([one.X, one.A], axis=2) @ x for one in sheets]
-        return left, self.parameters(sheets)
+        x = self.rows.problem(sheets).x
+        return [one.tau - one.A @ x for one in sheets], self.parameters(sheets)
 
-    def sheet(self, one: Trace, p: Parameters | None, columns: Columns) -> Sheet:
-        """Rows of a trace, with columns beside the parameters', those of lags and friction behind.
+    def sheet(self, one: Trace, p: Parameters, *columns: Columns) -> Sheet:
+        """Rows of a trace, with columns beside the parameters', those of friction behind.
 
         Args:
-            p: whose torques lag; without lags if not given.
+            p: whose torques gears carry, which losses grow with.
         """
-        active = active_columns(extended(one.dynamics, self.additions))
-        rows = one.regressor(self.additions)
-        tau = torques_of(one) - rows @ self.reduction.p_0[active]
-        lags = [] if p is None else [_slopes(one, p)]
-        A = np.concatenate([columns, *lags, _friction(one, one.load if p is None else p)], axis=2)
-        return Sheet(rows @ self.reduction.A[active], A, tau)
+        sheet = self.rows.of_trace(one)
+        return replace(sheet, A=np.concatenate([sheet.A, *columns, _friction(one, p)], axis=2))
 
-    def solved(
-        self, sheets: Sequence[Sheet], clean: Sequence[Sequence[Sheet]] | None = None
-    ) -> Solution:
-        """Of all recordings; of what stands beside the parameters nothing is known."""
-        nothing = np.zeros(sheets[0].A.shape[2])
-        return solved(sheets, self.prior.beside(nothing, nothing + np.inf), clean)
-
-    def parameters(
-        self, sheets: Sequence[Sheet], clean: Sequence[Sequence[Sheet]] | None = None
-    ) -> Parameters:
+    def parameters(self, sheets: Sequence[Sheet]) -> Parameters:
         """p of the robot, whose friction is viscous and Coulomb's as well as that goes: beside a
         free curve, hardly anything tells them."""
         free = _FREE * len(sheets[0].tau)
-        plain = [replace(one, A=one.A[:, :, :-free]) for one in sheets]
-        x = self.solved(plain, clean).x
-        p = self.reduction.A @ x + self.reduction.p_0
-        return p[: len(p) - sum(len(one.parameters) for one in self.additions)]
+        plain = [
+            replace(
+                one,
+                A=one.A[:, :, :-free],
+                instruments=tuple(by[:, :, :-free] for by in one.instruments),
+            )
+            for one in sheets
+        ]
+        p = self.rows.parameters(self.rows.problem(plain).x)
+        return p[: len(p) - sum(len(one.parameters) for one in self.rows.additions)]
 
 
 def torques_of(one: Trace) -> Float[np.ndarray, "dof samples"]:
     return one.torques(np.zeros(one.dynamics.dof))
 
 
-def _slopes(now: Trace, p: Parameters) -> Columns:
+def slopes(now: Trace, p: Parameters) -> Columns:
     """−τ̇ of each drive, in a column of its own."""
     dof = now.dynamics.dof
 
     def slope(w: Samples) -> np.ndarray:
         return -np.gradient(now.dynamics.torque(w.z, w.qd, w.qdd, p), axis=0).T
 
-    return _apart(now.low_pass.rate * now.filtered(slope, np.arange(dof), 1)[:, :, None])
+    return of_own_drives(now.low_pass.rate * now.filtered(slope, np.arange(dof), 1)[:, :, None])
 
 
 def _friction(now: Trace, p: Parameters) -> Columns:
@@ -128,12 +116,4 @@ def _friction(now: Trace, p: Parameters) -> Columns:
 
     dof = now.dynamics.dof
     out = now.filtered(shapes, np.tile(np.arange(dof), _FREE))
-    return _apart(out.reshape(_FREE, dof, -1).transpose(1, 2, 0))
-
-
-def _apart(own: Float[np.ndarray, "dof samples own"]) -> Columns:
-    """Columns that each drive has by itself, zero in the rows of others."""
-    dof, samples, count = own.shape
-    out = np.zeros((dof, samples, dof, count))
-    out[np.arange(dof), :, np.arange(dof)] = own
-    return out.reshape(dof, samples, dof * count)
+    return of_own_drives(out.reshape(_FREE, dof, -1).transpose(1, 2, 0))

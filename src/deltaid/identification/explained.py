@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import gammaincc, gammaln
 
-from deltaid.identification.lag import Basis, Rows, block_sums
+from deltaid.estimation.problem import level_along
+from deltaid.estimation.span import Rows, Span, lengths
 from deltaid.identification.patterns import Pattern
 
 # Directions of columns shorter than this share of their length have been taken by parameters.
@@ -46,13 +47,13 @@ class Account:
 
     Attributes:
         found: each with what it adds to those before.
-        basis: of parameters and patterns.
+        span: of parameters and patterns.
         left: what remains.
         first: how surprising each pattern is on its own, the best first.
     """
 
     found: tuple[Explained, ...]
-    basis: Basis
+    span: Span
     left: Rows
     first: tuple[Explained, ...]
 
@@ -60,7 +61,8 @@ class Account:
 def account(
     patterns: Sequence[Pattern],
     searched: Callable[[Rows], Iterable[Pattern]],
-    basis: Basis,
+    groups: Int[np.ndarray, " rows"],
+    span: Span,
     left: Rows,
 ) -> Account:
     """Take the most surprising pattern, and again of what it leaves, until none is.
@@ -68,17 +70,18 @@ def account(
     Args:
         patterns: with columns that are known beforehand.
         searched: those that depend on what is left.
-        basis: what parameters explain.
+        groups: the stretch of time of each row.
+        span: what parameters explain.
         left: what they leave.
     """
     found: list[Explained] = []
     first: tuple[Explained, ...] = ()
-    bare = [basis.without(_scaled(one.columns)) for one in patterns]
+    bare = [span.without(_scaled(one.columns)) for one in patterns]
     for _ in range(_ROUNDS):
         more = tuple(searched(left))
-        columns = [*bare, *(basis.without(_scaled(one.columns)) for one in more)]
+        columns = [*bare, *(span.without(_scaled(one.columns)) for one in more)]
         tried = zip([*patterns, *more], columns, strict=True)
-        ranked = _ranked([(one, F) for one, F in tried], basis, left)
+        ranked = _ranked([(one, F) for one, F in tried], groups, span, left)
         first = first or tuple(ranked)
         if not ranked or ranked[0].surprise < SEEN:
             break
@@ -87,13 +90,14 @@ def account(
         U = best.directions
         left = left - U @ (U.T @ left)
         bare = [F - U @ (U.T @ F) for F in bare]
-        basis = basis.extended(U)
-    return Account(tuple(found), basis, left, first)
+        span = span.with_directions(U)
+    return Account(tuple(found), span, left, first)
 
 
 def _ranked(
     candidates: Sequence[tuple[Pattern, Float[np.ndarray, "rows _"]]],
-    basis: Basis,
+    groups: Int[np.ndarray, " rows"],
+    span: Span,
     left: Rows,
 ) -> list[Explained]:
     """The candidates that explain anything, the most surprising first.
@@ -111,7 +115,7 @@ def _ranked(
             continue
         by = vectors[:, kept] / np.sqrt(values[kept])
         gain, rank = float(np.sum((by.T @ (F.T @ left)) ** 2)), by.shape[1]
-        freedom = max(len(left) - basis.Q.shape[1] - rank, 1)
+        freedom = max(len(left) - span.rank - rank, 1)
         noise = max(total - gain, 1e-12 * total, 1e-300) / freedom
         tries = pattern.tries + float(np.log10(count))
         judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
@@ -134,8 +138,8 @@ def _ranked(
     close = []
     for _, gain, noise, tries, pattern, F, by in judged[:_CLOSE]:
         U = F @ by
-        scores = block_sums(U * (left - U @ (U.T @ left))[:, None], basis)
-        level = max(noise, float(np.sum(scores**2)) / U.shape[1])
+        freedom = max(len(left) - span.rank - U.shape[1], 1)
+        level = max(noise, level_along(U, left - U @ (U.T @ left), groups, freedom))
         close.append(Explained(pattern, gain, surprise(gain / level, U.shape[1]) - tries, U))
     if close and close[0].pattern.kind in _ELSEWHERE and close[0].surprise > SEEN:
         return close
@@ -159,8 +163,7 @@ def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained
 
 
 def _scaled(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
-    norms = np.linalg.norm(columns, axis=0)
-    return columns / np.where(norms > 0, norms, 1.0)
+    return columns / lengths(columns)
 
 
 def surprise(x: float, freedom: int) -> float:

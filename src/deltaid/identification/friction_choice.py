@@ -22,6 +22,8 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import RecordingError
+from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.span import Rows
 from deltaid.identification.explained import surprise
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
@@ -34,7 +36,6 @@ from deltaid.identification.friction_options import (
 )
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.identification.gains import shown_by_torques
-from deltaid.identification.lag import BLOCKS, Rows
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
@@ -112,7 +113,7 @@ def choose_friction(
     rows = _carrying(rows, steps)
     kept, laws, left = _refined(rows, steps, progress)
     choice = FrictionChoice(
-        folds=BLOCKS,
+        folds=STRETCHES,
         plain_error=rows.share(rows.left),
         chosen_error=rows.share(left),
         steps=tuple(_record(one, useful=one in kept) for one in steps),
@@ -219,7 +220,7 @@ def _imitated(rows: FrictionRows, steps: Sequence[_Tried], found: Refined) -> _T
     with constants of its own; None if all are needed."""
     curved = [one for one in steps if one.option.constants]
     doubled = [one for one in curved if sum(x.option.joint == one.option.joint for x in curved) > 1]
-    level = float(found.left @ found.left) / max(len(found.left) - rows.basis.Q.shape[1], 1)
+    level = float(found.left @ found.left) / max(len(found.left) - rows.span.rank, 1)
     worst: tuple[float, _Tried] | None = None
     for one in doubled:
         without = refined(rows, _laws(rows, [x for x in steps if x is not one])).left

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from deltaid.estimation.span import Rows, lengths
 from deltaid.identification.explained import surprise
 from deltaid.identification.friction_options import (
     FORMS,
@@ -24,7 +25,6 @@ from deltaid.identification.friction_options import (
 from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
 from deltaid.identification.friction_shapes import CONSTANTS, moved
 from deltaid.identification.information import triangle
-from deltaid.identification.lag import Rows
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm
@@ -78,7 +78,7 @@ def refined(rows: FrictionRows, laws: Laws) -> Refined:
         return free
     tried = [_refined(rows, _of_form(laws, added, form), added) for form in FORMS]
     best = min(tried, key=lambda one: float(one.left @ one.left))
-    level = float(free.left @ free.left) / max(len(free.left) - rows.basis.Q.shape[1], 1)
+    level = float(free.left @ free.left) / max(len(free.left) - rows.span.rank, 1)
     more = float(best.left @ best.left - free.left @ free.left) / level
     return best if surprise(max(more, 0.0), len(added)) < _OTHER else free
 
@@ -215,8 +215,7 @@ def _bounded(
     """min ‖A x − b‖ over low ≤ x ≤ high, columns at unit length."""
     from scipy.optimize import lsq_linear  # slow to load, and seldom needed
 
-    norms = np.linalg.norm(A, axis=0)
-    norms[norms == 0] = 1.0
+    norms = lengths(A)
     R = triangle(np.column_stack([A / norms, b]))
     return lsq_linear(R[:, :-1], R[:, -1], (low * norms, high * norms)).x / norms
 

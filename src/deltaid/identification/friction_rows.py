@@ -17,10 +17,13 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.problem import level_along
+from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import surprise
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import Basis, Rows, basis_of, block_sums, widened_by
+from deltaid.identification.lag import parameters_of
 from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
@@ -33,8 +36,6 @@ _WINDOWS, _SECONDS = 6, 20.0
 _CUTOFF = 50.0
 # What is left of a drive's torque at least, as a share of its largest, to be compared with.
 _FLOOR = 1e-5
-
-Columns = Float[np.ndarray, "rows _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,8 @@ class FrictionRows:
         largest: torque of each drive.
         Y: active columns of the regressor, all recordings after each other.
         beside: columns of additions, and of a lag for each drive of each recording.
-        basis: what parameters and lags explain.
+        drive_rows: how samples of drives stand under each other, over the noise of each.
+        span: what parameters and lags explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
         moved: of each drive, as `FrictionJoint.moved`.
@@ -102,7 +104,8 @@ class FrictionRows:
     largest: Float[np.ndarray, " dof"]
     Y: Float[np.ndarray, "dof samples columns"]
     beside: Columns
-    basis: Basis
+    drive_rows: DriveRows
+    span: Span
     tau: Rows
     p: Parameters
     moved: Float[np.ndarray, " dof"]
@@ -110,20 +113,20 @@ class FrictionRows:
     @cached_property
     def left(self) -> Rows:
         """What parameters and lags leave of the torques."""
-        return self.basis.without(self.tau)
+        return self.span.without(self.tau)
 
     @cached_property
-    def rigid(self) -> Basis:
+    def rigid(self) -> Span:
         """What lags, additions and all parameters but those of friction explain."""
         layout, Y = self.dynamics.layout, self.Y.copy()
         friction = np.arange(len(layout.names))[layout.friction]
         Y[:, :, np.isin(active_columns(self.dynamics), friction)] = 0.0
-        return widened_by(basis_of(self.dynamics, Y, self.basis.scale), self.beside)
+        return Span.of(self.drive_rows.stack(Y)).with_columns(self.beside)
 
     def own(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
         at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
-        return self.basis.stack(self.Y[:, :, at])
+        return self.drive_rows.stack(self.Y[:, :, at])
 
     def rotor(self, joint: FrictionJoint) -> float:
         """Inertia of a drive's rotor by p; zero without."""
@@ -132,7 +135,7 @@ class FrictionRows:
 
     def share(self, left: Rows) -> float:
         """Root mean square of rows as a share of the drives' largest torques."""
-        of_drives = left.reshape(len(self.largest), -1) * (self.basis.scale / self.largest)[:, None]
+        of_drives = self.drive_rows.of_drives(left) / self.largest[:, None]
         return float(np.sqrt(np.mean(of_drives**2)))
 
     @cached_property
@@ -144,7 +147,7 @@ class FrictionRows:
 
     def bare(self, columns: Columns) -> Columns:
         """Without what parameters, additions and lags explain."""
-        return self.basis.without(columns)
+        return self.span.without(columns)
 
     def judged(self, U: Columns, left: Rows, constants: int) -> "Judged":
         """What orthonormal columns explain of rows, against chance.
@@ -157,9 +160,8 @@ class FrictionRows:
         """
         after = left - U @ (U.T @ left)
         gain = float(np.sum((U.T @ left) ** 2))
-        freedom = max(len(left) - self.basis.Q.shape[1] - U.shape[1], 1)
-        scatter = float(np.sum(block_sums(U * after[:, None], self.basis) ** 2)) / U.shape[1]
-        level = max(float(after @ after) / freedom, scatter, 1e-300)
+        freedom = max(len(left) - self.span.rank - U.shape[1], 1)
+        level = level_along(U, after, self.drive_rows.groups, freedom)
         return Judged(
             gain=gain / max(float(left @ left), 1e-300),
             times=float(np.sqrt(gain / level)),
@@ -205,7 +207,7 @@ class FrictionRows:
         stacked = np.zeros((dof, filtered.shape[1], len(wanted)))
         for k, (start, stop) in enumerate(pairwise(counts)):
             stacked[drives[start:stop], :, k] = filtered[start:stop]
-        return self.basis.stack(stacked)
+        return self.drive_rows.stack(stacked)
 
     def _entries(self, w: Samples) -> tuple[np.ndarray, np.ndarray]:
         load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p)
@@ -263,19 +265,19 @@ def friction_rows(
     still = np.zeros(dynamics.dof)
     tau = np.concatenate([one.torques(still) for one in traces], axis=1)
     largest = np.max([one.log.torque_max for one in recordings], axis=0)
-    basis = basis_of(dynamics, Y, largest)
-    left = basis.without(basis.stack(tau)).reshape(dynamics.dof, -1)
-    noise = np.maximum(np.sqrt(np.mean(left**2, axis=1)), _FLOOR) * largest
-    basis = basis_of(dynamics, Y, noise)
-    rows = basis.stack(tau)
-    p = prior + basis.parameters(rows - basis.stack(Y @ prior[active_columns(dynamics)]))
-    beside = _beside(basis, traces, p, additions)
-    basis = widened_by(basis, beside)
-    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, basis, rows, p, still)
+    rows = DriveRows(largest, Y.shape[1])
+    left = Span.of(rows.stack(Y)).without(rows.stack(tau)).reshape(dynamics.dof, -1)
+    rows = replace(rows, scale=np.maximum(np.sqrt(np.mean(left**2, axis=1)), _FLOOR) * largest)
+    span, right = Span.of(rows.stack(Y)), rows.stack(tau)
+    off = right - rows.stack(Y @ prior[active_columns(dynamics)])
+    p = prior + parameters_of(dynamics, span, off)
+    beside = _beside(rows, traces, p, additions)
+    span = span.with_columns(beside)
+    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, rows, span, right, p, still)
 
 
 def _beside(
-    basis: Basis, traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
+    rows: DriveRows, traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
 ) -> Columns:
     """Columns of additions, and a lag for each drive in each recording."""
     dynamics, found = traces[0].dynamics, []
@@ -289,7 +291,7 @@ def _beside(
         first = width + k * dynamics.dof
         padded[:, :, first : first + dynamics.dof] = columns[:, :, width:]
         found.append(padded)
-    return basis.stack(np.concatenate(found, axis=1))
+    return rows.stack(np.concatenate(found, axis=1))
 
 
 def cutoff_of(recording: Recording) -> float | None:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtri
 
-from deltaid.identification.rows_with_prior import BLOCKS
+from deltaid.estimation.drive_rows import STRETCHES
 
 # How often it is rejected, if true, that there is no lag or that all drives have the same; and what
 # else is alike or zero by chance only.
@@ -47,7 +47,7 @@ def chosen_groups(
 
     Args:
         values: estimate of each drive's lag [s].
-        covariance: of these, by scatter between `BLOCKS` stretches.
+        covariance: of these, by scatter between `STRETCHES` stretches.
     """
     dof = len(values)
     best: tuple[tuple[int, int, float], Choice] | None = None
@@ -115,7 +115,7 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
 
 def _limit(free: int, rejected: float) -> float:
     """What T² with so many directions exceeds by chance in this share of cases."""
-    nu = BLOCKS - 1
+    nu = STRETCHES - 1
     return free * nu / (nu - free + 1) * float(fdtri(free, nu - free + 1, 1 - rejected))
 
 

@@ -12,19 +12,16 @@ without a prior they take up what the lag explains (±0.7 ms for drive 4 of a 4-
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.identification.additions import Addition, extended
-from deltaid.identification.information import active_columns
+from deltaid.identification.additions import Addition
 from deltaid.identification.lag_columns import LagColumns, alone
-from deltaid.identification.reduction import Reduction
 from deltaid.identification.reversal_lags import lags_of_reversals
-from deltaid.identification.rows_with_prior import Prior, Sheet, reduced, solved
+from deltaid.identification.trace_rows import Sheet, TraceRows
 from deltaid.identification.traces import Trace
 
 # Lags that can be found [s].
@@ -78,7 +75,7 @@ def estimate_lags(
         spread: relative standard deviation of the prior.
         start: lags to begin with [s]; none if not given.
     """
-    fit = _Fit(traces, additions, spread)
+    fit = _Fit(traces, TraceRows.of(traces[0].dynamics, additions, spread))
     nothing = np.zeros((len(traces), traces[0].dynamics.dof))
     start = nothing if start is None else start
     rough = fit.swept(start, nothing, np.full_like(nothing, _PRIOR))
@@ -121,12 +118,7 @@ class _Fit:
     """Least squares of p and lags over the traces of recordings."""
 
     traces: Sequence[Trace]
-    additions: Sequence[Addition]
-    spread: float
-
-    @cached_property
-    def _reduction(self) -> Reduction:
-        return reduced(self.traces[0], self.additions)
+    rows: TraceRows
 
     def swept(self, start: Delays, centre: Delays, deviation: Delays) -> "_Found":
         """The lags from a start on, given that they are near a centre.
@@ -135,46 +127,33 @@ class _Fit:
             start: lags to begin with [s].
             centre, deviation: what is known of them [s].
         """
-        reduction = self._reduction
-        prior = Prior.of(reduction, self.spread)
-        delays, p = start, None
+        rows, delays, p = self.rows, start, None
         for sweep in range(_SWEEPS):
             shifted = [
                 one.shifted(by) if np.any(by) else one
                 for one, by in zip(self.traces, delays, strict=True)
             ]
             if p is None:
-                rough = solved([self._sheet(one, reduction) for one in shifted], prior)
-                p = reduction.A @ rough.x + reduction.p_0
-            sheets = [self._with_lags(one, k, reduction, p) for k, one in enumerate(shifted)]
-            known = prior.beside((centre - delays).ravel(), deviation.ravel())
-            found = solved(sheets, known)
-            p, step = reduction.A @ found.x + reduction.p_0, found.a.reshape(delays.shape)
+                p = rows.parameters(rows.problem([rows.of_trace(one) for one in shifted]).x)
+            sheets = [self._with_lags(one, k, p) for k, one in enumerate(shifted)]
+            known = rows.problem(sheets, (centre - delays).ravel(), deviation.ravel())
+            p, step = rows.parameters(known.x), known.x[rows.size :].reshape(delays.shape)
             delays = np.clip(delays + step, -REACH, REACH)
             if np.abs(step).max() < _SETTLED or sweep == _SWEEPS - 1:
-                return _Found(delays, _each(found.covariance, len(delays)), p)
+                covariance = known.covariance(slice(rows.size, None))
+                return _Found(delays, _each(covariance, len(delays)), p)
         raise AssertionError
 
-    def _sheet(self, one: Trace, reduction: Reduction, p: Parameters | None = None) -> Sheet:
-        """Filtered rows of a trace, with slopes −τ̇ of the torques of p, one column a drive."""
-        dynamics, additions = one.dynamics, tuple(self.additions)
-        more: tuple[Addition, ...] = ()
-        if p is not None:
-            if dynamics.robot.load_drives:
-                one = replace(one, load=p[: len(dynamics.layout.names)])
-            more = (LagColumns(dynamics, additions, p, one.recording, alone(dynamics.dof)),)
-        Y = one.regressor((*additions, *more))
-        active = active_columns(extended(dynamics, additions))
-        columns, slopes = Y[:, :, : len(active)], Y[:, :, len(active) :]
-        tau = one.torques(np.zeros(dynamics.dof)) - columns @ reduction.p_0[active]
-        return Sheet(columns @ reduction.A[active], slopes, tau)
-
-    def _with_lags(self, one: Trace, k: int, reduction: Reduction, p: Parameters) -> Sheet:
-        """Rows of the k-th trace, with columns for the lags of all."""
-        sheet, dof = self._sheet(one, reduction, p), one.dynamics.dof
-        A = np.zeros((*sheet.tau.shape, len(self.traces) * dof))
-        A[:, :, k * dof : (k + 1) * dof] = sheet.A
-        return replace(sheet, A=A)
+    def _with_lags(self, one: Trace, k: int, p: Parameters) -> Sheet:
+        """Rows of the k-th trace, with slopes −τ̇ of the torques of p for the lags of all."""
+        dynamics, rows = one.dynamics, self.rows
+        if dynamics.robot.load_drives:
+            one = replace(one, load=p[: len(dynamics.layout.names)])
+        lags = LagColumns(dynamics, rows.additions, p, one.recording, alone(dynamics.dof))
+        sheet = rows.of_trace(one, (lags,))
+        parts = [np.zeros((*sheet.tau.shape, dynamics.dof)) for _ in self.traces]
+        parts[k] = sheet.A[:, :, rows.size :]
+        return replace(sheet, A=np.concatenate([sheet.A[:, :, : rows.size], *parts], axis=2))
 
 
 @dataclass(frozen=True, eq=False)

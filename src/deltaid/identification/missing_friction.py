@@ -14,7 +14,7 @@ def missing(scene: Scene) -> Pattern | None:
         return None
     drives = np.arange(len(scene.drives))
     filtered = [scene.trace.filtered(of, drives) for of in (_signs, _speeds)]
-    columns = np.hstack([scene.basis.own(x)[:, without] for x in filtered])
+    columns = np.hstack([scene.rows.own(x)[:, without] for x in filtered])
     return Pattern("friction-missing", "", columns)
 
 

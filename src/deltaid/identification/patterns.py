@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.span import Rows, Span
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import Basis, Rows, model_slope
+from deltaid.identification.lag import model_slope, parameters_of
 from deltaid.identification.traces import Trace
 from deltaid.recording.windows import Samples
 
@@ -71,19 +73,20 @@ class Scene:
     Attributes:
         trace: the recording.
         Y: the active columns of its regressor, filtered.
-        basis: what these explain.
+        rows, span: its samples as rows, and what these columns explain of them.
         tau: its torques as rows.
     """
 
     trace: Trace
     Y: Float[np.ndarray, "dof samples columns"]
-    basis: Basis
+    rows: DriveRows
+    span: Span
     tau: Rows
 
     @cached_property
     def p(self) -> Parameters:
         """Of least squares."""
-        return self.basis.parameters(self.tau)
+        return parameters_of(self.trace.dynamics, self.span, self.tau)
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -107,12 +110,12 @@ class Scene:
         τ_i = (1 + g_i) Y_i p, by Gauss–Newton. What torques hardly show of the factors, such as one
         common to all, stays 1.
         """
-        model, active = self.model, active_columns(self.trace.dynamics)
+        model = self.model
         for _ in range(_SWEEPS):
-            own = self.basis.own(model)
-            bare = self.basis.without(own)
-            gain = np.linalg.lstsq(bare, self.basis.without(self.tau), rcond=_SHOWN)[0]
-            model = self.Y @ self.basis.parameters(self.tau - own @ gain)[active]
+            own = self.rows.own(model)
+            bare = self.span.without(own)
+            gain = np.linalg.lstsq(bare, self.span.without(self.tau), rcond=_SHOWN)[0]
+            model = self.Y @ self.span.coefficients(self.tau - own @ gain)
         return model
 
     def column(self, name: str) -> Stack:
@@ -137,11 +140,11 @@ class Scene:
 
     def _lags(self) -> Iterator[Pattern]:
         slope = -model_slope(self.trace, self.p)
-        yield Pattern("torque-lag", "", self.basis.stack(slope)[:, None])
-        yield Pattern("torque-lag", "", self.basis.own(slope))
+        yield Pattern("torque-lag", "", self.rows.stack(slope)[:, None])
+        yield Pattern("torque-lag", "", self.rows.own(slope))
 
     def _gains(self) -> Iterator[Pattern]:
-        own = self.basis.own(self.scaled_model)
+        own = self.rows.own(self.scaled_model)
         for i, drive in enumerate(self.drives):
             yield Pattern("drive-gain", drive, own[:, [i]])
         yield Pattern("drive-gain", "", own)
@@ -152,7 +155,7 @@ class Scene:
         laws = [f"near {share:g}" for share in _SLOW] + ["square", "root"]
         values = dict(zip([joint.name for joint in joints], self._laws(), strict=True))
         for k, law in enumerate(laws):
-            each = np.stack([self.basis.stack(values[j.name][k]) for j in joints], axis=1)
+            each = np.stack([self.rows.stack(values[j.name][k]) for j in joints], axis=1)
             coulomb = np.array([self._size(f"coulomb.{j.name}") for j in joints])
             words = _WORDS[law.split()[0]]
             yield Pattern("friction-law", "", (each @ coulomb)[:, None], words)
@@ -162,7 +165,7 @@ class Scene:
         ways, loads = [], []
         for joint in joints:
             if joint.name in self.drives:
-                one = [self.basis.stack(x) for x in values[joint.name][len(laws) :]]
+                one = [self.rows.stack(x) for x in values[joint.name][len(laws) :]]
                 ways.append(np.stack(one[:2], axis=1))
                 loads.append(one[2])
                 yield Pattern("friction-law", joint.name, ways[-1], _WORDS["way"])
@@ -217,12 +220,12 @@ class Scene:
         ]
         for words, course in courses:
             if parts:
-                each = np.stack([self.basis.stack(part * course) for part in parts], axis=1)
+                each = np.stack([self.rows.stack(part * course) for part in parts], axis=1)
                 yield Pattern("drift", "", each.sum(axis=1)[:, None], words)
                 yield Pattern("drift", "", each, words)
                 for i, joint in enumerate(self._joints):
                     yield Pattern("drift", joint.name, each[:, [i]], words)
-            offset = self.basis.own(self.motion.weights.T * course)
+            offset = self.rows.own(self.motion.weights.T * course)
             for i, drive in enumerate(self.drives):
                 yield Pattern("drift", drive, offset[:, [i]], words)
 
@@ -237,7 +240,7 @@ class Scene:
             z, good = dynamics.kinematics.forward_unchecked(moved)
             slope = (dynamics.torque(z, w.qd, w.qdd, self.p) - at) / _ZERO
             slope[~good] = 0.0
-            columns.append(self.basis.stack((slope * w.weights).T))
+            columns.append(self.rows.stack((slope * w.weights).T))
             yield Pattern("homing-or-tilt", self.drives[i], columns[-1][:, None])
         yield Pattern("homing-or-tilt", "", np.stack(columns, axis=1))
 
@@ -249,8 +252,8 @@ class Scene:
         dof = x.shape[1]
         shapes = [x[:, i] for i in range(dof)]
         shapes += [x[:, i] * x[:, j] for i in range(dof) for j in range(i, dof)]
-        alone = [self.basis.own(w.weights.T * shape) for shape in shapes]
-        times = [self.basis.own(self.model * shape) for shape in shapes[:dof]]
+        alone = [self.rows.own(w.weights.T * shape) for shape in shapes]
+        times = [self.rows.own(self.model * shape) for shape in shapes[:dof]]
         for i, drive in enumerate(self.drives):
             columns = np.stack([one[:, i] for one in (*alone, *times)], axis=1)
             yield Pattern("geometry-or-cogging", drive, columns, _WORDS["place"], _BENDS / dof)

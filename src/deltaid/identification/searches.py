@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.identification.lag import Rows
+from deltaid.estimation.span import Rows
 from deltaid.identification.patterns import Pattern, Scene
 
 # Waves of a ripple over a drive's stroke.
@@ -29,7 +29,7 @@ def ripples(scene: Scene, left: Rows) -> Iterator[Pattern]:
     response = low_pass.response
     frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
     passed = np.abs(np.fft.rfft(response, 1 << 14))
-    residual = (left.reshape(len(scene.drives), -1) * scene.basis.scale[:, None]).copy()
+    residual = scene.rows.of_drives(left)
     for i, drive in enumerate(scene.drives):
         stroke = np.ptp(q[:, i])
         if stroke == 0:
@@ -41,7 +41,7 @@ def ripples(scene: Scene, left: Rows) -> Iterator[Pattern]:
         u = pair @ residual[i]
         power = np.sum(pair**2, axis=(0, 2))
         k = int(np.argmax(np.sum(u**2, axis=0) / np.maximum(power, 1e-300)))
-        columns = [scene.basis.own(_only(x, i, len(scene.drives)))[:, i] for x in pair[:, k]]
+        columns = [scene.rows.own(_only(x, i, len(scene.drives)))[:, i] for x in pair[:, k]]
         waves = float(_WAVES[k])
         yield Pattern(
             "geometry-or-cogging",
@@ -66,7 +66,7 @@ def load_steps(scene: Scene, left: Rows) -> Iterator[Pattern]:
     moments and inertia, are found by turns.
     """
     for body in _holders(scene):
-        mass = scene.basis.stack(scene.column(f"{body}.m"))
+        mass = scene.rows.stack(scene.column(f"{body}.m"))
         found = _two_levels(scene, mass, left) if np.any(mass) else None
         if found is None:
             continue
@@ -104,17 +104,17 @@ def _columns_of(scene: Scene, body: str) -> Float[np.ndarray, "rows columns"]:
     """Those of a body's ten parameters that show, the mass first."""
     names = [one.name for one in scene.trace.dynamics.layout.parameters if one.owner == body]
     columns = [scene.column(name) for name in names if scene.shows(name)]
-    return np.stack([scene.basis.stack(x) for x in columns if np.any(x)], axis=1)
+    return np.stack([scene.rows.stack(x) for x in columns if np.any(x)], axis=1)
 
 
 def _refined(
     scene: Scene, columns: Float[np.ndarray, "rows columns"], left: Rows, held: np.ndarray
 ) -> Int[np.ndarray, " samples"] | None:
     """The course of a load and its coefficients by turns; None where it is not held long enough."""
-    basis, dof, count = scene.basis, len(scene.drives), len(held)
+    dof, count = len(scene.drives), len(held)
     for _ in range(_ROUNDS):
         carried = columns * np.tile(held, dof)[:, None]
-        bare = basis.without(carried)
+        bare = scene.span.without(carried)
         theta = np.linalg.lstsq(bare, left, rcond=1e-6)[0]
         rest = left - bare @ theta
         load = columns @ theta

@@ -13,19 +13,12 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.span import Rows, Span
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import SEEN, Account, account, surprise
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import (
-    REACH,
-    Basis,
-    Lag,
-    Rows,
-    basis_of,
-    coarse_lag,
-    estimate_lag,
-    widened_by,
-)
+from deltaid.identification.lag import REACH, Lag, coarse_lag, estimate_lag
 from deltaid.identification.missing_friction import missing
 from deltaid.identification.patterns import Pattern, Scene
 from deltaid.identification.searches import load_steps, ripples
@@ -112,20 +105,20 @@ def studied(
     except RecordingError:
         return None
     rough = record.regressor(beside, between=True)
-    basis = _basis(dynamics, rough, log.torque_max)
-    left = basis.without(basis.stack(record.torques(still))).reshape(dynamics.dof, -1)
-    share = np.sqrt(np.mean(left**2, axis=1))
+    rows = DriveRows(log.torque_max, rough.shape[1])
+    left = _span(dynamics, rough, rows).without(rows.stack(record.torques(still)))
+    share = np.sqrt(np.mean(left.reshape(dynamics.dof, -1) ** 2, axis=1))
     scale = np.maximum(share, _FLOOR) * log.torque_max
-    between = _basis(dynamics, rough, scale)
-    start = np.full(dynamics.dof, coarse_lag(record, between))
-    common = estimate_lag(record, between, start, common=True)
-    each = estimate_lag(record, between, common.values, common=False)
+    rows = DriveRows(scale, rough.shape[1])
+    between = _span(dynamics, rough, rows)
+    start = np.full(dynamics.dof, coarse_lag(record, rows, between))
+    common = estimate_lag(record, rows, between, start, common=True)
+    each = estimate_lag(record, rows, between, common.values, common=False)
     record = trace(
         dynamics, recording, load, cutoff=cutoff, reach=REACH, reversals=False, windows=windows
     )
     exact = record.regressor(beside)
-    basis = _basis(dynamics, exact, scale)
-    scene, account = _accounted(record, exact, basis, still)
+    scene, account = _accounted(record, exact, scale, still)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
     first = account.found[0].pattern.kind if account.found else ""
@@ -149,27 +142,28 @@ def studied(
         windows=windows,
     )
     exact = record.regressor(beside)
-    put_back = _accounted(record, exact, _basis(dynamics, exact, scale), lag.values)
+    put_back = _accounted(record, exact, scale, lag.values)
     return Study(*put_back, common, each, late, alike, plain)
 
 
-def _basis(
-    dynamics: Dynamics,
-    Y: Float[np.ndarray, "dof samples columns"],
-    scale: Float[np.ndarray, " dof"],
-) -> Basis:
+def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows: DriveRows) -> Span:
     """What parameters explain, and additions, whose columns follow those of the robot in Y."""
     own = len(active_columns(dynamics))
-    basis = basis_of(dynamics, Y[:, :, :own], scale)
-    return widened_by(basis, basis.stack(Y[:, :, own:])) if Y.shape[2] > own else basis
+    span = Span.of(rows.stack(Y[:, :, :own]))
+    return span.with_columns(rows.stack(Y[:, :, own:])) if Y.shape[2] > own else span
 
 
 def _accounted(
-    record: Trace, Y: Float[np.ndarray, "dof samples columns"], basis: Basis, delay: Delay
+    record: Trace,
+    Y: Float[np.ndarray, "dof samples columns"],
+    scale: Float[np.ndarray, " dof"],
+    delay: Delay,
 ) -> tuple[Scene, Account]:
     """The patterns of a recording whose torques have been put back by some lags."""
-    tau = basis.stack(record.torques(delay))
-    scene = Scene(record, Y[:, :, : len(active_columns(record.dynamics))], basis, tau)
+    rows = DriveRows(scale, Y.shape[1])
+    span, tau = _span(record.dynamics, Y, rows), rows.stack(record.torques(delay))
+    own = Y[:, :, : len(active_columns(record.dynamics))]
+    scene = Scene(record, own, rows, span, tau)
 
     def searched(left: Rows) -> Iterator[Pattern]:
         yield from ripples(scene, left)
@@ -180,7 +174,7 @@ def _accounted(
         patterns = [one for one in patterns if one.kind != "torque-lag"]
     if (friction := missing(scene)) is not None:
         patterns.append(friction)
-    return scene, account(patterns, searched, basis, basis.without(tau))
+    return scene, account(patterns, searched, rows.groups, span, span.without(tau))
 
 
 def _surprise_of_lag(common: Lag, each: Lag) -> float:

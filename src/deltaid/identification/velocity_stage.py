@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.errors import RecordingError
-from deltaid.identification.rows_with_prior import stretches
+from deltaid.estimation.drive_rows import stretch_starts
 from deltaid.identification.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
@@ -120,7 +120,7 @@ def _lag(
     counts: Bool[np.ndarray, " samples"],
 ) -> RateLag:
     """δ of every drive by least squares, its deviation by scatter between stretches of time."""
-    starts = stretches(len(slope))
+    starts = stretch_starts(len(slope))
 
     def sums(x: np.ndarray) -> np.ndarray:
         return np.add.reduceat(np.where(counts[:, None], x, 0.0), starts, axis=0)

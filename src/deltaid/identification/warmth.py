@@ -18,10 +18,10 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
+from deltaid.estimation.span import Rows
 from deltaid.identification.additions import Addition, Values
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.identification.gains import shown_by_torques
-from deltaid.identification.lag import Rows
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
@@ -238,7 +238,7 @@ def _column(rows: FrictionRows, motions: Sequence[Samples], courses: tuple[Cours
         for course in courses:
             if course.recording is one.recording:
                 g[k] = course.of(w)
-    return rows.basis.stack(rows.friction * np.concatenate(g))
+    return rows.drive_rows.stack(rows.friction * np.concatenate(g))
 
 
 def _warming(rows: FrictionRows, motions: Sequence[Samples], recording: Recording) -> Course | None:

@@ -1,0 +1,1 @@
+"""Linear least squares as a value: columns, rows in groups, what is known before."""

@@ -1,0 +1,98 @@
+"""Filtered samples of all drives as rows of a linear problem, one drive under the other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.span import DEPENDENT, Columns, lengths
+
+# Stretches of time of a recording whose scatter says how certain something is.
+STRETCHES = 40
+# Noise of torques is at least this share of the largest one.
+NOISE_FLOOR = 1e-6
+
+OfDrives = Float[np.ndarray, "dof samples"]
+ColumnsOfDrives = Float[np.ndarray, "dof samples columns"]
+
+
+@dataclass(frozen=True, eq=False)
+class DriveRows:
+    """How samples of drives stand under each other.
+
+    Attributes:
+        scale: what each drive's rows are divided by, such as its noise [N m or N].
+        samples: of each drive.
+    """
+
+    scale: Float[np.ndarray, " dof"]
+    samples: int
+
+    @classmethod
+    def by_noise(cls, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
+        """Rows over what a drive's own columns leave of its torques, root mean square."""
+        return cls(noise_of_drives(A, b), b.shape[1])
+
+    def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:
+        """Something of every drive as rows."""
+        scaled = x / self.scale.reshape(-1, *[1] * (x.ndim - 1))
+        return scaled.reshape(-1, *x.shape[2:])
+
+    def own(self, x: OfDrives) -> Columns:
+        """Something of every drive, one column a drive that is zero for all others."""
+        return self.stack(of_own_drives(x[:, :, None]))
+
+    def of_drives(self, rows: Float[np.ndarray, " rows"]) -> OfDrives:
+        """The reverse of `stack`."""
+        return rows.reshape(len(self.scale), -1) * self.scale[:, None]
+
+    @cached_property
+    def groups(self) -> Int[np.ndarray, " rows"]:
+        """The stretch of time of each row; those of all drives at a time are in one."""
+        return np.tile(stretch_numbers(self.samples), len(self.scale))
+
+    def problem(
+        self, A: ColumnsOfDrives, b: OfDrives, instruments: Sequence[ColumnsOfDrives] = ()
+    ) -> LinearProblem:
+        """Least squares of columns, grouped by stretches of time.
+
+        Args:
+            instruments: columns in the order of A without the noise that these share with b; of
+                each kind a set.
+        """
+        Z = np.hstack([self.stack(one) for one in instruments]) if instruments else None
+        return LinearProblem(self.stack(A), self.stack(b), self.groups, Z)
+
+
+def of_own_drives(own: Float[np.ndarray, "dof samples own"]) -> ColumnsOfDrives:
+    """Columns that each drive has by itself, zero in the rows of others."""
+    dof, samples, count = own.shape
+    out = np.zeros((dof, samples, dof, count))
+    out[np.arange(dof), :, np.arange(dof)] = own
+    return out.reshape(dof, samples, dof * count)
+
+
+def noise_of_drives(A: ColumnsOfDrives, b: OfDrives) -> Float[np.ndarray, " dof"]:
+    """What each drive's own columns leave of b, root mean square."""
+    noise = []
+    for columns, right in zip(A, b, strict=True):
+        own = columns[:, np.any(columns != 0, axis=0)]
+        own = own / lengths(own)
+        left = right - own @ np.linalg.lstsq(own, right, rcond=DEPENDENT)[0]
+        floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
+        noise.append(max(float(np.sqrt(np.mean(left**2))), floor))
+    return np.array(noise)
+
+
+def stretch_starts(samples: int) -> Int[np.ndarray, " stretches"]:
+    """First samples of `STRETCHES` stretches of time that are as long as each other, or of as many
+    as there are samples."""
+    return np.unique(np.arange(STRETCHES) * samples // STRETCHES)
+
+
+def stretch_numbers(samples: int) -> Int[np.ndarray, " samples"]:
+    """The stretch that each sample belongs to."""
+    return np.searchsorted(stretch_starts(samples), np.arange(samples), side="right") - 1

@@ -1,0 +1,148 @@
+"""A linear least-squares problem: columns, weighted rows in groups, what is known before.
+
+    A x = b + e,    D x = d + e₀,    Var e₀ = 1
+
+Rows stand in groups g, stretches of time, and what is known before in none. x is the minimiser
+of ‖A x − b‖² + ‖D x − d‖² or, where columns share noise with b, that of ‖Qᵀ(A x − b)‖² + … with Q
+an orthonormal basis of instruments Z, columns without that noise. It errs by Σ_g s_g with the
+scores s_g = K_gᵀ e_g, K the rows' influence on x. Torques are not white, so how s_g scatter tells
+by how much; white noise of the same size is believed where that is more (Liang and Zeger 1986).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.estimation.span import DEPENDENT, Columns, Rows, Span, lengths
+
+# The group of what is known before.
+KNOWN = -1
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProblem:
+    """Rows A x = b, each divided by the standard deviation of its noise.
+
+    Attributes:
+        A, b: columns and right side.
+        groups: of each row; `KNOWN` for what is known before, whose noise is 1.
+        Z: instruments; the columns themselves where they have no noise.
+        values: how many measured values the rows of groups stand for; fewer rows than values where
+            these have been condensed to triangles.
+    """
+
+    A: Columns
+    b: Rows
+    groups: Int[np.ndarray, " rows"]
+    Z: Columns | None = None
+    values: float | None = None
+
+    @classmethod
+    def together(cls, problems: Sequence["LinearProblem"]) -> "LinearProblem":
+        """All rows of problems over the same columns, with groups of their own."""
+        first = np.cumsum([0, *(one.groups.max(initial=KNOWN) + 1 for one in problems)]).tolist()
+        groups = [
+            np.where(one.groups == KNOWN, KNOWN, one.groups + k)
+            for one, k in zip(problems, first, strict=False)
+        ]
+        instruments = [one.Z for one in problems if one.Z is not None]
+        return cls(
+            np.vstack([one.A for one in problems]),
+            np.concatenate([one.b for one in problems]),
+            np.concatenate(groups),
+            np.vstack(instruments) if instruments else None,
+            sum(one.measured for one in problems),
+        )
+
+    def with_known(self, D: Columns, d: Rows) -> "LinearProblem":
+        """The same with what is known before; it is an instrument for itself."""
+        instruments = None
+        if self.Z is not None:
+            known = np.zeros((len(D), self.Z.shape[1]))
+            known[:, : D.shape[1]] = D
+            instruments = np.vstack([self.Z, known])
+        return replace(
+            self,
+            A=np.vstack([self.A, D]),
+            b=np.concatenate([self.b, d]),
+            groups=np.append(self.groups, np.full(len(d), KNOWN)),
+            Z=instruments,
+        )
+
+    @property
+    def measured(self) -> float:
+        """Number of measured values."""
+        own = self.groups != KNOWN
+        return float(own.sum()) if self.values is None else self.values
+
+    @cached_property
+    def span(self) -> Span:
+        """Of instruments, or of the columns."""
+        return Span.of(self.A if self.Z is None else self.Z)
+
+    @cached_property
+    def inverse(self) -> Float[np.ndarray, "columns rank"]:
+        """Takes Qᵀb to x."""
+        if self.Z is None:
+            return self.span.inverse
+        norms = lengths(self.A)
+        projected = self.span.Q.T @ (self.A / norms)
+        return np.linalg.pinv(projected, rcond=DEPENDENT) / norms[:, None]
+
+    @cached_property
+    def x(self) -> Float[np.ndarray, " columns"]:
+        """The minimiser; of several the shortest in units of the columns."""
+        return self.inverse @ (self.span.Q.T @ self.b)
+
+    @cached_property
+    def residual(self) -> Rows:
+        """b − A x."""
+        return self.b - self.A @ self.x
+
+    def covariance(self, which: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
+        """Of some entries of x, by the scatter between groups and by what is known before."""
+        influence = self.span.Q @ self.inverse[which].T
+        own = self.groups != KNOWN
+        freedom = max(self.measured - self.span.rank, 1.0)
+        known = influence[~own]
+        errors = scatter(influence[own], self.residual[own], self.groups[own], freedom)
+        return errors + known.T @ known
+
+
+def scatter(
+    influence: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], freedom: float
+) -> Float[np.ndarray, "columns columns"]:
+    """Covariance of Σ K_gᵀ e_g by the scatter of its terms, or white if that is wider.
+
+    Args:
+        influence: K.
+        residual: e.
+        groups: of each row.
+        freedom: rows that are left to tell the level of white noise.
+    """
+    s = group_sums(influence * residual[:, None], groups)
+    found = s.T @ s * (len(s) / max(len(s) - 1, 1))
+    white = np.sum(influence**2, axis=0) * float(residual @ residual) / freedom
+    grown = np.sqrt(np.maximum(white / np.maximum(np.diag(found), 1e-300), 1.0))
+    return found * np.outer(grown, grown)
+
+
+def group_sums(
+    rows: Columns, groups: Int[np.ndarray, " rows"]
+) -> Float[np.ndarray, "groups columns"]:
+    """Sums over the rows of each group."""
+    order = np.argsort(groups, kind="stable")
+    starts = np.flatnonzero(np.diff(groups[order], prepend=KNOWN - 1))
+    return np.add.reduceat(rows[order], starts, axis=0)
+
+
+def level_along(
+    U: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], freedom: float
+) -> float:
+    """Mean variance of the noise along orthonormal columns, by scatter or white if larger."""
+    s = group_sums(U * residual[:, None], groups)
+    found = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
+    return max(found, float(residual @ residual) / freedom, 1e-300)

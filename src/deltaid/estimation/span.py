@@ -1,0 +1,65 @@
+"""What columns can explain: their span, and the coefficients that go with it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+# Singular values of columns of unit length below this share of the largest are zero.
+DEPENDENT = 1e-9
+
+Columns = Float[np.ndarray, "rows columns"]
+Rows = Float[np.ndarray, " rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """The span of columns A = Q S, rank decided by singular values of columns of unit length.
+
+    Attributes:
+        Q: orthonormal columns.
+        inverse: takes Qᵀb to the x of least squares that is shortest in units of the columns.
+    """
+
+    Q: Columns
+    inverse: Float[np.ndarray, "columns rank"]
+
+    @classmethod
+    @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+    def of(cls, A: Columns) -> "Span":
+        """That of some columns; one that is zero has the coefficient zero."""
+        norms = lengths(A)
+        Q, R = np.linalg.qr(A / norms)
+        U, s, Vt = np.linalg.svd(R, full_matrices=False)
+        kept = s > DEPENDENT * s.max(initial=0.0)
+        return cls(Q @ U[:, kept], Vt[kept].T / s[kept] / norms[:, None])
+
+    @property
+    def rank(self) -> int:
+        """Number of independent columns."""
+        return self.Q.shape[1]
+
+    def without(self, A: np.ndarray) -> np.ndarray:
+        """What the columns cannot explain of A, (1 − Q Qᵀ) A."""
+        return A - self.Q @ (self.Q.T @ A)
+
+    def coefficients(self, b: Rows) -> Float[np.ndarray, " columns"]:
+        """x of least squares for some right side."""
+        return self.inverse @ (self.Q.T @ b)
+
+    def with_directions(self, U: Columns) -> "Span":
+        """The same with further orthonormal columns, whose coefficients nobody asks for."""
+        nothing = np.zeros((len(self.inverse), U.shape[1]))
+        return Span(np.hstack([self.Q, U]), np.hstack([self.inverse, nothing]))
+
+    def with_columns(self, A: Columns) -> "Span":
+        """The same with further columns, as far as they are not explained yet."""
+        U, s, _ = np.linalg.svd(self.without(A), full_matrices=False)
+        return self.with_directions(U[:, s > DEPENDENT * np.linalg.norm(A)])
+
+
+def lengths(A: Columns) -> Float[np.ndarray, " columns"]:
+    """Euclidean norms of columns, 1 for those that are zero."""
+    norms = np.linalg.norm(A, axis=0)
+    return np.where(norms > 0, norms, 1.0)

@@ -1,0 +1,105 @@
+"""Filtered rows of recordings in memory over the free parameters of a fit, and their prior."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
+from deltaid.estimation.problem import LinearProblem
+from deltaid.identification.additions import Addition, extended
+from deltaid.identification.information import active_columns
+from deltaid.identification.reduction import Reduction, build_reduction
+from deltaid.identification.regularizer import Euclidean
+from deltaid.identification.traces import Trace
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Rows of one recording.
+
+    Attributes:
+        A: columns of the free parameters x, then those of what is looked for beside them.
+        tau: torques less what is known of them.
+        instruments: sets of columns like A without noise that these share with torques.
+    """
+
+    A: ColumnsOfDrives
+    tau: OfDrives
+    instruments: tuple[ColumnsOfDrives, ...] = ()
+
+    @property
+    def problem(self) -> LinearProblem:
+        """Least squares of these rows alone, over the noise of each drive."""
+        return DriveRows.by_noise(self.A, self.tau).problem(self.A, self.tau, self.instruments)
+
+
+@dataclass(frozen=True, eq=False)
+class TraceRows:
+    """What rows of traces are over: the free parameters of a fit, and what is known of them.
+
+    Attributes:
+        dynamics: of the robot.
+        additions: whose parameters stand behind the robot's.
+        reduction: x, and p = A x + p_0.
+        spread: relative standard deviation of the prior.
+    """
+
+    dynamics: Dynamics
+    additions: tuple[Addition, ...]
+    reduction: Reduction
+    spread: float
+
+    @classmethod
+    def of(cls, dynamics: Dynamics, additions: Sequence[Addition], spread: float) -> "TraceRows":
+        """For a fit with additions."""
+        added = [(one.parameters, one.free) for one in additions]
+        columns = active_columns(extended(dynamics, additions))
+        reduction = build_reduction(dynamics.robot, columns, added)
+        return cls(dynamics, tuple(additions), reduction, spread)
+
+    @property
+    def active(self) -> Int[np.ndarray, " columns"]:
+        """Parameters that show in some torque."""
+        return active_columns(extended(self.dynamics, self.additions))
+
+    @property
+    def size(self) -> int:
+        """Number of free parameters."""
+        return self.reduction.size
+
+    def of_trace(self, trace: Trace, beside: Sequence[Addition] = ()) -> Sheet:
+        """Rows of a trace, with columns of something beside the parameters."""
+        Y, at = trace.regressor((*self.additions, *beside)), self.active
+        own, more = Y[:, :, : len(at)], Y[:, :, len(at) :]
+        tau = trace.torques(np.zeros(self.dynamics.dof)) - own @ self.reduction.p_0[at]
+        return Sheet(np.concatenate([own @ self.reduction.A[at], more], axis=2), tau)
+
+    def problem(
+        self,
+        sheets: Sequence[Sheet],
+        mean: Float[np.ndarray, " beside"] | None = None,
+        deviation: Float[np.ndarray, " beside"] | None = None,
+    ) -> LinearProblem:
+        """Least squares over recordings together, with the prior of the parameters.
+
+        Args:
+            sheets: with the same columns.
+            mean, deviation: what is known of what stands beside the parameters; nothing, if not
+                given.
+        """
+        width = sheets[0].A.shape[2]
+        prior = Euclidean().regularizer(self.reduction).quadratic
+        D = np.zeros((len(prior.D), width))
+        D[:, : self.size] = prior.D / self.spread
+        d = prior.D @ prior.x_reg / self.spread
+        if mean is not None and deviation is not None:
+            more = np.eye(width)[self.size :] / deviation[:, None]
+            D, d = np.vstack([D, more]), np.concatenate([d, mean / deviation])
+        return LinearProblem.together([one.problem for one in sheets]).with_known(D, d)
+
+    def parameters(self, x: Float[np.ndarray, " columns"]) -> Parameters:
+        """p of the robot and of additions, for x and what stands beside it."""
+        return self.reduction.A @ x[: self.size] + self.reduction.p_0
