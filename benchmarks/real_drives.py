@@ -2,12 +2,15 @@
 
     pip install -e '.[test]'
     python benchmarks/real_drives.py [--rows ROW,…] [--kinds KIND,…] [--seeds N] [--processes N]
+                                     [--keep FILE]
 
 Recordings come from `tests/drives`: robots of six kinds, each row of the table with one fault or
-several. Leaves `tables/real_drives.md`, which `docs/real_drives.md` explains.
+several. Leaves `tables/real_drives.md`, which `docs/real_drives.md` explains. With `--keep` it
+leaves no table but every case in a file, for `paired.py`.
 """
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -210,6 +213,15 @@ def note(seeds: int, kinds: str, seconds: float) -> str:
     )
 
 
+def kept(one: Result) -> dict[str, object]:
+    """A case as `paired.py` reads it."""
+    found = one.judged
+    errors = {} if found is None else {"M": found.M, "friction": found.friction}
+    said = [] if found is None else [f"{kind} {count}" for kind, count in found.said]
+    return {"case": f"{one.row} {one.kind} {one.seed}", "row": one.row, "errors": errors,
+            "seconds": one.seconds, "said": said, "refused": one.error}  # fmt: skip
+
+
 def main() -> int:
     """Make, identify, judge, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -218,6 +230,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--keep", type=Path, help="file for every case")
     parser.add_argument("--each", action="store_true", help="print every case")
     given = parser.parse_args()
     rows = given.rows.split(",")
@@ -229,6 +242,9 @@ def main() -> int:
             found += some
             if given.each:
                 print(*some, sep="\n", flush=True)
+    if given.keep:
+        given.keep.write_text(json.dumps([kept(one) for one in found], indent=1))
+        return 0
     table = [line(row, [one for one in found if one.row == row]) for row in rows]
     seconds = float(np.median([one.seconds for one in found]))
     leave(HEAD, table, note(given.seeds, given.kinds, seconds))
