@@ -91,7 +91,7 @@ def estimated(*tables: pl.DataFrame, name: str = "clavel-delta3") -> Lags:
     dynamics, _ = robot(name)
     prior = prior_parameters(dynamics.robot)
     held = [
-        trace(dynamics, one, prior, cutoff=one.cutoff, reach=0.0, reversals=False)
+        trace(dynamics, one, prior, cutoff=one.cutoff)
         for one in open_recordings(tables, dynamics.kinematics)
     ]
     return estimate_lags(held, spread=0.5)

@@ -40,7 +40,7 @@ def recording(dead: float = 2e-3, constant: float = 0.0) -> Trace:
     table = pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
     one = with_filter(open_log(table, dynamics.kinematics), 12.0)
     load = prior_parameters(dynamics.robot)
-    return trace(dynamics, one, load, cutoff=12.0, reach=0.0, reversals=False)
+    return trace(dynamics, one, load, cutoff=12.0)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.span import Span
 from deltaid.identification.explained import account
 from deltaid.identification.friction_rows import FrictionRows
-from deltaid.identification.lag import Lag, deviations
 from deltaid.identification.patterns import Pattern
 from deltaid.identification.velocity_stage import _lag
 
@@ -93,34 +92,6 @@ def test_white_noise_is_believed_where_stretches_scatter_less() -> None:
 
 
 ROWS = DriveRows(np.ones(2), SAMPLES)
-
-
-def of_lags(rng: np.random.Generator) -> tuple[Span, np.ndarray]:
-    """Rows of two drives, and slopes of two lags beside two columns of parameters."""
-    span = Span.of(rng.standard_normal((2 * SAMPLES, 2)))
-    A = np.vstack([stretched(rng, 2), stretched(rng, 2)])
-    return span, span.without(A)
-
-
-def test_lags_err_by_the_scatter_of_both_drives_together() -> None:
-    rng = np.random.default_rng(1)
-    span, A = of_lags(rng)
-    left = np.tile(stretched(rng), 2)
-    bread, scores = np.linalg.inv(A.T @ A), of_stretches(A, left)
-    expected = bread @ scores.T @ scores @ bread * STRETCHES / (STRETCHES - 1)
-    found = deviations(A, left, ROWS, span)
-    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=1e-9)
-    lag = Lag(np.zeros(2), found, np.zeros(2), left, left)
-    t = stats.t.ppf(0.975, STRETCHES - 1)
-    np.testing.assert_allclose(lag.interval, t * found, rtol=1e-9)
-
-
-def test_lags_err_at_least_by_white_noise() -> None:
-    span, A = of_lags(np.random.default_rng(2))
-    left = np.tile(in_turn(), 2)
-    sigma2 = left @ left / (len(left) - 4)  # two parameters and two lags
-    expected = np.sqrt(np.diag(np.linalg.inv(A.T @ A)) * sigma2)
-    np.testing.assert_allclose(deviations(A, left, ROWS, span), expected, rtol=1e-9)
 
 
 def test_intervals_of_late_velocities_hold_the_truth_in_95_of_100() -> None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.estimation.problem import scatter
 from deltaid.identification.explained import Explained
-from deltaid.identification.lag import deviations
 from deltaid.identification.study import Study
 
 # A cause counts if it explains this share of all that is explained, and this share of the largest
@@ -95,8 +95,11 @@ def _factors(
         span = span.with_directions(extra[:, np.abs(np.diag(R)) > 1e-6])
     own = scene.rows.own(model)
     bare = span.without(own)
-    theta = np.linalg.lstsq(bare, span.without(scene.tau), rcond=1e-4)[0]
+    influence = np.linalg.pinv(bare, rcond=1e-4).T
+    theta = influence.T @ scene.tau
     p = span.coefficients(scene.tau - own @ theta)
     common = float(np.sum((scene.Y @ p) * model) / np.sum(model**2))
     left = span.without(scene.tau) - bare @ theta
-    return (common + theta) / common, deviations(bare, left, scene.rows, span) / common
+    freedom = max(len(left) - span.rank - len(theta), 1)
+    errors = scatter(influence, left, scene.rows.groups, freedom)
+    return (common + theta) / common, np.sqrt(np.diag(errors)) / common

@@ -41,17 +41,6 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
         return
     harm = spoilt(study, study.scene.p)
     if not study.late or not _matters(study, harm):
-        if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
-            yield Verdict(
-                "torque-lag",
-                Grade.CANNOT_TELL,
-                f"the lag of torques behind positions is known to ±{half:.2g} ms only",
-                cause="the motion is too slow, or the torque too noisy, to see it",
-                cure="record a faster motion with more reversals",
-                number=half,
-                unit="ms",
-            )
-            return
         if unknown:
             yield Verdict(
                 "torque-lag",
@@ -61,6 +50,17 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
                 cause="noise that a controller feeds back, or gears that wind up, hide the "
                 "steps of friction that tell a lag best",
                 cure="give the lag if it is known (--lag), or record with lower gains",
+                number=half,
+                unit="ms",
+            )
+            return
+        if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+            yield Verdict(
+                "torque-lag",
+                Grade.CANNOT_TELL,
+                f"the lag of torques behind positions is known to ±{half:.2g} ms only",
+                cause="the motion is too slow, or the torque too noisy, to see it",
+                cure="record a faster motion with more reversals",
                 number=half,
                 unit="ms",
             )

@@ -139,8 +139,6 @@ def _traced(setup: Setup, recording: Recording) -> tuple[Trace, Trace] | None:
             recording,
             load,
             cutoff=cutoff,
-            reach=0.0,
-            reversals=False,
             windows=windows,
         )
 

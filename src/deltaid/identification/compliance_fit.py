@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.estimation.drive_rows import stretch_starts
 from deltaid.identification.compliance_found import Found, Groups
-from deltaid.identification.compliance_rows import Columns, Rows, slopes, torques_of
+from deltaid.identification.compliance_rows import Columns, Rows, slopes
 from deltaid.identification.lag_groups import agree
 from deltaid.identification.setup import Setup
 from deltaid.identification.trace_rows import Sheet
@@ -299,6 +299,6 @@ def _slopes_over(now: Trace, more: Sequence[Trace], steps: Groups, p: Parameters
         more: traces of gears that are softer by a step.
         steps: of each size (drives, sizes).
     """
-    before = now.model(p) - torques_of(now)
-    columns = [(one.model(p) - torques_of(one) - before) for one in more]
+    before = now.model(p) - now.torques()
+    columns = [(one.model(p) - one.torques() - before) for one in more]
     return np.stack(columns, axis=2) / steps.max(axis=0)

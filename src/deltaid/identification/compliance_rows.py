@@ -88,18 +88,9 @@ class Rows:
         return p[: len(p) - sum(len(one.parameters) for one in self.rows.additions)]
 
 
-def torques_of(one: Trace) -> Float[np.ndarray, "dof samples"]:
-    return one.torques(np.zeros(one.dynamics.dof))
-
-
 def slopes(now: Trace, p: Parameters) -> Columns:
     """−τ̇ of each drive, in a column of its own."""
-    dof = now.dynamics.dof
-
-    def slope(w: Samples) -> np.ndarray:
-        return -np.gradient(now.dynamics.torque(w.z, w.qd, w.qdd, p), axis=0).T
-
-    return of_own_drives(now.low_pass.rate * now.filtered(slope, np.arange(dof), 1)[:, :, None])
+    return of_own_drives(now.slopes(p)[:, :, None])
 
 
 def _friction(now: Trace, p: Parameters) -> Columns:

@@ -23,8 +23,8 @@ from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import surprise
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import parameters_of
 from deltaid.identification.lag_columns import LagColumns, alone
+from deltaid.identification.trace_rows import parameters_of
 from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
@@ -256,14 +256,12 @@ def friction_rows(
                 one,
                 prior,
                 cutoff=cutoff_of(one),
-                reach=0.0,
-                reversals=False,
                 windows=windows,
             )
         )
     Y = np.concatenate([one.regressor() for one in traces], axis=1)
     still = np.zeros(dynamics.dof)
-    tau = np.concatenate([one.torques(still) for one in traces], axis=1)
+    tau = np.concatenate([one.torques() for one in traces], axis=1)
     largest = np.max([one.log.torque_max for one in recordings], axis=0)
     rows = DriveRows(largest, Y.shape[1])
     left = Span.of(rows.stack(Y)).without(rows.stack(tau)).reshape(dynamics.dof, -1)

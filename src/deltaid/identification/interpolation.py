@@ -17,19 +17,6 @@ def lagrange(s: Float[np.ndarray, "*places"]) -> Float[np.ndarray, "4 *places"]:
     )
 
 
-def later(
-    x: Float[np.ndarray, "samples channels"], by: Float[np.ndarray, " channels"]
-) -> Float[np.ndarray, "samples channels"]:
-    """Values of each channel `by` samples later."""
-    out, count = np.empty_like(x), len(x)
-    for i, one in enumerate(by):
-        whole = int(np.floor(one))
-        weights = lagrange(np.array(one - whole))
-        inner = x[np.clip(np.arange(whole - 1, whole + count + 2), 0, count - 1), i]
-        out[:, i] = sum(w * inner[k : k + count] for k, w in enumerate(weights))
-    return out
-
-
 def between(
     x: Float[np.ndarray, "channels knots"], every: int, samples: int
 ) -> Float[np.ndarray, "channels samples"]:

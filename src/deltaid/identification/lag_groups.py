@@ -76,11 +76,15 @@ def agree(values: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"])
     return distance <= _limit(len(values) - 1, _SELDOM)
 
 
-def common_deviation(covariance: Float[np.ndarray, "dof dof"]) -> float:
-    """Standard deviation of a lag that all drives have, (1ᵀ C⁻¹ 1)^−½ [s]."""
+def common_lag(
+    values: Float[np.ndarray, " dof"], covariance: Float[np.ndarray, "dof dof"]
+) -> tuple[float, float]:
+    """The lag that all drives have by generalised least squares, and its standard deviation [s]."""
     scale = np.sqrt(np.diag(covariance))
     root = np.linalg.cholesky(covariance / np.outer(scale, scale))
-    return float(1.0 / np.linalg.norm(np.linalg.solve(root, 1.0 / scale)))
+    white = np.linalg.solve(root, np.column_stack([values, np.ones(len(values))]) / scale[:, None])
+    size = float(white[:, 1] @ white[:, 1])
+    return float(white[:, 1] @ white[:, 0]) / size, size**-0.5
 
 
 def _fitted(

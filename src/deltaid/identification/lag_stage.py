@@ -10,7 +10,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.additions import Addition
 from deltaid.identification.lag_columns import LagColumns, LagGroup, UnknownLag, subjects
-from deltaid.identification.lag_groups import chosen_groups, common_deviation
+from deltaid.identification.lag_groups import chosen_groups, common_lag
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.traces import Trace, trace
@@ -65,7 +65,7 @@ def lags_put_right(setup: Setup, progress: Progress) -> Setup:
             delay[list(group.drives)] = group.delay
         setup = setup.repaired(one, delay=tuple(delay.tolist()) if groups else ())
         kind = LagColumns
-        if not groups and common_deviation(lags.covariance[k]) > _HARDLY:
+        if not groups and common_lag(lags.values[k], lags.covariance[k])[1] > _HARDLY:
             kind, groups = UnknownLag, (LagGroup(tuple(range(setup.dynamics.dof)), 0.0),)
         if groups:
             columns = kind(setup.dynamics, beside, lags.p, one, groups, several)
@@ -114,8 +114,6 @@ def _traced(setup: Setup, recording: Recording) -> Trace | None:
             replace(recording, repairs=repairs),
             prior_parameters(setup.robot),
             cutoff=recording.cutoff,
-            reach=0.0,
-            reversals=False,
             windows=windows,
         )
     except RecordingError:

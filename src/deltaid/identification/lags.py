@@ -18,11 +18,14 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.identification.additions import Addition
 from deltaid.identification.lag_columns import LagColumns, alone
+from deltaid.identification.lag_groups import common_lag
 from deltaid.identification.reversal_lags import lags_of_reversals
+from deltaid.identification.scatter import quantile
 from deltaid.identification.trace_rows import Sheet, TraceRows
-from deltaid.identification.traces import Trace
+from deltaid.identification.traces import Delay, Trace
 
 # Lags that can be found [s].
 REACH = 0.02
@@ -35,6 +38,24 @@ _PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
 _DOUBTFUL = 3e-3
 
 Delays = Float[np.ndarray, "recordings dof"]
+
+
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """Lags of one recording's torques behind its positions.
+
+    Attributes:
+        values: of each drive [s]; positive where torques come late.
+        deviation: their standard deviations [s].
+    """
+
+    values: Delay
+    deviation: Delay
+
+    @property
+    def interval(self) -> Delay:
+        """Half widths of their 95 % intervals [s]."""
+        return quantile(np.full(len(self.deviation), STRETCHES - 1.0)) * self.deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +76,15 @@ class Lags:
     told: Delays
     agrees: Bool[np.ndarray, "recordings dof"]
     p: Parameters
+
+    def each(self, k: int) -> Lag:
+        """Those of the k-th recording."""
+        return Lag(self.values[k], np.sqrt(np.diag(self.covariance[k])))
+
+    def common(self, k: int) -> Lag:
+        """The lag that all its drives have, (1ᵀC⁻¹δ)/(1ᵀC⁻¹1), for every drive."""
+        value, deviation = common_lag(self.values[k], self.covariance[k])
+        return Lag(np.full(len(self.values[k]), value), np.full(len(self.values[k]), deviation))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait

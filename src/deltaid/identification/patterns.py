@@ -15,7 +15,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.estimation.drive_rows import DriveRows
 from deltaid.estimation.span import Rows, Span
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import model_slope, parameters_of
+from deltaid.identification.trace_rows import parameters_of
 from deltaid.identification.traces import Trace
 from deltaid.recording.windows import Samples
 
@@ -139,7 +139,7 @@ class Scene:
         yield from self._positions()
 
     def _lags(self) -> Iterator[Pattern]:
-        slope = -model_slope(self.trace, self.p)
+        slope = self.trace.slopes(self.p)
         yield Pattern("torque-lag", "", self.rows.stack(slope)[:, None])
         yield Pattern("torque-lag", "", self.rows.own(slope))
 

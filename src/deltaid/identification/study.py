@@ -18,13 +18,14 @@ from deltaid.estimation.span import Rows, Span
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import SEEN, Account, account, surprise
 from deltaid.identification.information import active_columns
-from deltaid.identification.lag import REACH, Lag, coarse_lag, estimate_lag
+from deltaid.identification.lags import Lag, estimate_lags
 from deltaid.identification.missing_friction import missing
 from deltaid.identification.patterns import Pattern, Scene
 from deltaid.identification.searches import load_steps, ripples
-from deltaid.identification.traces import Delay, Trace, trace
+from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
+from deltaid.robot.parameter import PRIOR_SPREAD
 
 # So many seconds of a log are looked at, and rows with this cut-off [Hz]; more hardly say more.
 _SECONDS, _CUTOFF = 24.0, 30.0
@@ -99,26 +100,15 @@ def studied(
         cutoff = min(cutoff, recording.cutoff)
     windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
     load = prior_parameters(dynamics.robot) if p is None else p
-    still = np.zeros(dynamics.dof)
+
     try:
-        record = trace(dynamics, recording, load, cutoff=cutoff, reach=REACH, windows=windows)
+        record = trace(dynamics, recording, load, cutoff=cutoff, windows=windows)
     except RecordingError:
         return None
-    rough = record.regressor(beside, between=True)
-    rows = DriveRows(log.torque_max, rough.shape[1])
-    left = _span(dynamics, rough, rows).without(rows.stack(record.torques(still)))
-    share = np.sqrt(np.mean(left.reshape(dynamics.dof, -1) ** 2, axis=1))
-    scale = np.maximum(share, _FLOOR) * log.torque_max
-    rows = DriveRows(scale, rough.shape[1])
-    between = _span(dynamics, rough, rows)
-    start = np.full(dynamics.dof, coarse_lag(record, rows, between))
-    common = estimate_lag(record, rows, between, start, common=True)
-    each = estimate_lag(record, rows, between, common.values, common=False)
-    record = trace(
-        dynamics, recording, load, cutoff=cutoff, reach=REACH, reversals=False, windows=windows
-    )
-    exact = record.regressor(beside)
-    scene, account = _accounted(record, exact, scale, still)
+    lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
+    common, each = lags.common(0), lags.each(0)
+    scale = _noise(record.shifted(each.values), beside)
+    scene, account = _accounted(record, beside, scale)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
     first = account.found[0].pattern.kind if account.found else ""
@@ -131,19 +121,17 @@ def studied(
     if first != "torque-lag" and late < max(others, default=0.0):
         return Study(scene, account, common, each, 0.0, alike, plain, hidden=True)
     lag = common if alike else each
-    reach = np.abs(lag.values).max() + 1.0 / log.rate
-    record = trace(
-        dynamics,
-        recording,
-        load,
-        cutoff=cutoff,
-        reach=float(reach),
-        reversals=False,
-        windows=windows,
-    )
-    exact = record.regressor(beside)
-    put_back = _accounted(record, exact, scale, lag.values)
+    put_back = _accounted(record.shifted(lag.values), beside, scale, lag=True)
     return Study(*put_back, common, each, late, alike, plain)
+
+
+def _noise(record: Trace, beside: Sequence[Addition]) -> Float[np.ndarray, " dof"]:
+    """What parameters leave of each drive's torques."""
+    Y, largest = record.regressor(beside), record.recording.log.torque_max
+    rows = DriveRows(largest, Y.shape[1])
+    left = _span(record.dynamics, Y, rows).without(rows.stack(record.torques()))
+    share = np.sqrt(np.mean(left.reshape(len(largest), -1) ** 2, axis=1))
+    return np.maximum(share, _FLOOR) * largest
 
 
 def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows: DriveRows) -> Span:
@@ -155,13 +143,19 @@ def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows:
 
 def _accounted(
     record: Trace,
-    Y: Float[np.ndarray, "dof samples columns"],
+    beside: Sequence[Addition],
     scale: Float[np.ndarray, " dof"],
-    delay: Delay,
+    *,
+    lag: bool = False,
 ) -> tuple[Scene, Account]:
-    """The patterns of a recording whose torques have been put back by some lags."""
+    """The patterns of a recording.
+
+    Args:
+        lag: whether torques have been put back by one, which is no pattern then.
+    """
+    Y = record.regressor(beside)
     rows = DriveRows(scale, Y.shape[1])
-    span, tau = _span(record.dynamics, Y, rows), rows.stack(record.torques(delay))
+    span, tau = _span(record.dynamics, Y, rows), rows.stack(record.torques())
     own = Y[:, :, : len(active_columns(record.dynamics))]
     scene = Scene(record, own, rows, span, tau)
 
@@ -170,7 +164,7 @@ def _accounted(
         yield from load_steps(scene, left)
 
     patterns = [*scene.patterns()]
-    if np.any(delay):
+    if lag:
         patterns = [one for one in patterns if one.kind != "torque-lag"]
     if (friction := missing(scene)) is not None:
         patterns.append(friction)

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.span import Rows, Span
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
 from deltaid.identification.reduction import Reduction, build_reduction
@@ -74,7 +75,7 @@ class TraceRows:
         """Rows of a trace, with columns of something beside the parameters."""
         Y, at = trace.regressor((*self.additions, *beside)), self.active
         own, more = Y[:, :, : len(at)], Y[:, :, len(at) :]
-        tau = trace.torques(np.zeros(self.dynamics.dof)) - own @ self.reduction.p_0[at]
+        tau = trace.torques() - own @ self.reduction.p_0[at]
         return Sheet(np.concatenate([own @ self.reduction.A[at], more], axis=2), tau)
 
     def problem(
@@ -103,3 +104,10 @@ class TraceRows:
     def parameters(self, x: Float[np.ndarray, " columns"]) -> Parameters:
         """p of the robot and of additions, for x and what stands beside it."""
         return self.reduction.A @ x[: self.size] + self.reduction.p_0
+
+
+def parameters_of(dynamics: Dynamics, span: Span, b: Rows) -> Parameters:
+    """p of least squares, for the span of the active columns; zero where nothing is shown."""
+    p = np.zeros(len(dynamics.layout.names))
+    p[active_columns(dynamics)] = span.coefficients(b)
+    return p

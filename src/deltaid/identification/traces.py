@@ -15,7 +15,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
 from deltaid.identification.additions import Addition, extended
 from deltaid.identification.information import active_columns
-from deltaid.identification.interpolation import later
+from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
 from deltaid.recording.filter import LowPass
@@ -66,33 +66,28 @@ class Trace:
         parts = [_through(self.low_pass, one, of, drives, margin) for one in self.stretches]
         return np.concatenate(parts, axis=1)
 
-    def torques(self, delay: Delay) -> Values:
-        """Measured torques of `delay` [s] later, τ(t + delay), filtered."""
-        by = delay * self.low_pass.rate
+    def torques(self) -> Values:
+        """Measured torques, filtered."""
+        return self.filtered(lambda w: w.tau.T, np.arange(self.dynamics.dof))
+
+    def slopes(self, p: Parameters) -> Values:
+        """−τ̇ of the torques of p, filtered: what a drive's torque changes by for each second that
+        it comes late."""
+        by_p, dof = replace(self, load=p), self.dynamics.dof
+        lags = LagColumns(self.dynamics, (), p, self.recording, alone(dof))
         return self.filtered(
-            lambda w: (later(w.tau + w.carried, by) - w.carried).T,
-            np.arange(self.dynamics.dof),
-            _margin(by),
+            lambda w: lags.entries(w, by_p._entries(w), self.recording), np.arange(dof), 1
         )
 
     def regressor(
-        self, additions: Sequence[Addition] = (), *, between: bool = False
+        self, additions: Sequence[Addition] = ()
     ) -> Float[np.ndarray, "dof thinned columns"]:
-        """The active columns of Y, filtered.
-
-        Args:
-            additions: whose columns follow those of the robot.
-            between: put a step of friction at a reversal where the speed passes zero, between two
-                samples, and not at the next one: torques that have been shifted in time were
-                sampled elsewhere.
-        """
+        """The active columns of Y, filtered; those of additions follow those of the robot."""
         regressor = extended(self.dynamics, additions)
         (rows, columns), active = regressor.regressor_pattern, active_columns(regressor)
 
         def values(w: Samples) -> Values:
-            own = self._entries(w)
-            more = [one.entries(w, own, self.recording) for one in additions]
-            return np.vstack([self._with_steps_between(own) if between else own, *more])
+            return self.entries(w, additions)
 
         entries = self.filtered(values, rows, 1)
         Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
@@ -135,23 +130,6 @@ class Trace:
         ones = self.filtered(lambda w: np.ones_like(w.tau.T), np.arange(self.dynamics.dof))
         return replace(kept, weights=ones.T)
 
-    def _with_steps_between(self, entries: Values) -> Values:
-        """Friction's entries averaged over the time about each sample in which they step."""
-        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
-        out = entries.copy()
-        for v in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
-            joint = layout.parameters[columns[v]].owner
-            speed = entries[v]
-            before = np.flatnonzero(speed[:-1] * speed[1:] < 0)
-            share = speed[before] / (speed[before] - speed[before + 1])
-            # The step falls into the time about the sample before, or into that about the next.
-            at, old = before + (share > 0.5), 0.5 + share - (share > 0.5)
-            for k in np.flatnonzero(rows == rows[v]):
-                parameter = layout.parameters[columns[k]]
-                if parameter.kind == "friction" and parameter.owner == joint:
-                    out[k, at] = old * entries[k, before] + (1 - old) * entries[k, before + 1]
-        return out
-
     def _entries(self, w: Samples) -> Values:
         load = None
         if self.dynamics.robot.load_drives:
@@ -165,22 +143,17 @@ def trace(
     load: Parameters,
     *,
     cutoff: float | None,
-    reach: float,
-    reversals: bool = True,
     windows: int | None = None,
 ) -> Trace:
     """A recording in memory; of a long one its excerpt.
 
     Speeds and accelerations come from the positions, also where they are recorded, so that nothing
-    that is wrong with those gets in.
+    that is wrong with those gets in. Samples at which a joint turns round do not count: steps of
+    friction are known to half a sample only.
 
     Args:
         load: parameters by which friction that depends on load knows what gears carry.
         cutoff: of the filter [Hz]; None for the log's own.
-        reach: how far [s] torques will be shifted; weights leave out what would come from beyond
-            the ends and from samples that do not count.
-        reversals: whether samples count at which a joint turns round. Steps of friction tell a lag
-            best, but in torques that have been shifted they are known to half a sample only.
         windows: at most so many of these (`WINDOW` rows each), spread over the whole time.
 
     Raises:
@@ -189,7 +162,7 @@ def trace(
     log = recording.log
     columns = replace(log.columns, velocity=(), acceleration=())
     # What a log masks stays masked either way; this is about its reversals only.
-    recording = recording.brief.changed(cutoff, columns=columns, keep_all=reversals)
+    recording = recording.brief.changed(cutoff, columns=columns, keep_all=False)
     assert recording.low_pass is not None  # positions alone are always filtered
     some = recording.spread(dynamics.kinematics, windows or _MOST)
     joined = _joined([window.own for window in some])
@@ -198,8 +171,7 @@ def trace(
     stretches: list[Samples] = []
     for first, last in zip([0, *ends], ends, strict=False):
         if _outputs(recording.low_pass, last - first) > 0:
-            part = joined.part(slice(first, last))
-            stretches.append(replace(part, weights=_eroded(part.weights, reach / step)))
+            stretches.append(joined.part(slice(first, last)))
     if not stretches:
         raise RecordingError(
             "is too short to be filtered", where=str(log.path), cure="give a longer recording"
@@ -266,7 +238,3 @@ def _through(
         apart = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
         parts.append(apply(low_pass.smooth, apart, low_pass.decimation)[:, :outputs])
     return np.concatenate(parts, axis=1)
-
-
-def _margin(by: Float[np.ndarray, " dof"]) -> int:
-    return int(np.ceil(np.abs(by).max())) + 3
