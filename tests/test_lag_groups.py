@@ -100,7 +100,7 @@ def test_a_drive_that_hardly_moves_has_the_lag_of_the_others() -> None:
 def test_a_common_lag_is_as_certain_as_the_weighted_mean() -> None:
     covariance = correlated(4, seed=2)
     weight = np.sum(np.linalg.inv(covariance))
-    assert common_lag(np.zeros(3), covariance)[1] == pytest.approx(weight**-0.5)
+    assert common_lag(np.zeros(4), covariance)[1] == pytest.approx(weight**-0.5)
 
 
 def test_lags_of_a_group_are_their_weighted_mean() -> None:

@@ -127,7 +127,7 @@ def estimate_lags(
         return Lags(rough.lags, covariance, steps, told, ~known, rough.p)
     agrees |= ~known
     held = np.where(known, np.where(agrees, told, _HELD), _PRIOR)
-    refined = fit.swept(steps, np.where(known, steps, 0.0), held)
+    refined = fit.swept(steps, np.where(known, steps, 0.0), held, rough.p)
     values, covariance = refined.lags.copy(), refined.covariance.copy()
     for k, i in np.argwhere(known):
         # Both ways are independent: they share no row.
@@ -150,14 +150,17 @@ class _Fit:
     traces: Sequence[Trace]
     rows: TraceRows
 
-    def swept(self, start: Delays, centre: Delays, deviation: Delays) -> "_Found":
+    def swept(
+        self, start: Delays, centre: Delays, deviation: Delays, p: Parameters | None = None
+    ) -> "_Found":
         """The lags from a start on, given that they are near a centre.
 
         Args:
             start: lags to begin with [s].
             centre, deviation: what is known of them [s].
+            p: parameters to begin with.
         """
-        rows, delays, p = self.rows, start, None
+        rows, delays = self.rows, start
         for sweep in range(_SWEEPS):
             shifted = [
                 one.shifted(by) if np.any(by) else one

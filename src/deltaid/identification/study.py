@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
 from deltaid.estimation.span import Rows, Span
 from deltaid.identification.additions import Addition
 from deltaid.identification.explained import SEEN, Account, account, surprise
@@ -29,8 +29,6 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 
 # So many seconds of a log are looked at, and rows with this cut-off [Hz]; more hardly say more.
 _SECONDS, _CUTOFF = 24.0, 30.0
-# What is left of a drive's torque at least, as a share of its largest, to be compared with.
-_FLOOR = 1e-5
 # Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
 _SMALL, _AT_ONCE = 1.5e-4, 2.0
 
@@ -107,8 +105,10 @@ def studied(
         return None
     lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
     common, each = lags.common(0), lags.each(0)
-    scale = _noise(record.shifted(each.values), beside)
-    scene, account = _accounted(record, beside, scale)
+    Y, slopes = record.regressor(beside), record.slopes(lags.p[: len(dynamics.layout.names)])
+    explained = np.concatenate([Y, slopes[:, :, None]], axis=2)
+    rows = DriveRows.by_noise(explained, record.torques())
+    scene, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
     first = account.found[0].pattern.kind if account.found else ""
@@ -121,17 +121,10 @@ def studied(
     if first != "torque-lag" and late < max(others, default=0.0):
         return Study(scene, account, common, each, 0.0, alike, plain, hidden=True)
     lag = common if alike else each
-    put_back = _accounted(record.shifted(lag.values), beside, scale, lag=True)
+    record = record.shifted(lag.values)
+    Y = record.regressor(beside)
+    put_back = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
     return Study(*put_back, common, each, late, alike, plain)
-
-
-def _noise(record: Trace, beside: Sequence[Addition]) -> Float[np.ndarray, " dof"]:
-    """What parameters leave of each drive's torques."""
-    Y, largest = record.regressor(beside), record.recording.log.torque_max
-    rows = DriveRows(largest, Y.shape[1])
-    left = _span(record.dynamics, Y, rows).without(rows.stack(record.torques()))
-    share = np.sqrt(np.mean(left.reshape(len(largest), -1) ** 2, axis=1))
-    return np.maximum(share, _FLOOR) * largest
 
 
 def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows: DriveRows) -> Span:
@@ -142,19 +135,14 @@ def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows:
 
 
 def _accounted(
-    record: Trace,
-    beside: Sequence[Addition],
-    scale: Float[np.ndarray, " dof"],
-    *,
-    lag: bool = False,
+    record: Trace, Y: ColumnsOfDrives, rows: DriveRows, *, lag: bool = False
 ) -> tuple[Scene, Account]:
     """The patterns of a recording.
 
     Args:
+        Y: what parameters and additions explain.
         lag: whether torques have been put back by one, which is no pattern then.
     """
-    Y = record.regressor(beside)
-    rows = DriveRows(scale, Y.shape[1])
     span, tau = _span(record.dynamics, Y, rows), rows.stack(record.torques())
     own = Y[:, :, : len(active_columns(record.dynamics))]
     scene = Scene(record, own, rows, span, tau)
