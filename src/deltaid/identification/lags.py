@@ -18,9 +18,8 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
 from deltaid.identification.additions import Addition
-from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.lag_groups import common_lag
 from deltaid.identification.reversal_lags import lags_of_reversals
 from deltaid.identification.scatter import quantile
@@ -166,9 +165,13 @@ class _Fit:
                 one.shifted(by) if np.any(by) else one
                 for one, by in zip(self.traces, delays, strict=True)
             ]
+            sheets = [rows.of_trace(one) for one in shifted]
             if p is None:
-                p = rows.parameters(rows.problem([rows.of_trace(one) for one in shifted]).x)
-            sheets = [self._with_lags(one, k, p) for k, one in enumerate(shifted)]
+                p = rows.parameters(rows.problem(sheets).x)
+            if rows.dynamics.robot.load_drives:
+                shifted = [replace(one, load=p[: len(one.load)]) for one in shifted]
+                sheets = [rows.of_trace(one) for one in shifted]
+            sheets = [self._with_lags(*both, p) for both in zip(sheets, shifted, strict=True)]
             known = rows.problem(sheets, (centre - delays).ravel(), deviation.ravel())
             p, step = rows.parameters(known.x), known.x[rows.size :].reshape(delays.shape)
             delays = np.clip(delays + step, -REACH, REACH)
@@ -177,16 +180,13 @@ class _Fit:
                 return _Found(delays, _each(covariance, len(delays)), p)
         raise AssertionError
 
-    def _with_lags(self, one: Trace, k: int, p: Parameters) -> Sheet:
-        """Rows of the k-th trace, with slopes −τ̇ of the torques of p for the lags of all."""
-        dynamics, rows = one.dynamics, self.rows
-        if dynamics.robot.load_drives:
-            one = replace(one, load=p[: len(dynamics.layout.names)])
-        lags = LagColumns(dynamics, rows.additions, p, one.recording, alone(dynamics.dof))
-        sheet = rows.of_trace(one, (lags,))
-        parts = [np.zeros((*sheet.tau.shape, dynamics.dof)) for _ in self.traces]
-        parts[k] = sheet.A[:, :, rows.size :]
-        return replace(sheet, A=np.concatenate([sheet.A[:, :, : rows.size], *parts], axis=2))
+    def _with_lags(self, sheet: Sheet, one: Trace, p: Parameters) -> Sheet:
+        """Rows of a trace, with slopes −τ̇ of the torques of p for the lags of all."""
+        own = of_own_drives(one.slopes(p, self.rows.additions)[:, :, None])
+        lags = [
+            own if trace.recording is one.recording else np.zeros_like(own) for trace in self.traces
+        ]
+        return replace(sheet, A=np.concatenate([sheet.A, *lags], axis=2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,13 +70,17 @@ class Trace:
         """Measured torques, filtered."""
         return self.filtered(lambda w: w.tau.T, np.arange(self.dynamics.dof))
 
-    def slopes(self, p: Parameters) -> Values:
-        """−τ̇ of the torques of p, filtered: what a drive's torque changes by for each second that
-        it comes late."""
-        by_p, dof = replace(self, load=p), self.dynamics.dof
-        lags = LagColumns(self.dynamics, (), p, self.recording, alone(dof))
+    def slopes(self, p: Parameters, additions: Sequence[Addition] = ()) -> Values:
+        """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that
+        it comes late.
+
+        Args:
+            p: parameters of the robot, then those of additions.
+        """
+        dof, by_p = self.dynamics.dof, replace(self, load=p[: len(self.dynamics.layout.names)])
+        lags = LagColumns(self.dynamics, tuple(additions), p, self.recording, alone(dof))
         return self.filtered(
-            lambda w: lags.entries(w, by_p._entries(w), self.recording), np.arange(dof), 1
+            lambda w: lags.entries(w, by_p.entries(w), self.recording), np.arange(dof), 1
         )
 
     def regressor(
