@@ -238,7 +238,7 @@ def _killed_call(site: Site) -> None:
              "--cutoff", str(SETTINGS.cutoff), "--friction", "described"]  # fmt: skip
     code = f"import sys; sys.argv[1:] = {words}; from deltaid.cli import main; main()"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    call, end = subprocess.Popen([sys.executable, "-c", code], env=environment), monotonic() + 60
+    call, end = subprocess.Popen([sys.executable, "-c", code], env=environment), monotonic() + 600
     while not site.files.find("plant/fleet/factors"):
         assert call.poll() is None
         assert monotonic() < end

@@ -75,7 +75,7 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         if before is None or after is None:
             continue
         found, left = before.account.found, before.account.left
-        of_loads = sum(one.gain for one in found if one.pattern.kind == "load-change")
+        of_loads = sum(one.gain for one in found if one.candidate.kind == "load-change")
         whole = float(left @ left) + sum(one.gain for one in found)
         by_gears = np.mean((after.scene.rows.scale / before.scene.rows.scale) ** 2)
         if by_gears > 1.0 - of_loads / whole:

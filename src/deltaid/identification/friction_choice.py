@@ -21,10 +21,10 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from deltaid.effects.contest import surprise
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.span import Rows
-from deltaid.identification.explained import surprise
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_options import (

@@ -12,17 +12,11 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from deltaid.effects.contest import surprise
+from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
 from deltaid.estimation.span import Rows, lengths
-from deltaid.identification.explained import surprise
-from deltaid.identification.friction_options import (
-    FORMS,
-    of_load,
-    of_slope,
-    of_term,
-    one_way,
-    one_way_speed,
-)
-from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
+from deltaid.identification.friction_options import FORMS, of_slope, of_term
+from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.friction_shapes import CONSTANTS, moved
 from deltaid.identification.information import triangle
 from deltaid.robot.description import RobotDescription
@@ -174,7 +168,7 @@ def _columns(rows: FrictionRows, robot: RobotDescription) -> np.ndarray:
     described = rows.dynamics.robot
     own = set(described.friction_terms)
     joints = {joint.name: joint for joint in rows.joints}
-    made: list[tuple[FrictionJoint, Shape]] = []
+    made: list[tuple[Joint, Shape]] = []
     places: dict[str, int] = {}
     for term in robot.friction_terms:
         if term not in own and term.kind not in ("viscous", "coulomb"):

@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.effects.joint import entry_speeds
 from deltaid.identification.additions import Addition, Values
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.free_body import free_coefficients
-from deltaid.identification.friction_rows import entry_speeds
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.identification.objective import data_term
 from deltaid.identification.posing import METRICS

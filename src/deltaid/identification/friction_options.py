@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from deltaid.identification.friction_rows import FrictionJoint, FrictionRows, Shape
+from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
+from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.model.friction_record import AdditionKind
 from deltaid.robot.description import RobotDescription
@@ -66,7 +67,7 @@ class Options:
     """
 
     def __init__(self, rows: FrictionRows) -> None:
-        self._wanted: list[tuple[FrictionJoint, Shape]] = []
+        self._wanted: list[tuple[Joint, Shape]] = []
         laws = rows.dynamics.robot.friction
         self.all: tuple[Option, ...] = tuple(
             option for joint in rows.joints for option in self._of(joint, laws[joint.name], rows)
@@ -75,7 +76,7 @@ class Options:
         norms = np.linalg.norm(columns, axis=0)
         self.columns = columns / np.where(norms > 0, norms, 1.0)
 
-    def _of(self, joint: FrictionJoint, law: Friction, rows: FrictionRows) -> list[Option]:
+    def _of(self, joint: Joint, law: Friction, rows: FrictionRows) -> list[Option]:
         found, c = [], law.coulomb
         if joint.drive is not None and law.both_ways:
             way = self._add(joint, one_way), self._add(joint, one_way_speed)
@@ -101,7 +102,7 @@ class Options:
                 found.append(Option(joint.name, kind, variants, count, positive=True))
         return found
 
-    def _load(self, joint: FrictionJoint, rotor: float) -> Option:
+    def _load(self, joint: Joint, rotor: float) -> Option:
         """Losses by load. Torques tell a rotor and what turns behind its gear by their sum only,
         losses what the gear carries of it."""
         moved = [share * rotor for share in (_SHARES if rotor else _SHARES[:1])]
@@ -112,20 +113,20 @@ class Options:
         return Option(joint.name, "load", variants, min(len(variants) - 1, 1), positive=True)
 
     def _variant(
-        self, joint: FrictionJoint, kind: str, more: dict[str, Any], rows: FrictionRows
+        self, joint: Joint, kind: str, more: dict[str, Any], rows: FrictionRows
     ) -> Variant:
         robot = rows.dynamics.robot
         law = robot.friction[joint.name].changed(**more)
         term = _term_of(robot, joint.name, law, kind)
         return Variant((self._add(joint, of_term(term)),), more)
 
-    def _retuned(self, joint: FrictionJoint, term: FrictionTerm) -> Option:
+    def _retuned(self, joint: Joint, term: FrictionTerm) -> Option:
         """Other constants of a term that is described."""
         columns = [self._add(joint, of_slope(term, name)) for name in CONSTANTS[term.kind]]
         kind: AdditionKind = "power" if term.kind == "power" else "stribeck"
         return Option(joint.name, kind, (Variant(tuple(columns), {}),), 0, positive=False)
 
-    def _add(self, joint: FrictionJoint, made: Shape) -> int:
+    def _add(self, joint: Joint, made: Shape) -> int:
         self._wanted.append((joint, made))
         return len(self._wanted) - 1
 
@@ -158,21 +159,6 @@ def remaining(options: tuple[Option, ...], taken: Option) -> tuple[Option, ...]:
     return tuple(one for one in options if one.joint != taken.joint or one.kind not in barred)
 
 
-def one_way(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """A constant."""
-    return np.ones_like(C)
-
-
-def one_way_speed(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """|v|, whatever the direction."""
-    return np.broadcast_to(v, C.shape)
-
-
-def of_load(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """A share of what the gear carries."""
-    return C * np.abs(load)
-
-
 def of_term(term: FrictionTerm) -> Shape:
     """A term that has constants."""
     return lambda v, C, load: C * shape(term, v)
@@ -183,14 +169,14 @@ def of_slope(term: FrictionTerm, constant: str) -> Shape:
     return lambda v, C, load: C * slopes(term, v)[constant]
 
 
-def _powers(joint: FrictionJoint, coulomb: float) -> list[dict[str, Any]]:
+def _powers(joint: Joint, coulomb: float) -> list[dict[str, Any]]:
     return [
         {"power": PowerLaw(coefficient=_SIZE * coulomb / joint.fastest**e, exponent=e)}
         for e in _EXPONENTS
     ]
 
 
-def _stribecks(joint: FrictionJoint, coulomb: float) -> list[dict[str, Any]]:
+def _stribecks(joint: Joint, coulomb: float) -> list[dict[str, Any]]:
     return [
         {
             "stribeck": Stribeck(

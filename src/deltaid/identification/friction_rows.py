@@ -6,10 +6,9 @@ of each recording: −τ̇ of the model. Whatever else is looked for, columns ar
 explain.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -17,17 +16,18 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.contest import surprise
+from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
 from deltaid.estimation.drive_rows import DriveRows
 from deltaid.estimation.problem import level_along
 from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.identification.additions import Addition
-from deltaid.identification.explained import surprise
 from deltaid.identification.information import active_columns
 from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.trace_rows import parameters_of
 from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import WINDOW, Samples
+from deltaid.recording.windows import WINDOW
 
 # Windows of all recordings together at least, and seconds of each, that are looked at.
 _WINDOWS, _SECONDS = 6, 20.0
@@ -36,29 +36,6 @@ _WINDOWS, _SECONDS = 6, 20.0
 _CUTOFF = 50.0
 # What is left of a drive's torque at least, as a share of its largest, to be compared with.
 _FLOOR = 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionJoint:
-    """A joint with friction that moves.
-
-    Attributes:
-        name: which.
-        drive: its number; None if it is no drive.
-        viscous, coulomb: its entries in the regressor.
-        drives: whose rows these are.
-        fastest: its largest speed [rad/s or m/s].
-        moved: inertia that its gear carries more than by the parameters of the rows, and its rotor
-            has less.
-    """
-
-    name: str
-    drive: int | None
-    viscous: np.ndarray
-    coulomb: np.ndarray
-    drives: np.ndarray
-    fastest: float
-    moved: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +55,6 @@ class Judged:
     after: Rows
 
 
-# A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.
-Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-
-
 @dataclass(frozen=True, eq=False)
 class FrictionRows:
     """Rows of some recordings, one drive under the other, in units of each drive's noise.
@@ -96,7 +69,7 @@ class FrictionRows:
         span: what parameters and lags explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
-        moved: of each drive, as `FrictionJoint.moved`.
+        moved: of each drive, as `Joint.moved`.
     """
 
     dynamics: Dynamics
@@ -128,7 +101,7 @@ class FrictionRows:
         at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
         return self.drive_rows.stack(self.Y[:, :, at])
 
-    def rotor(self, joint: FrictionJoint) -> float:
+    def rotor(self, joint: Joint) -> float:
         """Inertia of a drive's rotor by p; zero without."""
         names, name = self.dynamics.layout.names, f"rotor.{joint.name}"
         return float(self.p[names.index(name)]) if name in names else 0.0
@@ -170,68 +143,22 @@ class FrictionRows:
         )
 
     @cached_property
-    def joints(self) -> tuple[FrictionJoint, ...]:
+    def joints(self) -> tuple[Joint, ...]:
         """Joints whose friction may have further terms."""
-        rows, columns = self.dynamics.regressor_pattern
-        names, robot = np.array(self.dynamics.layout.names)[columns], self.dynamics.robot
+        motion = [one.entries(one.motion()) for one in self.traces]
         found = []
-        for joint in robot.friction_joints:
-            viscous = np.flatnonzero(names == f"viscous.{joint}")
-            coulomb = np.flatnonzero(names == f"coulomb.{joint}")
-            drive = robot.drives.index(joint) if joint in robot.drives else None
-            one = FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb], 0.0)
-            fastest = max(float(_speed(one, entries).max()) for entries in self._motion)
+        for one in joints_of(self.dynamics):
+            fastest = max(float(one.speed(entries).max()) for entries in motion)
             if fastest > 0:
-                moved = 0.0 if drive is None else float(self.moved[drive])
+                moved = 0.0 if one.drive is None else float(self.moved[one.drive])
                 found.append(replace(one, fastest=fastest, moved=moved))
         return tuple(found)
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-    def columns(self, wanted: Sequence[tuple[FrictionJoint, Shape]]) -> Columns:
+    def columns(self, wanted: Sequence[tuple[Joint, Shape]]) -> Columns:
         """One column for each shape of a joint, whatever else explains of it."""
-        counts = np.cumsum([0, *(len(joint.drives) for joint, _ in wanted)])
-        drives = np.concatenate([joint.drives for joint, _ in wanted])
-
-        def values(w: Samples) -> np.ndarray:
-            entries, load = self._entries(w)
-            speeds = {joint.name: _speed(joint, entries) for joint, _ in wanted}
-            return np.concatenate(
-                [
-                    make(speeds[joint.name], entries[joint.coulomb], _of_drive(joint, load, w))
-                    for joint, make in wanted
-                ]
-            )
-
-        filtered = np.concatenate([one.filtered(values, drives) for one in self.traces], axis=1)
-        dof = self.dynamics.dof
-        stacked = np.zeros((dof, filtered.shape[1], len(wanted)))
-        for k, (start, stop) in enumerate(pairwise(counts)):
-            stacked[drives[start:stop], :, k] = filtered[start:stop]
-        return self.drive_rows.stack(stacked)
-
-    def _entries(self, w: Samples) -> tuple[np.ndarray, np.ndarray]:
-        load = self.dynamics.carried(w.z, w.qd, w.qdd, self.p)
-        return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values, load
-
-    @cached_property
-    def _motion(self) -> list[np.ndarray]:
-        """Entries of the regressor at the thinned samples of all recordings."""
-        return [self._entries(one.motion())[0] for one in self.traces]
-
-
-def entry_speeds(viscous: np.ndarray, coulomb: np.ndarray) -> np.ndarray:
-    """|v| of a joint by its viscous and Coulomb entries, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
-    return np.abs(viscous).max(axis=0) / np.maximum(np.abs(coulomb).max(axis=0), 1e-300)
-
-
-def _speed(joint: FrictionJoint, entries: np.ndarray) -> np.ndarray:
-    return entry_speeds(entries[joint.viscous], entries[joint.coulomb])
-
-
-def _of_drive(joint: FrictionJoint, load: np.ndarray, w: Samples) -> np.ndarray:
-    if joint.drive is None:
-        return np.zeros(len(load))
-    return load[:, joint.drive] + joint.moved * w.qdd[:, joint.drive]
+        parts = [joint_columns(replace(one, load=self.p), self.p, wanted) for one in self.traces]
+        return self.drive_rows.stack(np.concatenate(parts, axis=1))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

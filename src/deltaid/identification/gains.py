@@ -225,7 +225,7 @@ def _by_gains(study: Study, drives: Sequence[str]) -> bool:
     largest = study.largest
     if largest is None or largest.kind != "drive-gain" or largest.subject not in ("", *drives):
         return False
-    alone = [(one.pattern.kind, one.gain) for one in study.account.first]
+    alone = [(one.candidate.kind, one.gain) for one in study.account.first]
     gains, zeros = (
         max((gain for kind, gain in alone if kind == which), default=0.0)
         for which in ("drive-gain", "homing-or-tilt")

@@ -1,4 +1,4 @@
-"""A recording looked at for lags and patterns: which causes its residual has, the largest first.
+"""A recording looked at for lags and effects: which causes its residual has, the largest first.
 
 Corrections ask it which they may trust, and verdicts on a residual rest on it.
 """
@@ -12,16 +12,15 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.all import EFFECTS
+from deltaid.effects.contest import SEEN, Account, account, surprise
+from deltaid.effects.scene import Candidate, Scene
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
 from deltaid.estimation.span import Rows, Span
 from deltaid.identification.additions import Addition
-from deltaid.identification.explained import SEEN, Account, account, surprise
 from deltaid.identification.information import active_columns
 from deltaid.identification.lags import Lag, estimate_lags
-from deltaid.identification.missing_friction import missing
-from deltaid.identification.patterns import Pattern, Scene
-from deltaid.identification.searches import load_steps, ripples
 from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
@@ -35,11 +34,11 @@ _SMALL, _AT_ONCE = 1.5e-4, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A recording looked at with all patterns.
+    """A recording looked at with all effects.
 
     Attributes:
         scene: the recording, with lags put back if they show.
-        account: the patterns, at these lags.
+        account: the effects, at these lags.
         common, each: lags.
         late: surprise of the lag that shows; 0 if none does.
         alike: whether all drives have the same lag.
@@ -63,14 +62,14 @@ class Study:
         Lags, friction laws and gears then take what they can of it, and mean nothing. Gears that
         wind up may look like a load, and like other things as much.
         """
-        gains = [(one.pattern.kind == "load-change", one.gain) for one in self.account.found]
+        gains = [(one.candidate.kind == "load-change", one.gain) for one in self.account.found]
         return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
 
     @property
-    def largest(self) -> Pattern | None:
+    def largest(self) -> Candidate | None:
         """The cause that explains most; None if there is none."""
         found = self.account.found
-        return max(found, key=lambda one: one.gain).pattern if found else None
+        return max(found, key=lambda one: one.gain).candidate if found else None
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -110,8 +109,8 @@ def studied(
     rows = DriveRows.by_noise(explained, record.torques())
     scene, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)
-    others = [one.surprise for one in account.first if one.pattern.kind != "torque-lag"]
-    first = account.found[0].pattern.kind if account.found else ""
+    others = [one.surprise for one in account.first if one.candidate.kind != "torque-lag"]
+    first = account.found[0].candidate.kind if account.found else ""
     apart = np.abs(each.values - common.values) / np.maximum(each.deviation, 1e-12)
     apart_by = float(np.abs(each.values - common.values).max()) / _AT_ONCE
     alike = surprise(float(np.sum(apart**2)), dynamics.dof) < SEEN or apart_by < _SMALL
@@ -137,7 +136,7 @@ def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows:
 def _accounted(
     record: Trace, Y: ColumnsOfDrives, rows: DriveRows, *, lag: bool = False
 ) -> tuple[Scene, Account]:
-    """The patterns of a recording.
+    """The effects of a recording.
 
     Args:
         Y: what parameters and additions explain.
@@ -147,16 +146,15 @@ def _accounted(
     own = Y[:, :, : len(active_columns(record.dynamics))]
     scene = Scene(record, own, rows, span, tau)
 
-    def searched(left: Rows) -> Iterator[Pattern]:
-        yield from ripples(scene, left)
-        yield from load_steps(scene, left)
-
-    patterns = [*scene.patterns()]
+    known = [candidate for one in EFFECTS for candidate in one.candidates(scene)]
     if lag:
-        patterns = [one for one in patterns if one.kind != "torque-lag"]
-    if (friction := missing(scene)) is not None:
-        patterns.append(friction)
-    return scene, account(patterns, searched, rows.groups, span, span.without(tau))
+        known = [one for one in known if one.kind != "torque-lag"]
+
+    def searched(left: Rows) -> Iterator[Candidate]:
+        for one in EFFECTS:
+            yield from one.searched(scene, left)
+
+    return scene, account(known, searched, rows.groups, span, span.without(tau))
 
 
 def _surprise_of_lag(common: Lag, each: Lag) -> float:

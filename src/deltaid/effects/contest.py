@@ -1,4 +1,4 @@
-"""Which patterns a residual has: those that explain more of it than chance, the best first."""
+"""Which effects a residual shows: those that explain more of it than chance, the best first."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -7,35 +7,35 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaincc, gammaln
 
+from deltaid.effects.scene import Candidate
 from deltaid.estimation.problem import level_along
 from deltaid.estimation.span import Rows, Span, lengths
-from deltaid.identification.patterns import Pattern
 
 # Directions of columns shorter than this share of their length have been taken by parameters.
 _TAKEN = 1e-3
-# A pattern is seen where chance gives one like it once in so many decades of recordings.
+# A candidate is detected where chance gives one like it once in so many decades of recordings.
 SEEN = 6.0
-# Where one of these explains nearly as much as the best, it is taken: others know better of it.
-# Zeros only where the best has more columns and, unless it bends with the place like zeros, does
-# not leave much less; to first order zeros may look like a drive's factor or offset.
-_ELSEWHERE, _NEARLY, _MUCH_LESS = ("homing-or-tilt", "friction-missing"), 0.9, 0.5
-# Of so many candidates the scatter is looked at, and so many patterns are taken at most.
+# A preferred one is taken where it explains nearly as much as the best; one that bends with the
+# place, such as a zero, only where the best has more columns and, unless that bends too, does not
+# leave much less: to first order zeros may look like a drive's factor or offset.
+_NEARLY, _MUCH_LESS = 0.9, 0.5
+# Of so many candidates the scatter is looked at, and so many are taken at most.
 _CLOSE, _ROUNDS = 4, 5
 
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What a pattern explains of a residual.
+    """What a candidate explains of a residual.
 
     Attributes:
-        pattern: which.
+        candidate: which.
         gain: how much of the sum of squares.
         surprise: minus the decimal logarithm of the probability that noise explains as much to one
             of all that were tried.
         directions: orthonormal columns of what parameters leave of it.
     """
 
-    pattern: Pattern
+    candidate: Candidate
     gain: float
     surprise: float
     directions: Float[np.ndarray, "rows rank"]
@@ -43,13 +43,13 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class Account:
-    """All patterns of a residual, in the order they were found.
+    """All effects of a residual, in the order they were found.
 
     Attributes:
         found: each with what it adds to those before.
-        span: of parameters and patterns.
+        span: of parameters and effects.
         left: what remains.
-        first: how surprising each pattern is on its own, the best first.
+        first: how surprising each candidate is on its own, the best first.
     """
 
     found: tuple[Explained, ...]
@@ -59,16 +59,16 @@ class Account:
 
 
 def account(
-    patterns: Sequence[Pattern],
-    searched: Callable[[Rows], Iterable[Pattern]],
+    candidates: Sequence[Candidate],
+    searched: Callable[[Rows], Iterable[Candidate]],
     groups: Int[np.ndarray, " rows"],
     span: Span,
     left: Rows,
 ) -> Account:
-    """Take the most surprising pattern, and again of what it leaves, until none is.
+    """Take the most surprising candidate, and again of what it leaves, until none is.
 
     Args:
-        patterns: with columns that are known beforehand.
+        candidates: with columns that are known beforehand.
         searched: those that depend on what is left.
         groups: the stretch of time of each row.
         span: what parameters explain.
@@ -76,11 +76,11 @@ def account(
     """
     found: list[Explained] = []
     first: tuple[Explained, ...] = ()
-    bare = [span.without(_scaled(one.columns)) for one in patterns]
+    bare = [span.without(_scaled(one.columns)) for one in candidates]
     for _ in range(_ROUNDS):
         more = tuple(searched(left))
         columns = [*bare, *(span.without(_scaled(one.columns)) for one in more)]
-        tried = zip([*patterns, *more], columns, strict=True)
+        tried = zip([*candidates, *more], columns, strict=True)
         ranked = _ranked([(one, F) for one, F in tried], groups, span, left)
         first = first or tuple(ranked)
         if not ranked or ranked[0].surprise < SEEN:
@@ -95,7 +95,7 @@ def account(
 
 
 def _ranked(
-    candidates: Sequence[tuple[Pattern, Float[np.ndarray, "rows _"]]],
+    candidates: Sequence[tuple[Candidate, Float[np.ndarray, "rows _"]]],
     groups: Int[np.ndarray, " rows"],
     span: Span,
     left: Rows,
@@ -108,7 +108,7 @@ def _ranked(
     """
     count, total = len(candidates), float(left @ left)
     judged = []
-    for pattern, F in candidates:
+    for candidate, F in candidates:
         values, vectors = np.linalg.eigh(F.T @ F)
         kept = values > _TAKEN**2
         if not kept.any():
@@ -117,31 +117,26 @@ def _ranked(
         gain, rank = float(np.sum((by.T @ (F.T @ left)) ** 2)), by.shape[1]
         freedom = max(len(left) - span.rank - rank, 1)
         noise = max(total - gain, 1e-12 * total, 1e-300) / freedom
-        tries = pattern.tries + float(np.log10(count))
-        judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, pattern, F, by))
+        tries = candidate.tries + float(np.log10(count))
+        judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, candidate, F, by))
     judged.sort(key=lambda one: -one[0])
     if judged:
         best, enough, most = judged[0], _NEARLY * judged[0][1], judged[0][6].shape[1]
-        much = np.inf
-        if best[4].kind != "geometry-or-cogging":
-            much = max(total - best[1], 0.0) / _MUCH_LESS
+        much = np.inf if best[4].bends else max(total - best[1], 0.0) / _MUCH_LESS
         judged.sort(
             key=lambda one: (
-                one[4].kind not in _ELSEWHERE
+                not one[4].is_preferred
                 or one[1] < enough
-                or (
-                    one[4].kind == "homing-or-tilt"
-                    and (one[6].shape[1] >= most or total - one[1] > much)
-                )
+                or (one[4].bends and (one[6].shape[1] >= most or total - one[1] > much))
             )
         )
     close = []
-    for _, gain, noise, tries, pattern, F, by in judged[:_CLOSE]:
+    for _, gain, noise, tries, candidate, F, by in judged[:_CLOSE]:
         U = F @ by
         freedom = max(len(left) - span.rank - U.shape[1], 1)
         level = max(noise, level_along(U, left - U @ (U.T @ left), groups, freedom))
-        close.append(Explained(pattern, gain, surprise(gain / level, U.shape[1]) - tries, U))
-    if close and close[0].pattern.kind in _ELSEWHERE and close[0].surprise > SEEN:
+        close.append(Explained(candidate, gain, surprise(gain / level, U.shape[1]) - tries, U))
+    if close and close[0].candidate.is_preferred and close[0].surprise > SEEN:
         return close
     close.sort(key=lambda one: -one.surprise)
     if close:

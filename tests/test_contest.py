@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from deltaid.effects.contest import account
+from deltaid.effects.scene import Candidate
 from deltaid.estimation.span import Span
-from deltaid.identification.explained import account
-from deltaid.identification.patterns import Pattern
 
 ROWS = 1000
 
@@ -20,6 +20,6 @@ def test_of_two_patterns_that_explain_nearly_the_same_the_one_of_fewer_columns(
     noise = rng.standard_normal(ROWS)
     noise -= Q @ (Q.T @ noise)
     left = 30 * Q[:, 1] + second * Q[:, 2] + noise
-    patterns = [Pattern("four", "", Q[:, 1:]), Pattern("one", "", Q[:, 1:2])]
+    patterns = [Candidate("four", "", Q[:, 1:]), Candidate("one", "", Q[:, 1:2])]
     first = account(patterns, lambda _: (), np.arange(ROWS) // 25, span, left).found[0]
-    assert first.pattern.kind == found
+    assert first.candidate.kind == found

@@ -1,0 +1,52 @@
+"""Friction that changes while recording goes on, of one joint or all alike; an offset that does."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from deltaid.check.words import percent
+from deltaid.effects.cause import Cause
+from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.scene import Candidate, Scene
+
+# Time constants of warming up, as shares of the recording.
+_WARM = (0.1, 0.25, 0.6)
+
+
+class Drift(Effect):
+    """Steadily, or as in warming up."""
+
+    kind = "drift"
+
+    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+        time = scene.motion.time
+        share = (time - time[0]) / (time[-1] - time[0])
+        courses = [("steadily", share - 0.5)]
+        courses += [("as in warming up", np.exp(-share / constant)) for constant in _WARM]
+        friction = [
+            sum(scene.column(f"{term}.{joint.name}") * scene.size(f"{term}.{joint.name}")
+                for term in ("viscous", "coulomb"))
+            for joint in scene.joints
+        ]  # fmt: skip
+        for words, course in courses:
+            if friction:
+                each = np.stack([scene.rows.stack(own * course) for own in friction], axis=1)
+                yield Candidate(self.kind, "", each.sum(axis=1)[:, None], words)
+                yield Candidate(self.kind, "", each, words)
+                for i, joint in enumerate(scene.joints):
+                    yield Candidate(self.kind, joint.name, each[:, [i]], words)
+            offset = scene.rows.own(scene.motion.weights.T * course)
+            for i, drive in enumerate(scene.drives):
+                yield Candidate(self.kind, drive, offset[:, [i]], words)
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        changes = f"{percent(share)} of {torque_of(subject)} changes with time"
+        return 100 * share, "%", f"{changes}, {cause.first.words}, and is not explained"
+
+    def why(self, cause: Cause) -> str:
+        del cause
+        return "friction that falls while gears and grease warm up, or a torque channel that drifts"
+
+    def cure(self, cause: Cause) -> str:
+        del cause
+        return "move the robot until it is warm before recording, and record shorter"

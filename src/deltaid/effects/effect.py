@@ -1,0 +1,85 @@
+"""What an effect is: a physical cause of a difference between a recording and the rigid robot.
+
+Everything that is particular to a cause is in a file of its own; `deltaid.effects.all` lists them.
+A study asks each effect for the columns that would show it, and the contest (`contest`) decides
+which explain more than chance; an effect words what was found of it.
+"""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+from deltaid.check.verdict import Proposal
+from deltaid.effects.cause import Cause
+from deltaid.effects.scene import Candidate, Scene
+from deltaid.estimation.span import Rows
+from deltaid.recording.recording import Recording
+
+# The share that a single drive explains of what all do, where it is about this one.
+_MOSTLY = 0.7
+
+
+class Effect:
+    """A cause.
+
+    Attributes:
+        kind: its name.
+        is_described: whether a residual's verdict is about it; others know better of the rest.
+    """
+
+    kind: ClassVar[str]
+    is_described: ClassVar[bool] = True
+
+    @property
+    def key(self) -> str:
+        """Of its verdict."""
+        return self.kind
+
+    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+        """Columns that it would add to the torques, to first order, known beforehand."""
+        del scene
+        return ()
+
+    def searched(self, scene: Scene, left: Rows) -> Iterable[Candidate]:
+        """Columns that are found in what is left of the torques."""
+        del scene, left
+        return ()
+
+    def subject(self, cause: Cause) -> str:
+        """The drive or joint that it is about; empty for all."""
+        named = cause.first.subject
+        if named and all(one.candidate.subject in ("", named) for one in cause.found):
+            return named
+        alone = [
+            one for one in cause.account.first
+            if one.candidate.kind == cause.kind and one.candidate.subject
+        ]  # fmt: skip
+        if alone and alone[0].gain > _MOSTLY * cause.found[0].gain:
+            return alone[0].candidate.subject
+        return ""
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        """A number, its unit, and what was detected in words.
+
+        Args:
+            subject: the drive or joint.
+            share: what it makes of the drive's torque that has most of it.
+        """
+        raise NotImplementedError
+
+    def why(self, cause: Cause) -> str:
+        """The likeliest cause in words."""
+        raise NotImplementedError
+
+    def cure(self, cause: Cause) -> str:
+        """What to do about it."""
+        raise NotImplementedError
+
+    def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
+        """Lines of a file that would put it right."""
+        del cause, recording
+        return ()
+
+
+def torque_of(subject: str) -> str:
+    """Of a drive, or of all."""
+    return f"{subject}'s torque" if subject else "the torques"

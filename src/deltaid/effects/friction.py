@@ -1,0 +1,88 @@
+"""Friction that viscous and Coulomb's do not describe: near rest, at speed, one way, by load."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from deltaid.check.words import percent
+from deltaid.effects.cause import Cause
+from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
+from deltaid.effects.scene import Candidate, Scene
+
+# Speeds within which friction near rest falls, as shares of a joint's largest.
+_KNEES = (0.03, 0.08, 0.2)
+_NEAR, _SQUARE, _FLAT = (
+    "more friction at low speed",
+    "friction that grows with the square of speed",
+    "friction that flattens with speed",
+)
+_WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
+
+
+class FrictionLaw(Effect):
+    """Terms that a joint's friction law lacks, of one joint or of all."""
+
+    kind = "friction-law"
+
+    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+        if not scene.joints:
+            return
+        yield from self._by_speed(scene)
+        drives = [joint for joint in scene.joints if joint.drive is not None]
+        if not drives:
+            return
+        wanted = [(joint, made) for made in (one_way, one_way_speed) for joint in drives]
+        ways = scene.joint_columns(wanted)
+        loads = scene.joint_columns([(joint, of_load) for joint in drives])
+        count = len(drives)
+        for i, joint in enumerate(drives):
+            yield Candidate(self.kind, joint.name, ways[:, [i, count + i]], _WAY)
+            yield Candidate(self.kind, joint.name, loads[:, [i]], _LOAD)
+        yield Candidate(self.kind, "", ways[:, :count], _WAY)
+        yield Candidate(self.kind, "", ways, _WAY)
+        yield Candidate(self.kind, "", loads, _LOAD)
+
+    def _by_speed(self, scene: Scene) -> Iterable[Candidate]:
+        coulomb = np.array([scene.size(f"coulomb.{joint.name}") for joint in scene.joints])
+        shapes = [(_near(knee), _NEAR) for knee in _KNEES]
+        shapes += [(_power(2.0), _SQUARE), (_power(0.5), _FLAT)]
+        wanted = [(joint, made(joint)) for made, _ in shapes for joint in scene.joints]
+        every = np.split(scene.joint_columns(wanted), len(shapes), axis=1)
+        for each, (_, words) in zip(every, shapes, strict=True):
+            yield Candidate(self.kind, "", (each @ coulomb)[:, None], words)
+            yield Candidate(self.kind, "", each, words)
+            for i, joint in enumerate(scene.joints):
+                yield Candidate(self.kind, joint.name, each[:, [i]], words)
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        follows = f"{percent(share)} of {torque_of(subject)} follows the speed"
+        return 100 * share, "%", f"{follows} and is not explained: {cause.first.words}"
+
+    def why(self, cause: Cause) -> str:
+        other = (
+            "the torque channel has an offset" if cause.first.words == _WAY else "gears have play"
+        )
+        return f"the described friction law has no term for it, or {other}"
+
+    def cure(self, cause: Cause) -> str:
+        del cause
+        return "deltaid identify adds the term; or describe it"
+
+
+def _near(knee: float):
+    """Friction that falls within a knee."""
+
+    def of(joint: Joint) -> Shape:
+        return lambda v, C, load: C * np.exp(-v / (knee * joint.fastest))
+
+    return of
+
+
+def _power(exponent: float):
+    """Friction that grows with a power of the speed."""
+
+    def of(joint: Joint) -> Shape:
+        return lambda v, C, load: C * (v / joint.fastest) ** exponent
+
+    return of

@@ -1,0 +1,100 @@
+"""Drives whose torque is not what the recording calls 1 N m: a torque constant, a gear ratio."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.check.words import listed, percent
+from deltaid.effects.cause import Cause
+from deltaid.effects.effect import Effect
+from deltaid.effects.scene import Candidate, Scene
+from deltaid.estimation.problem import scatter
+
+# A drive's factor is odd where it is so many standard deviations, this much, and this share of the
+# oddest one's away from the middle of all.
+_CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
+# Directions of factors that show less than this are left out: one common to all does not show.
+_SHOWN = 1e-4
+
+
+class Gain(Effect):
+    """A factor for one drive's torque, or for each."""
+
+    kind = "drive-gain"
+
+    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+        own = scene.rows.own(scene.scaled_model)
+        for i, drive in enumerate(scene.drives):
+            yield Candidate(self.kind, drive, own[:, [i]])
+        yield Candidate(self.kind, "", own)
+
+    def subject(self, cause: Cause) -> str:
+        odd = list(odd_gains(cause))
+        return listed(odd) if len(odd) < len(cause.scene.drives) else ""
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        del subject, share
+        gains = odd_gains(cause)
+        told = listed(
+            [
+                f"{drive}'s {'torque is ' if k == 0 else ''}{percent(abs(gain))} too "
+                f"{'large' if gain > 0 else 'small'}"
+                for k, (drive, gain) in enumerate(gains.items())
+            ]
+        )
+        others = "the other drives'" if len(gains) == 1 else "the mean of the limbs' drives"
+        return 100 * max(gains.values(), key=abs), "%", f"{told} against {others}"
+
+    def why(self, cause: Cause) -> str:
+        del cause
+        return "a torque constant, rated torque or gear that is not what the mapping says"
+
+    def cure(self, cause: Cause) -> str:
+        del cause
+        return (
+            "check torque constants and gears of these drives' torque columns; a recording shows "
+            "ratios of gains only, and a second one with a known load tells each of them"
+        )
+
+
+def odd_gains(cause: Cause) -> dict[str, float]:
+    """By which share torques are too large, of the drives whose factor is not that of the others.
+
+    Of a single drive against the others; of several against the mean of the limbs' drives, since
+    a factor common to all does not show.
+    """
+    scene, drives = cause.scene, cause.scene.drives
+    named = {one.candidate.subject for one in cause.found}
+    factor, deviation = _factors(cause)
+    middle = np.median(factor)
+    apart = np.abs(factor / middle - 1.0)
+    least = np.maximum(_CLEAR * deviation, max(_ODD, _BESIDE * float(apart.max())))
+    odd = [drives.index(one) for one in named] if named != {""} and len(named) == 1 else []
+    odd = odd or np.flatnonzero(apart > least).tolist() or [int(np.argmax(apart))]
+    if len(odd) == 1:
+        others = np.delete(factor, odd[0])
+        return {drives[odd[0]]: float(factor[odd[0]] / np.median(others) - 1.0)}
+    limbs = scene.trace.dynamics.robot.limbs
+    mean = float(np.mean(factor[: limbs.count if limbs else None]))
+    gains = factor / mean - 1.0
+    shown = np.flatnonzero(np.abs(gains) > np.maximum(_CLEAR * deviation, _ODD))
+    return {drives[i]: float(gains[i]) for i in shown}
+
+
+def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
+    """What each drive's torque is of the model's, up to a common factor, and its deviation."""
+    scene, span = cause.scene, cause.scene.span
+    for one in cause.account.found:
+        if one.candidate.kind != cause.kind:
+            span = span.with_columns(one.directions)
+    own = scene.rows.own(scene.scaled_model)
+    bare = span.without(own)
+    influence = np.linalg.pinv(bare, rcond=_SHOWN).T
+    theta = influence.T @ scene.tau
+    p = span.coefficients(scene.tau - own @ theta)
+    common = float(np.sum((scene.Y @ p) * scene.scaled_model) / np.sum(scene.scaled_model**2))
+    left = span.without(scene.tau) - bare @ theta
+    freedom = max(len(left) - span.rank - len(theta), 1)
+    errors = scatter(influence, left, scene.rows.groups, freedom)
+    return (common + theta) / common, np.sqrt(np.diag(errors)) / common

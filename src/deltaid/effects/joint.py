@@ -1,0 +1,116 @@
+"""Joints with friction, and columns of torques that follow their speed and what gears carry."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.estimation.drive_rows import ColumnsOfDrives
+from deltaid.identification.traces import Trace
+from deltaid.recording.windows import Samples
+
+# A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.
+Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint with friction that moves.
+
+    Attributes:
+        name: which.
+        drive: its number; None if it is no drive.
+        viscous, coulomb: its entries in the regressor.
+        drives: whose rows these are.
+        fastest: its largest speed [rad/s or m/s].
+        moved: inertia that its gear carries more than by the parameters of the rows, and its rotor
+            has less.
+    """
+
+    name: str
+    drive: int | None
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    drives: np.ndarray
+    fastest: float = 0.0
+    moved: float = 0.0
+
+    def speed(self, entries: np.ndarray) -> np.ndarray:
+        """|v| from entries of the regressor."""
+        return entry_speeds(entries[self.viscous], entries[self.coulomb])
+
+    def load(self, carried: np.ndarray, w: Samples) -> np.ndarray:
+        """What its gear carries; zero for a passive joint."""
+        if self.drive is None:
+            return np.zeros(len(carried))
+        return carried[:, self.drive] + self.moved * w.qdd[:, self.drive]
+
+
+def joints_of(dynamics: Dynamics) -> tuple[Joint, ...]:
+    """Joints with friction, their speeds unknown."""
+    rows, columns = dynamics.regressor_pattern
+    names, robot = np.array(dynamics.layout.names)[columns], dynamics.robot
+    found = []
+    for joint in robot.friction_joints:
+        viscous = np.flatnonzero(names == f"viscous.{joint}")
+        coulomb = np.flatnonzero(names == f"coulomb.{joint}")
+        drive = robot.drives.index(joint) if joint in robot.drives else None
+        found.append(Joint(joint, drive, viscous, coulomb, rows[coulomb]))
+    return tuple(found)
+
+
+def joint_columns(
+    trace: Trace, p: Parameters, wanted: Sequence[tuple[Joint, Shape]]
+) -> ColumnsOfDrives:
+    """One filtered column for each shape of a joint.
+
+    Args:
+        p: by which it is known what gears carry.
+    """
+    counts = np.cumsum([0, *(len(joint.drives) for joint, _ in wanted)])
+    drives = np.concatenate([joint.drives for joint, _ in wanted])
+
+    def values(w: Samples) -> np.ndarray:
+        carried = trace.dynamics.carried(w.z, w.qd, w.qdd, p)
+        entries = trace.entries(w)
+        speeds = {joint.name: joint.speed(entries) for joint, _ in wanted}
+        return np.concatenate(
+            [
+                make(speeds[joint.name], entries[joint.coulomb], joint.load(carried, w))
+                for joint, make in wanted
+            ]
+        )
+
+    filtered = trace.filtered(values, drives)
+    stacked = np.zeros((trace.dynamics.dof, filtered.shape[1], len(wanted)))
+    for k, (start, stop) in enumerate(pairwise(counts)):
+        stacked[drives[start:stop], :, k] = filtered[start:stop]
+    return stacked
+
+
+def entry_speeds(
+    viscous: Float[np.ndarray, "entries samples"], coulomb: Float[np.ndarray, "entries samples"]
+) -> Float[np.ndarray, " samples"]:
+    """|v| of a joint by its viscous and Coulomb entries, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
+    return np.abs(viscous).max(axis=0) / np.maximum(np.abs(coulomb).max(axis=0), 1e-300)
+
+
+def one_way(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """A constant."""
+    del v, load
+    return np.ones_like(C)
+
+
+def one_way_speed(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """|v|, whatever the direction."""
+    del load
+    return np.broadcast_to(v, C.shape)
+
+
+def of_load(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """A share of what the gear carries."""
+    del v
+    return C * np.abs(load)

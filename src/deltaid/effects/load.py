@@ -1,0 +1,113 @@
+"""A load that is picked up or put down while recording goes on."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.check.verdict import Proposal
+from deltaid.effects.cause import Cause
+from deltaid.effects.effect import Effect
+from deltaid.effects.load_times import refined, two_levels
+from deltaid.effects.scene import Candidate, Scene
+from deltaid.estimation.span import Rows
+from deltaid.recording.recording import Recording
+
+# What may be missing of a recording that has been looked at as a whole, beside its ends [s].
+_GONE = 1.0
+# How far a span that lasts to the end of a recording goes beyond it [s].
+_BEYOND = 0.01
+
+
+class LoadChange(Effect):
+    """Parameters of a body that change between two sets of values.
+
+    The times come from its mass alone at first; then times and all that shows of the load, mass,
+    moments and inertia, are found by turns.
+    """
+
+    kind = "load-change"
+
+    def searched(self, scene: Scene, left: Rows) -> Iterable[Candidate]:
+        for body in _holders(scene):
+            mass = scene.rows.stack(scene.column(f"{body}.m"))
+            found = two_levels(scene, mass, left) if np.any(mass) else None
+            if found is None:
+                continue
+            yield self._load(scene, body, mass[:, None], found)
+            whole = _columns_of(scene, body)
+            if (better := refined(scene, whole, left, found)) is not None:
+                yield self._load(scene, body, whole, better)
+
+    def _load(
+        self,
+        scene: Scene,
+        body: str,
+        columns: Float[np.ndarray, "rows columns"],
+        held: Int[np.ndarray, " samples"],
+    ) -> Candidate:
+        """Columns while the load is held, the mass's first."""
+        at = np.flatnonzero(np.diff(held))
+        tries = float(np.log10(len(held))) * len(at)
+        rows = np.tile(held, len(scene.drives))[:, None]
+        time = scene.motion.time
+        times = tuple((0.5 * (time[at] + time[at + 1])).tolist())
+        return Candidate(self.kind, "", columns * rows, body, tries, times)
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        del subject, share
+        first, mass, times = cause.first, abs(_mass(cause)), cause.first.detail
+        told = ", ".join(f"{t:.2f}" for t in times[:4]) + (
+            f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
+        )
+        return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {told}"
+
+    def why(self, cause: Cause) -> str:
+        del cause
+        return "a load is picked up or put down while recording goes on"
+
+    def cure(self, cause: Cause) -> str:
+        del cause
+        return (
+            "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
+            "identified with the robot; else record without load"
+        )
+
+    def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
+        """Lines of a mapping that declare a load; none where not all of the recording was looked
+        at, or where a load is declared already."""
+        first, time, log = cause.first, cause.scene.motion.time, recording.log
+        start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
+        if log.columns.loads or end - start > time[-1] - time[0] + 2 * (time[0] - start) + _GONE:
+            return ()
+        shown = first.columns.reshape(len(cause.scene.drives), len(time), -1).any(axis=(0, 2))
+        changes = np.array(first.detail)
+        one = int(np.argmax(shown))
+        held_first = (np.searchsorted(changes, time[one]) % 2 == 0) == (_mass(cause) > 0)
+        ends = [*([start] if held_first else []), *changes.tolist()]
+        ends += [end + _BEYOND] if len(ends) % 2 else []
+        spans = [[round(a, 3), round(b, 3)] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+        body = () if first.words in ("EE", "P") else (("load.body", first.words),)
+        return (Proposal("mapping", (("load.name", "load"), *body, ("load.spans", spans))),)
+
+
+def _holders(scene: Scene) -> list[str]:
+    """The tool or, where there is none, the bodies that limbs carry, as far as their mass shows."""
+    robot, bodies = scene.trace.dynamics.robot, scene.trace.dynamics.layout.bodies
+    limbs = 0 if robot.limbs is None else robot.limbs.count
+    arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
+    free = ["EE"] if "EE" in bodies else [body for body in bodies if body not in arms]
+    return [body for body in free if scene.shows(f"{body}.m")]
+
+
+def _columns_of(scene: Scene, body: str) -> Float[np.ndarray, "rows columns"]:
+    """Those of a body's ten parameters that show, the mass first."""
+    names = [one.name for one in scene.trace.dynamics.layout.parameters if one.owner == body]
+    columns = [scene.column(name) for name in names if scene.shows(name)]
+    return np.stack([scene.rows.stack(x) for x in columns if np.any(x)], axis=1)
+
+
+def _mass(cause: Cause) -> float:
+    """How much heavier the robot is in the second of a load's two states [kg]."""
+    alone = cause.scene.span.without(cause.first.columns)
+    return float(np.linalg.lstsq(alone, cause.scene.tau, rcond=1e-6)[0][0])

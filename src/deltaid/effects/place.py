@@ -1,0 +1,54 @@
+"""Torques that bend with the place of the platform: lengths, zeros, mounting, springs, cables."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from deltaid.check.words import percent
+from deltaid.effects.cause import Cause
+from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.scene import Candidate, Scene
+
+# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
+# not quite white.
+_BENDS = 6.0
+
+
+class Place(Effect):
+    """Squares of the task coordinates, alone and times what the drive gives."""
+
+    kind = "geometry-or-cogging"
+
+    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+        w = scene.motion
+        middle, reach = w.z.mean(axis=0), np.maximum(np.ptp(w.z, axis=0), 1e-12)
+        x = (w.z - middle) / reach
+        dof = x.shape[1]
+        shapes = [x[:, i] for i in range(dof)]
+        shapes += [x[:, i] * x[:, j] for i in range(dof) for j in range(i, dof)]
+        alone = [scene.rows.own(w.weights.T * shape) for shape in shapes]
+        times = [scene.rows.own(scene.model * shape) for shape in shapes[:dof]]
+        for i, drive in enumerate(scene.drives):
+            columns = np.stack([one[:, i] for one in (*alone, *times)], axis=1)
+            yield self._candidate(drive, columns, _BENDS / dof)
+        yield self._candidate("", np.hstack(alone + times), _BENDS)
+
+    def _candidate(self, drive: str, columns: np.ndarray, tries: float) -> Candidate:
+        words = "the place of the platform"
+        return Candidate(self.kind, drive, columns, words, tries, bends=True)
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        follows = f"{percent(share)} of {torque_of(subject)} follows the position"
+        words = "it bends with the place of the platform"
+        return 100 * share, "%", f"{follows} and is not explained: {words}"
+
+    def why(self, cause: Cause) -> str:
+        del cause
+        return (
+            "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears "
+            "have play"
+        )
+
+    def cure(self, cause: Cause) -> str:
+        del cause
+        return "measure arms, struts and radii, set the drives' zeros anew, and look for play"

@@ -1,0 +1,36 @@
+"""Zeros of drives that are off, and a tilted base, which looks much the same."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from deltaid.effects.effect import Effect
+from deltaid.effects.scene import Candidate, Scene
+
+# Steps [rad or m] that the slope by a drive's zero is taken with.
+_STEP = 1e-4
+
+
+class Zero(Effect):
+    """The zero of a drive or of all; verdicts on wiring say how far they are off."""
+
+    kind = "homing-or-tilt"
+    is_described = False
+
+    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+        """Slopes of the torques by each zero."""
+        w, dynamics = scene.motion, scene.trace.dynamics
+        q, at = dynamics.kinematics.inverse(w.z), dynamics.torque(w.z, w.qd, w.qdd, scene.p)
+        columns = []
+        for i, drive in enumerate(scene.drives):
+            moved = q.copy()
+            moved[:, i] += _STEP
+            z, good = dynamics.kinematics.forward_unchecked(moved)
+            slope = (dynamics.torque(z, w.qd, w.qdd, scene.p) - at) / _STEP
+            slope[~good] = 0.0
+            columns.append(scene.rows.stack((slope * w.weights).T))
+            yield self._candidate(drive, columns[-1][:, None])
+        yield self._candidate("", np.stack(columns, axis=1))
+
+    def _candidate(self, drive: str, columns: np.ndarray) -> Candidate:
+        return Candidate(self.kind, drive, columns, is_preferred=True, bends=True)
