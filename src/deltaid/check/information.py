@@ -21,6 +21,7 @@ from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.words import listed
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError, IdentificationError, KinematicsError
+from deltaid.estimation.span import Span
 from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
@@ -33,8 +34,6 @@ _WELL, _NOT = 0.3, 0.9
 # An excitation is poor when a quarter of the parameters are so many times less certain than after
 # a motion within the robot's limits of the same length.
 _POOR = 6.0
-# Singular values below this share of the largest are none.
-_RANK = 1e-9
 _SHOWN = 4
 # A drive rests that moves less than this share of its usual range.
 _RESTING = 0.01
@@ -249,16 +248,10 @@ def _weights(
         if not samples or not largest:
             found.append((_USUAL_NOISE * max(float(usual[i]), np.finfo(float).tiny)) ** -2.0)
             continue
-        Y, tau = factor[:, :-1] / _norms(factor[:, :-1]), factor[:, -1]
-        p, *_ = np.linalg.lstsq(Y, tau, rcond=_RANK)
-        rms = np.linalg.norm(tau - Y @ p) / np.sqrt(samples)
+        left = Span.of(factor[:, :-1]).without(factor[:, -1])
+        rms = np.linalg.norm(left) / np.sqrt(samples)
         found.append(max(float(rms), NOISE_FLOOR * largest) ** -2.0)
     return np.array(found)
-
-
-def _norms(Y: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, " columns"]:
-    norms = np.linalg.norm(Y, axis=0)
-    return np.where(norms > 0, norms, 1.0)
 
 
 def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:

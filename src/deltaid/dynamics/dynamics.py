@@ -65,7 +65,7 @@ class Regressor(Protocol):
         ...
 
     def sparse_regressor(
-        self, z: Samples, qd: Samples, qdd: Samples, load: Samples
+        self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
         """The nonzero entries at some samples; friction that depends on load needs the load."""
         ...
@@ -131,7 +131,13 @@ class Dynamics(WithParameters, Shown, Plotted):
             KinematicsError: q closes no loop or is singular.
             DescriptionError: friction depends on load, and there is none.
         """
-        sparse = self.sparse_regressor(self.kinematics.forward(q), qd, qdd, load)
+        return self.regressor_at(self.kinematics.forward(q), qd, qdd, load)
+
+    def regressor_at(
+        self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
+    ) -> Float[np.ndarray, "samples dof parameters"]:
+        """The same at task coordinates z."""
+        sparse = self.sparse_regressor(z, qd, qdd, load)
         Y = np.zeros((sparse.values.shape[1], self.dof, len(self.layout.names)))
         Y[:, sparse.rows, sparse.columns] = sparse.values.T
         return Y

@@ -143,7 +143,7 @@ class Extended:
         self, w: Samples, load: Float[np.ndarray, "samples dof"], recording: Recording
     ) -> Values:
         """All entries along some samples; `load` is for friction that depends on it."""
-        own = self.regressor.sparse_regressor(w.z, w.qd, w.qdd, load).values
+        own = entries_at(self.regressor, w.z, w.qd, w.qdd, load)
         return np.vstack([own, *(one.entries(w, own, recording) for one in self.additions)])
 
 
@@ -170,4 +170,15 @@ def entries(
     """Entries of Y along some samples of a recording, in the order of the regressor's pattern."""
     if isinstance(regressor, Extended):
         return regressor.entries(w, load, recording)
-    return regressor.sparse_regressor(w.z, w.qd, w.qdd, load).values
+    return entries_at(regressor, w.z, w.qd, w.qdd, load)
+
+
+def entries_at(
+    regressor: Regressor,
+    z: Float[np.ndarray, "samples dof"],
+    qd: Float[np.ndarray, "samples dof"],
+    qdd: Float[np.ndarray, "samples dof"],
+    load: Float[np.ndarray, "samples dof"] | None = None,
+) -> Values:
+    """The same of a robot alone, at any samples; no other file evaluates them."""
+    return regressor.sparse_regressor(z, qd, qdd, load).values

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.estimation.span import Span
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.information import Information
 from deltaid.identification.objective import NOISE_FLOOR, noise_level
@@ -19,8 +20,6 @@ from deltaid.sensors.weighings import Weighing
 
 # Rounds at most, and the relative step below which levels have settled.
 _ROUNDS, _SETTLED = 30, 1e-3
-# Singular values below this share of the largest are zero.
-_DEPENDENT = 1e-9
 
 
 def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
@@ -62,14 +61,9 @@ def _residual(information: Information) -> Float[np.ndarray, " rows"]:
     Each channel's share of the degrees of freedom that the fit takes is given back.
     """
     factor = information.weighted()
-    Y, y = factor[:, :-1], factor[:, -1]
-    norms = np.linalg.norm(Y, axis=0)
-    norms[norms == 0] = 1.0
-    U, s, Vt = np.linalg.svd(Y / norms, full_matrices=False)
-    rank = int(np.sum(s > _DEPENDENT * s[0]))
-    half = Vt[:rank].T / s[:rank] / norms[:, None]
-    p = half @ (U[:, :rank].T @ y)
-    left = np.linalg.norm(information.factors @ np.append(-p, 1.0), axis=1)
-    weights = np.sqrt(information.weights)
-    taken = np.sum((information.factors[:, :, :-1] @ half) ** 2, axis=(1, 2)) * weights**2
+    span = Span.of(factor[:, :-1])
+    left = information.factors @ np.append(-span.coefficients(factor[:, -1]), 1.0)
+    left = np.linalg.norm(left, axis=1)
+    own = information.factors[:, :, :-1] @ span.inverse
+    taken = np.sum(own**2, axis=(1, 2)) * information.weights
     return left / np.sqrt(np.maximum(information.samples - taken, 1.0))

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
+from deltaid.identification.additions import entries_at
 
 # Samples whose regressor is in memory at once.
 _AT_ONCE = 8000
@@ -207,7 +208,7 @@ def gather_samples(
     parts = []
     for part in (slice(i, i + _AT_ONCE) for i in range(0, len(z), _AT_ONCE)):
         carried = tau[part] if load is None else load[part]
-        values = regressor.sparse_regressor(z[part], qd[part], qdd[part], carried).values
+        values = entries_at(regressor, z[part], qd[part], qdd[part], carried)
         chunks = chunks_of_drives(regressor, values, tau[part].T)
         parts.append(condense(chunks, tau[part].T, np.ones_like(tau[part].T)))
     return collect(regressor, parts, "samples")

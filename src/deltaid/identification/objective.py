@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from deltaid.estimation.span import Span
 from deltaid.identification.information import Information, triangle
 from deltaid.identification.reduction import Reduction
 from deltaid.identification.regularizer import Matrix, Regularizer, Vector
@@ -73,13 +74,9 @@ def noise_level(information: Information) -> float:
     """
     drives = information.of_drives
     factor = drives.weighted()
-    Y, tau = factor[:, :-1], factor[:, -1]
-    norms = np.linalg.norm(Y, axis=0)
-    scaled = Y / np.where(norms > 0, norms, 1.0)
-    U, singular, _ = np.linalg.svd(scaled)
-    rank = int(np.sum(singular > 1e-9 * singular[0]))
-    residual = tau - U[:, :rank] @ (U[:, :rank].T @ tau)
-    return float(np.linalg.norm(residual) / np.sqrt(max(drives.rows - rank, 1)))
+    span = Span.of(factor[:, :-1])
+    residual = span.without(factor[:, -1])
+    return float(np.linalg.norm(residual) / np.sqrt(max(drives.rows - span.rank, 1)))
 
 
 # Torques are never taken to be known better than this share of the largest one.

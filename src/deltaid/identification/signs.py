@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.span import Span
 from deltaid.identification.information import Information
 from deltaid.robot.description import RobotDescription
 
 # A drive contradicts itself when the more certain of the two is negative by so many of its standard
 # deviations. Right signs are some fifty on the other side.
 _CERTAIN = 5.0
-_DEPENDENT = 1e-9  # singular values below this share of the largest are zero
 
 CURE = (
     "likeliest a column counts the other way: check the sign of these torques and positions, then "
@@ -66,11 +66,7 @@ def row_at_home(
 ) -> Float[np.ndarray, " parameters"]:
     """The row c with c p = τ_i of a motion at home; friction that depends on load left out."""
     home = dynamics.kinematics.home[None]
-    sparse = dynamics.sparse_regressor(home, qd[None], qdd[None], np.zeros_like(home))
-    drives, columns = dynamics.regressor_pattern
-    row, own = np.zeros(len(dynamics.layout.names)), drives == i
-    row[columns[own]] = sparse.values[own, 0]
-    return row
+    return dynamics.regressor_at(home, qd[None], qdd[None], np.zeros_like(home))[0, i]
 
 
 def _probes(dynamics: Dynamics, i: int) -> Float[np.ndarray, "2 parameters"]:
@@ -96,13 +92,7 @@ def _told(
     probes: Float[np.ndarray, "2 columns"],
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """c p of the least-squares p of one drive's rows, and standard deviations for white noise."""
-    Y, tau = factor[:, :-1], factor[:, -1]
-    norms = np.linalg.norm(Y, axis=0)
-    norms[norms == 0] = 1.0
-    U, s, Vt = np.linalg.svd(Y / norms, full_matrices=False)
-    kept = s > _DEPENDENT * s[0]
-    U, s, Vt = U[:, kept], s[kept], Vt[kept]
-    projected = U.T @ tau
-    sigma = np.linalg.norm(tau - U @ projected) / np.sqrt(max(samples - len(s), 1))
-    rows = (probes / norms) @ Vt.T / s
-    return rows @ projected, sigma * np.linalg.norm(rows, axis=1)
+    span, tau = Span.of(factor[:, :-1]), factor[:, -1]
+    sigma = np.linalg.norm(span.without(tau)) / np.sqrt(max(samples - span.rank, 1))
+    rows = probes @ span.inverse
+    return probes @ span.coefficients(tau), sigma * np.linalg.norm(rows, axis=1)

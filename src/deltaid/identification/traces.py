@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
-from deltaid.identification.additions import Addition, extended
+from deltaid.identification.additions import Addition, entries_at, extended
 from deltaid.identification.information import active_columns
 from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.recording.convolution import apply
@@ -138,7 +138,7 @@ class Trace:
         load = None
         if self.dynamics.robot.load_drives:
             load = self.dynamics.carried(w.z, w.qd, w.qdd, self.load) + w.carried
-        return self.dynamics.sparse_regressor(w.z, w.qd, w.qdd, load).values
+        return entries_at(self.dynamics, w.z, w.qd, w.qdd, load)
 
 
 def trace(

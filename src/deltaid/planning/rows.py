@@ -61,10 +61,7 @@ def torques(dynamics: Dynamics, p: Parameters, motion: PlannedMotion) -> np.ndar
     load = None
     if dynamics.robot.load_drives:
         load = dynamics.carried(motion.z, motion.qd, motion.qdd, p)
-    sparse = dynamics.sparse_regressor(motion.z, motion.qd, motion.qdd, load)
-    Y = np.zeros((len(motion.z), dynamics.dof, len(p)))
-    Y[:, sparse.rows, sparse.columns] = sparse.values.T
-    return Y
+    return dynamics.regressor_at(motion.z, motion.qd, motion.qdd, load)
 
 
 def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) -> Extended:

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
+from deltaid.identification.additions import entries_at
 from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
@@ -150,12 +151,11 @@ def _rows(
     """X, y, weights, Y and τ of a window."""
     columns, own = recording.log.columns, len(dynamics.layout.parameters)
     drives, entries = dynamics.regressor_pattern
-    load = np.zeros_like
 
     def of(w: Samples) -> np.ndarray:
         shown = columns.shown(w.extra)
         free = ~columns.held(w.time, w.extra).any(axis=0)
-        Y = dynamics.sparse_regressor(w.z, w.qd, w.qdd, load(w.qd)).values
+        Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
         parts = [w.weighted(Y, drives), w.weighted(w.tau.T, np.arange(dynamics.dof))]
         for sensor in sensors:
             values = shown[sensor.name]

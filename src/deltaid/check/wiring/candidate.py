@@ -116,12 +116,12 @@ class Candidate:
             return False
         if plain.changes:
             return True
-        surely = self.residual.A.shape[1] * np.log(plain.left / self.left) > _SURELY
+        surely = len(self.residual.Y) * np.log(plain.left / self.left) > _SURELY
         return bool(surely and plain.left > _BETTER * self.left)
 
     def as_likely_as(self, best: "Candidate") -> bool:
         """Whether noise can have made the difference to what leaves least."""
-        rows = self.residual.A.shape[1]
+        rows = len(self.residual.Y)
         return bool(rows * np.log(self.left**2 / best.left**2) < _CERTAIN)
 
 

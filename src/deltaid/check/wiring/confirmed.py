@@ -8,15 +8,15 @@ beside the description alone.
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from deltaid.check.wiring.homing import BLOCKS, Shifts
+from deltaid.check.wiring.homing import Shifts
 from deltaid.check.wiring.zeros import likeliest, seen
 from deltaid.dynamics.parameters import parameter_layout
+from deltaid.estimation.span import Span
 from deltaid.identification.additions import extended
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometry import geometric_rows
@@ -26,7 +26,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
 # What columns are made of [rad or m; rad], and singular values that count.
-_SIZE, _DEPENDENT = 1e-3, 1e-9
+_SIZE = 1e-3
 # Zeros and tilts beyond this [rad or m] are no likelier than another law of friction; smaller ones
 # are believed unless the law explains more than chance: twice a logarithm of likelihoods, which
 # noise that is not white raises several times.
@@ -96,12 +96,4 @@ def _rows(problem: FittedProblem, recording: Recording, without: frozenset[str])
 
 def _shifts(rows: _Rows) -> Shifts:
     """What rows say of zeros and gravity beside their columns."""
-    norms = np.linalg.norm(rows.Y, axis=0)
-    U, s, _ = np.linalg.svd(rows.Y / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    Q = U[:, s > _DEPENDENT * s[0]]
-    D, e = (x - Q @ (Q.T @ x) for x in (rows.D, rows.tau))
-    count = len(e) // rows.drives
-    edges = np.linspace(0, count, BLOCKS + 1).astype(int)
-    products = (D * e[:, None]).reshape(rows.drives, count, -1).sum(axis=0)
-    scores = np.stack([products[a:b].sum(axis=0) for a, b in pairwise(edges)])
-    return Shifts(D.T @ D, scores, float(e @ e), len(e), rows.drives, rows.angles)
+    return Shifts.of(Span.of(rows.Y), rows.D, rows.tau, rows.drives, rows.angles)

@@ -17,6 +17,7 @@ from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.span import Span
 
 # Blocks of time, step of the slopes [rad or m], and spread of the prior.
 BLOCKS, _STEP, _SPREAD = 24, 1e-4, 0.5
@@ -44,6 +45,23 @@ class Shifts:
     rows: int
     drives: int
     angles: int
+
+    @classmethod
+    def of(
+        cls,
+        span: Span,
+        D: Float[np.ndarray, "rows columns"],
+        tau: Float[np.ndarray, " rows"],
+        drives: int,
+        angles: int,
+    ) -> "Shifts":
+        """From columns and torques as rows of drives under each other, and what explains them."""
+        D, e = span.without(D), span.without(tau)
+        count = len(e) // drives
+        edges = np.linspace(0, count, BLOCKS + 1).astype(int)
+        products = (D * e[:, None]).reshape(drives, count, -1).sum(axis=0)
+        scores = np.stack([products[a:b].sum(axis=0) for a, b in pairwise(edges)])
+        return cls(D.T @ D, scores, float(e @ e), len(e), drives, angles)
 
     @property
     def homing(self) -> list[int]:
@@ -103,22 +121,14 @@ class Shifts:
 def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     """What a recording says about zeros and gravity, the rest being as a candidate has it."""
     found = best.residual
-    dof, C = dynamics.dof, len(found.norms)
-    rows = np.arange(dof) * dof + np.array(best.order)
-    tau = best.gains @ found.A[C:][rows]
+    dof = dynamics.dof
+    tau = found.torques(best.order, best.gains)
     p = _parameters(dynamics, best, tau)
     D = _columns(dynamics, motion, best, p)
     angles = len(D) - dof
     D = np.concatenate([D, _others(dof, motion, best)])
     D = (D[:, :, found.keep] * found.weights[:, None]).reshape(len(D), -1)
-    Y = found.A[:C]
-    D = D - (D @ Y.T @ found.inverse) @ Y
-    e = tau - (tau @ Y.T @ found.inverse) @ Y
-    count = int(found.keep.sum())
-    edges = np.linspace(0, count, BLOCKS + 1).astype(int)
-    products = (D * e).reshape(len(D), dof, count).sum(axis=1)
-    scores = np.stack([products[:, a:b].sum(axis=1) for a, b in pairwise(edges)])
-    return Shifts(D @ D.T, scores, float(e @ e), len(e), dof, angles)
+    return Shifts.of(found.span, D.T, tau, dof, angles)
 
 
 def _parameters(
@@ -126,14 +136,12 @@ def _parameters(
 ) -> Float[np.ndarray, " parameters"]:
     """All parameters: from the prior as far as the torques ask for it."""
     found = best.residual
-    prior, C = prior_parameters(dynamics.robot), len(found.norms)
+    prior = prior_parameters(dynamics.robot)
     scale = np.array([one.scale for one in dynamics.layout.parameters])[found.columns]
-    reach = _SPREAD * scale * found.norms
-    noise = (best.left**2) * float(tau @ tau) / len(tau)
-    G = found.G[:C, :C]
-    right = found.A[:C] @ tau - G @ (prior[found.columns] * found.norms)
-    x = np.linalg.solve(G + np.diag(noise / reach**2), right)
-    prior[found.columns] += x / found.norms
+    noise = best.left * np.linalg.norm(tau) / np.sqrt(len(tau))
+    A = np.vstack([found.Y / noise, np.diag(1.0 / (_SPREAD * scale))])
+    b = np.append((tau - found.Y @ prior[found.columns]) / noise, np.zeros(len(scale)))
+    prior[found.columns] += Span.of(A).coefficients(b)
     return prior
 
 

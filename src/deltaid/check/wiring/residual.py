@@ -1,9 +1,8 @@
 """What least squares leaves of torques, for every order, sign and gain of their columns at once.
 
-With the columns [Y, E_11, E_12, …], E_ij the torque column j in the rows of drive i, their products
-give S = Eᵀ(1 − Y Y⁺)E: the residual of any assignment u of torque columns to drives, with signs and
-gains, is uᵀS u, and its share of the torques uᵀS u / uᵀD u with D = diag ‖E_ij‖². What is less than
-1e-6 of the torques need not be seen, so normal equations do.
+E_ij is the torque column j in the rows of drive i, and S = Eᵀ(1 − Y Y⁺)E. So the residual of any
+assignment u of torque columns to drives, with signs and gains, is uᵀS u, and its share of the
+torques uᵀS u / uᵀD u with D = diag ‖E_ij‖².
 """
 
 from dataclasses import dataclass
@@ -14,10 +13,10 @@ from jaxtyping import Bool, Float
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.span import Span
+from deltaid.identification.additions import entries_at
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
-# Singular values below this share of the largest are zero.
-_DEPENDENT = 1e-6
 # Weight of a drive at rest, whose torque friction balances as it likes.
 _AT_REST = 1e-3
 
@@ -82,8 +81,8 @@ class Residual:
     Attributes:
         map: of the positions.
         poses: of the samples.
-        G: products of [Y, E], columns of Y scaled by `norms`.
-        inverse: (YᵀY)⁺.
+        Y, E: weighted rows, one drive under the other.
+        span: of Y.
         S: residual of E, (drives², drives²), by drive i and column j.
         D: squares of E's columns, (drives, drives).
         weights: of the rows of each drive.
@@ -91,15 +90,14 @@ class Residual:
         prior: root mean square of the torque at the prior.
         still: drives at rest, whose torques are friction's and tell no sign.
         keep: which of the kept samples are used.
-        A: weighted rows of [Y, E], (columns + drives², drives · samples); Y scaled by `norms`.
+        columns: parameters that columns of Y stand for.
     """
 
     map: Map
     poses: Poses
-    G: Float[np.ndarray, "n n"]
-    inverse: Float[np.ndarray, "columns columns"]
-    norms: Float[np.ndarray, " columns"]
-    columns: np.ndarray
+    Y: Float[np.ndarray, "rows columns"]
+    E: Float[np.ndarray, "rows pairs"]
+    span: Span
     S: Float[np.ndarray, "pairs pairs"]
     D: Float[np.ndarray, "dof dof"]
     weights: Float[np.ndarray, " dof"]
@@ -107,7 +105,7 @@ class Residual:
     prior: Float[np.ndarray, " dof"]
     still: Bool[np.ndarray, " dof"]
     keep: Bool[np.ndarray, " kept"]
-    A: Float[np.ndarray, "n rows"]
+    columns: np.ndarray
 
     def of(self, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """S and D of one order of the torque columns, for their gains."""
@@ -125,24 +123,19 @@ class Residual:
 
         So a drive that is explained well by itself gets no weight from a large gain.
         """
-        n, C = len(order), len(self.norms)
-        by = np.abs(gains)[:, None]
-        A = self.A.reshape(len(self.A), n, -1)
-        at = C + np.arange(n) * n + np.array(order)
-        tau = (np.sign(gains) @ A[at].reshape(n, -1)).ravel()
-        Y = (A[:C] / by).reshape(C, -1)
-        values, vectors = np.linalg.eigh(Y @ Y.T)
-        shown = values > _DEPENDENT**2 * values[-1]
-        told = vectors[:, shown].T @ (Y @ tau)
-        size = float(tau @ tau)
-        return float(np.sqrt(max(size - float(np.sum(told**2 / values[shown])), 0.0) / size))
+        by = np.repeat(np.abs(gains), len(self.Y) // len(order))
+        tau = self.torques(order, gains) / by
+        left = Span.of(self.Y / by[:, None]).without(tau)
+        return float(np.linalg.norm(left) / np.linalg.norm(tau))
+
+    def torques(self, order: tuple[int, ...], gains: np.ndarray) -> Float[np.ndarray, " rows"]:
+        """Torque columns in an order, times gains, as weighted rows."""
+        n = len(order)
+        return self.E[:, np.arange(n) * n + np.array(order)] @ gains
 
     def parameters(self, order: tuple[int, ...], gains: np.ndarray) -> np.ndarray:
         """The least-squares parameters of the visible columns, of least norm."""
-        n, at = len(order), len(self.norms)
-        u = np.zeros(n * n)
-        u[np.arange(n) * n + np.array(order)] = gains
-        return self.inverse @ (self.G[:at, at:] @ u) / self.norms
+        return self.span.coefficients(self.torques(order, gains))
 
 
 def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
@@ -156,8 +149,7 @@ def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
 def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> Residual | None:
     dof = dynamics.dof
     qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
-    sparse = dynamics.sparse_regressor(found.z, qd, qdd, motion.load)
-    values = np.where(found.good, sparse.values, 0.0)
+    values = np.where(found.good, entries_at(dynamics, found.z, qd, qdd, motion.load), 0.0)
     Y = motion.filtered(values)
     keep = motion.awake
     if not found.good.all():
@@ -172,23 +164,18 @@ def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> R
     prior = np.sqrt(np.mean(expected**2, axis=1))
     still = ~motion.moves[list(map.order)]
     weights = np.where(still, _AT_REST, 1.0) / np.maximum(prior, 1e-3 * prior.max())
-    C, k = len(columns), Y.shape[1]
-    A = np.zeros((C + dof * dof, dof, k))
+    count = Y.shape[1]
+    rows_of_Y, E = np.zeros((dof, count, len(columns))), np.zeros((dof, count, dof, dof))
     for i in range(dof):
-        A[np.searchsorted(columns, entries[rows == i]), i] = weights[i] * Y[rows == i]
-        A[C + i * dof : C + (i + 1) * dof, i] = weights[i] * tau
-    A = A.reshape(len(A), -1)
-    norms = np.linalg.norm(A[:C], axis=1)
-    norms[norms == 0] = 1.0
-    A[:C] /= norms[:, None]
-    G = A @ A.T
-    values, vectors = np.linalg.eigh(G[:C, :C])
-    shown = values > _DEPENDENT**2 * values[-1]
-    inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T
-    S = G[C:, C:] - G[C:, :C] @ inverse @ G[:C, C:]
-    D = np.diag(G)[C:].reshape(dof, dof)
+        own = np.searchsorted(columns, entries[rows == i])
+        rows_of_Y[i][:, own] = weights[i] * Y[rows == i].T
+        E[i, :, i] = weights[i] * tau.T
+    Y, E = rows_of_Y.reshape(dof * count, -1), E.reshape(dof * count, -1)
+    span = Span.of(Y)
+    left = span.without(E)
+    D = np.sum(E**2, axis=0).reshape(dof, dof)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
     along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
     return Residual(
-        map, found, G, inverse, norms, columns, S, D, weights, along, prior, still, keep, A
+        map, found, Y, E, span, left.T @ left, D, weights, along, prior, still, keep, columns
     )
