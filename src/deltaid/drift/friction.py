@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.errors import DeltaidError
+from deltaid.estimation.problem import LinearProblem
 from deltaid.factors.alike import require_alike
 from deltaid.factors.file import FactorFile
 from deltaid.factors.merged import Merging
@@ -186,36 +187,31 @@ def _day(
     known[unknowns.at[~(bodies & held)]] = 0.0
     noise = np.maximum(np.array(one.record.noise), 1e-12)
     count = np.maximum(part.information.samples[:dof], 1.0)
+    seen = (unknowns.drives == np.arange(dof)[:, None]) | (unknowns.drives < 0)
 
-    def system(given: Information) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        H = np.zeros((len(unknowns.at), len(unknowns.at)))
-        N, g = np.zeros_like(H), np.zeros(len(H))
-        for i in range(dof):
-            F = given.factors[i]
-            seen = (unknowns.drives == i) | (unknowns.drives < 0)
-            X = F[:, unknowns.at] * seen
-            r = F[:, -1] - F[:, :-1] @ known
-            N += X.T @ X / noise[i] ** 2
-            g += X.T @ r / noise[i] ** 2
-            own = X * (unknowns.drives == i)
-            H += own.T @ own / count[i]
-        return N, g, H
+    def rows(given: Information) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of one stretch over the unknowns, and what is left of its torques."""
+        F = given.factors / noise[:, None, None]
+        X = F[:, :, unknowns.at] * seen[:, None, :]
+        left = F[:, :, -1] - F[:, :, :-1] @ known
+        return X.reshape(-1, X.shape[2]), left.ravel()
 
-    N, g, H = system(part.information)
-    prior = np.diag(unknowns.precision)
-    size = np.sqrt(np.maximum(np.diag(N + prior), 1e-300))
-    inverse = np.linalg.pinv((N + prior) / np.outer(size, size), hermitian=True)
-    inverse = inverse / np.outer(size, size)
-    values = inverse @ (g + prior @ unknowns.mean)
-    scores = []
-    for stretch in part.stretches:
-        N_k, g_k, _ = system(stretch)
-        scores.append(g_k - N_k @ values)
-    S = np.stack(scores)
-    K = len(S)
+    stretches = [rows(stretch) for stretch in part.stretches]
+    groups = np.repeat(np.arange(len(stretches)), [len(b) for _, b in stretches])
+    measured = LinearProblem(
+        np.vstack([A for A, _ in stretches]),
+        np.concatenate([b for _, b in stretches]),
+        groups,
+        values=float(part.information.samples.sum()),
+    )
+    size = np.sqrt(unknowns.precision[bodies])
+    D = np.eye(len(bodies))[bodies] * size[:, None]
+    problem = measured.with_known(D, size * unknowns.mean[bodies])
+    own = part.information.factors[:, :, unknowns.at] * (seen & ~bodies)[:, None, :]
+    products = np.einsum("inu,inv,i->uv", own, own, 1.0 / count)
     # What has one stretch only tells nothing of its noise.
-    spread = S.T @ S * (K / (K - 1) if K > 1 else np.nan) + prior
-    return DayFriction(values, inverse @ spread @ inverse, H)
+    covariance = problem.covariance() if len(stretches) > 1 else np.full(D.shape[1:] * 2, np.nan)
+    return DayFriction(problem.x, covariance, products)
 
 
 def _weights(
