@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.identification.information import Information
-from deltaid.identification.reduction import INTERIOR
+from deltaid.estimation.information import Information
+from deltaid.estimation.reduction import INTERIOR
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 

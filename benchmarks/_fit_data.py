@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.gathering import gather
-from deltaid.identification.information import Information, gather_samples, merge
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.surrogate import (
     SensorNoise,

@@ -46,13 +46,13 @@ from _fit_data import DURATION, RATE, Truth, impossible, recorded
 from _timing import machine, measure
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.conic import Conic
-from deltaid.identification.information import Information
-from deltaid.identification.log_cholesky import LogCholesky
-from deltaid.identification.objective import default_gamma
-from deltaid.identification.posing import pose
-from deltaid.identification.reduction import build_reduction
-from deltaid.identification.solver import Solution
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import Information
+from deltaid.estimation.log_cholesky import LogCholesky
+from deltaid.estimation.objective import default_gamma
+from deltaid.estimation.posing import pose
+from deltaid.estimation.reduction import build_reduction
+from deltaid.estimation.solver import Solution
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (

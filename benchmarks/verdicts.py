@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from _table import leave
 
-from deltaid.check.verdict import Grade
+from deltaid.model.verdict import Grade
 from faults import KINDS, Case, clean, faulty
 from faults.score import Score, said_of, score
 

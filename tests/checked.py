@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 import deltaid
-from deltaid.check.verdict import Verdict
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.model.verdict import Verdict
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot, yaml_text
 

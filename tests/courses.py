@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter

@@ -10,8 +10,8 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.estimation.scatter import inverse
 from deltaid.identification.identify import identify
-from deltaid.identification.scatter import inverse
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion

@@ -15,13 +15,13 @@ from scipy.signal import lfilter
 
 from courses import Courses
 from deltaid.dynamics.dynamics import compiled
+from deltaid.estimation.additions import extended
+from deltaid.estimation.base_parameters import base_parameters
+from deltaid.estimation.information import Information, merge
+from deltaid.estimation.scatter import Groups, Noise, inverse
 from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.identification.additions import extended
-from deltaid.identification.base_parameters import base_parameters
 from deltaid.identification.gathering import gather_all
-from deltaid.identification.information import Information, merge
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
-from deltaid.identification.scatter import Groups, Noise, inverse
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.recording.recording import open_recordings

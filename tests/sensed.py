@@ -9,12 +9,12 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import prior_scale
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.fit import FittedProblem, fit, with_geometry
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.new_entries import with_new_entries
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import prior_scale
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import Settings

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.identification.fit import fit
 from deltaid.identification.judgement import judged_base, judged_parameters
 from deltaid.model.record import Settings

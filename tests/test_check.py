@@ -12,7 +12,7 @@ from deltaid.check.information import checked_information
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import as_written, changes, mended
 from deltaid.check.run import OF_ROBOT, of_robot, verdicts
-from deltaid.check.verdict import Grade, Verdict, worst
+from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from sweeps import swept
 

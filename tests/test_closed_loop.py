@@ -9,7 +9,6 @@ from scipy.signal import butter, sosfiltfilt
 from deltaid.check.closed_loop import checked_feedback, shaken
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import tuned
 from deltaid.control.tracking import Drives, track
@@ -17,6 +16,7 @@ from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.model import Model
 from deltaid.model.record import Settings
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.memory import Recording

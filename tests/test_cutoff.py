@@ -9,8 +9,8 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.estimation.information import merge
 from deltaid.identification.gathering import gather
-from deltaid.identification.information import merge
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording.convolution import apply

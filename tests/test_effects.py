@@ -27,7 +27,17 @@ main()
 
 def files() -> set[str]:
     """Modules of effects, without what they have in common."""
-    common = {"__init__", "all", "cause", "contest", "effect", "joint", "load_times", "scene"}
+    common = {
+        "__init__",
+        "all",
+        "cause",
+        "contest",
+        "effect",
+        "joint",
+        "lag_columns",
+        "load_times",
+        "scene",
+    }
     return {path.stem for path in (PACKAGE / "effects").glob("*.py")} - common
 
 

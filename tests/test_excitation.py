@@ -162,7 +162,7 @@ def test_a_stopped_search_still_gives_a_feasible_motion(exciters) -> None:
 
 
 def test_predicted_deviations_are_those_of_repeated_identification(exciters, found) -> None:
-    from deltaid.identification.information import gather_samples
+    from deltaid.estimation.information import gather_samples
     from deltaid.identification.least_squares import estimate_base
 
     exciter = exciters["clavel-delta3"]

@@ -93,7 +93,7 @@ def test_friction_of_any_law_is_a_combination(law: dict[str, object], within: fl
 
 def _apart(robot) -> float:
     """How far columns of a robot are from combinations of those that are gathered, as a share."""
-    from deltaid.identification.additions import extended
+    from deltaid.estimation.additions import extended
 
     dynamics, simple = compiled(robot), plain(robot)
     columns = GatheredColumns.of(robot, prior_parameters(simple))

@@ -9,7 +9,6 @@ import pytest
 from command import run
 from deltaid import load_mapping, load_robot, use_mechanism
 from deltaid.check.evidence import evidence
-from deltaid.check.verdict import Grade
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
@@ -17,6 +16,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
+from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,

@@ -7,8 +7,8 @@ import pytest
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
+from deltaid.estimation.information import merge
 from deltaid.identification.gathering import gather
-from deltaid.identification.information import merge
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters

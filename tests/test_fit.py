@@ -9,19 +9,19 @@ from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError
-from deltaid.identification import conic
-from deltaid.identification.conic import Conic
-from deltaid.identification.information import Information, active_columns, gather_samples
-from deltaid.identification.log_cholesky import LogCholesky, Unconstrained
-from deltaid.identification.log_cholesky_map import LogCholeskyMap
-from deltaid.identification.objective import (
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import Information, active_columns, gather_samples
+from deltaid.estimation.log_cholesky import LogCholesky, Unconstrained
+from deltaid.estimation.log_cholesky_map import LogCholeskyMap
+from deltaid.estimation.objective import (
     Objective,
     data_term,
     default_gamma,
     noise_level,
 )
-from deltaid.identification.posing import METRICS
-from deltaid.identification.reduction import INTERIOR, build_reduction
+from deltaid.estimation.posing import METRICS
+from deltaid.estimation.reduction import INTERIOR, build_reduction
+from deltaid.identification import conic
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription

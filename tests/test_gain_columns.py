@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.identification.gains import SPREAD, Gains
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording

@@ -9,10 +9,10 @@ from scipy.linalg import qr
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.base_parameters import _pivots, base_parameters
+from deltaid.estimation.base_parameters import _pivots, base_parameters
+from deltaid.estimation.information import gather_samples, merge
 from deltaid.identification.gathering import BLOCKS, gather, places_of
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.information import gather_samples, merge
 from deltaid.identification.least_squares import estimate_base, identify_base
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
@@ -113,7 +113,7 @@ def test_formulas_read_as_the_mechanism_says() -> None:
 
 
 def test_equal_coefficients_are_factored() -> None:
-    from deltaid.identification.base_parameters import BaseGroup
+    from deltaid.estimation.base_parameters import BaseGroup
 
     layout = compiled(load_robot(ROBOT)).layout
     at = {name: i for i, name in enumerate(layout.names)}

@@ -10,8 +10,8 @@ from scipy import stats
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.scatter import Scatter
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.scatter import Scatter
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel

@@ -11,8 +11,8 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.lags import Lags, estimate_lags
-from deltaid.identification.traces import Trace, trace
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters

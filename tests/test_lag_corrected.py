@@ -7,24 +7,24 @@ import polars as pl
 import pytest
 
 from deltaid.check.identified import identify as checked
-from deltaid.check.verdict import Grade
 from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.lag_columns import slope
 from deltaid.errors import DeltaidError
+from deltaid.estimation.traces import trace
 from deltaid.forces.ranges import evidence
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.identify import identify
-from deltaid.identification.lag_columns import slope
 from deltaid.identification.lag_groups import agree, chosen_groups
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Setup
-from deltaid.identification.traces import trace
 from deltaid.identification.validation import validate
 from deltaid.identification.velocity_stage import late_rate, late_rates_left_out
 from deltaid.model.corrections import Correction
 from deltaid.model.events import Event
 from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.opening import open_log

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.identification.reduction import build_reduction
+from deltaid.estimation.reduction import build_reduction
 from deltaid.population.belonging import LeftOut, _belonging, chance
 from deltaid.population.belonging import left_out as left_out_of
 from deltaid.population.coordinates import Coordinates, _kind

@@ -9,7 +9,6 @@ import pytest
 
 from command import run
 from deltaid.check.identified import identify as judged
-from deltaid.check.verdict import Grade
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError, UnknownNameError
 from deltaid.identification.gains import Gains, gains
@@ -21,6 +20,7 @@ from deltaid.identification.study import studied
 from deltaid.identification.validation import validate
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.carried import Load

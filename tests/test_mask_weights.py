@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.information import Information, merge
 from deltaid.identification.gathering import gather
-from deltaid.identification.information import Information, merge
 from deltaid.identification.torque_error import torque_error
 from deltaid.recording.masks.masks import Mask, Weights, kept
 from deltaid.recording.recording import with_filter

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 import deltaid
-from deltaid.check.verdict import Grade
+from deltaid.model.verdict import Grade
 from deltaid.notebook.card import Card, text
 from deltaid.notebook.show import _KINDS
 from html_page import HOSTILE, Document

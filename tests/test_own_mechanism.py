@@ -9,15 +9,15 @@ import deltaid
 from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import active_columns, gather_samples
+from deltaid.estimation.log_cholesky import LogCholesky
+from deltaid.estimation.posing import pose
+from deltaid.estimation.reduction import build_reduction
 from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.identification.conic import Conic
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
-from deltaid.identification.information import active_columns, gather_samples
-from deltaid.identification.log_cholesky import LogCholesky
-from deltaid.identification.posing import pose
-from deltaid.identification.reduction import build_reduction
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel, Settings

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.identification.reduction import build_reduction
+from deltaid.estimation.reduction import build_reduction
 from deltaid.population.belonging import left_out
 from deltaid.population.coordinates import KINDS, VAGUE, Coordinates, _kind
 from deltaid.population.mixed import Mean, Rows, mean, slope

@@ -9,10 +9,10 @@ import pypdfium2
 import pytest
 from playwright import sync_api
 
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.validation import validate
 from deltaid.model.model import load
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.report.check_tables import short_table
 from deltaid.report.page import write_page
 from deltaid.report.validation import validation_page

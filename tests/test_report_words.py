@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.dynamics.dynamics import compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.model.corrections import Correction
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.report.check import check_page
 from deltaid.report.check_tables import page_table, short_table
 from deltaid.report.corrected import corrected

@@ -10,7 +10,7 @@ import pytest
 
 from deltaid.check.evidence import evidence
 from deltaid.check.residual import checked_residual
-from deltaid.check.verdict import Grade, Verdict
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
 from sweeps import swept
 from test_lag import DURATION, RATE, frame, moving

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.identification.information import Information
-from deltaid.identification.scatter import Groups, Noise, Scatter, half_width, inverse, observe
+from deltaid.estimation.information import Information
+from deltaid.estimation.scatter import Groups, Noise, Scatter, half_width, inverse, observe
 
 SAMPLES, SIGMA = 60, 0.4
 TIME = np.split(np.arange(SAMPLES), 6)

@@ -17,10 +17,10 @@ from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.run import verdicts
 from deltaid.check.sensing.misfit import Misfit
 from deltaid.check.sensors import _along, sensor_verdicts
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.model.record import Settings
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import deltaid
 from deltaid.dynamics.dynamics import compiled
-from deltaid.identification.additions import extended
+from deltaid.estimation.additions import extended
+from deltaid.estimation.scatter import Scatter
 from deltaid.identification.identify import identify
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.scatter import Scatter
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings

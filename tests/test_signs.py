@@ -11,13 +11,13 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
+from deltaid.estimation.information import gather_samples
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.posing import minimise
+from deltaid.estimation.solver import Solution, Solver
 from deltaid.identification.fit import fit
 from deltaid.identification.identify import identify
-from deltaid.identification.information import gather_samples
-from deltaid.identification.objective import Objective
-from deltaid.identification.posing import minimise
 from deltaid.identification.signs import against_motion, told
-from deltaid.identification.solver import Solution, Solver
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.recording import open_recordings

@@ -9,14 +9,14 @@ import pytest
 
 from command import run
 from deltaid.check.identified import Judged
-from deltaid.check.verdict import Grade as CheckGrade
-from deltaid.check.verdict import Verdict
 from deltaid.check.verdicts import Verdicts
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.verdict import Grade as CheckGrade
+from deltaid.model.verdict import Verdict
 from deltaid.report.identification import identification_page
 from deltaid.report.model_tables import error_table
 from deltaid.report.page import Fact, Table

@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.geometry import across, geometric_errors
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
-from deltaid.identification.base_parameters import BaseParameters
+from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.least_squares import identify_base
 from deltaid.model.parameter_record import Parameter

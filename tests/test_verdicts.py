@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.dynamics.dynamics import compiled
+from deltaid.model.verdict import Grade, Verdict
 from faults import LEAST, Case, clean, fault
 from faults.score import said_of, score
 from faults.shown import shown

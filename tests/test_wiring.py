@@ -11,7 +11,6 @@ import pytest
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.candidate import assigned
 from deltaid.check.wiring.homing import shifts
 from deltaid.check.wiring.motion import motion
@@ -22,6 +21,7 @@ from deltaid.check.wiring.zeros import _zero
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.record import Settings
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping

@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.homing import BLOCKS, Shifts
 from deltaid.check.wiring.zeros import _good, _verdict
 from deltaid.dynamics.geometry import across
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.mapping import ColumnMapping, DriveColumn
 from deltaid.robot.load import load_robot
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from deltaid.check.identified import identify
     from deltaid.check.run import verdicts
-    from deltaid.check.verdict import Grade, Proposal, Verdict
     from deltaid.check.verdicts import Verdicts
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from deltaid.model.model import Model, load
     from deltaid.model.record import IdentifiedModel, Settings
     from deltaid.model.samples import Samples
+    from deltaid.model.verdict import Grade, Proposal, Verdict
     from deltaid.online.online import Online, OnlineEstimate
     from deltaid.online.settings import OnlineSettings
     from deltaid.planning.bench import PlanSettings
@@ -60,7 +60,7 @@ _HOME = {
     "ExcitationSettings": "deltaid.excitation.excite",
     "Exciter": "deltaid.excitation.excite",
     "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
-    "Grade": "deltaid.check.verdict",
+    "Grade": "deltaid.model.verdict",
     "Identification": "deltaid.identification.identify",
     "IdentifiedModel": "deltaid.model.record",
     "Load": "deltaid.recording.carried",
@@ -70,7 +70,7 @@ _HOME = {
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
     "MechanismParts": "deltaid.mechanism.own",
-    "Proposal": "deltaid.check.verdict",
+    "Proposal": "deltaid.model.verdict",
     "Recording": "deltaid.recording.memory",
     "Offers": "deltaid.planning.offers",
     "Online": "deltaid.online.online",
@@ -82,7 +82,7 @@ _HOME = {
     "Samples": "deltaid.model.samples",
     "Settings": "deltaid.model.record",
     "Validation": "deltaid.identification.validation",
-    "Verdict": "deltaid.check.verdict",
+    "Verdict": "deltaid.model.verdict",
     "Verdicts": "deltaid.check.verdicts",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",

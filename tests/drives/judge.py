@@ -15,11 +15,11 @@ import casadi as ca
 import numpy as np
 
 from deltaid.check.identified import Judged as Identified
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.kernel.batch import BatchKernel
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from drives.happening import Contact, Happening, Span, within
 from drives.rows import Case

@@ -9,8 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from deltaid.check.run import verdicts
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.errors import DescriptionError
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
 from faults.case import Case
 

@@ -19,10 +19,10 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, Rows
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import percent
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.fit import FittedProblem
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import percent
 from deltaid.recording.recording import Recording
 
 # Rows of a segment of the spectra, and segments at least.

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from deltaid.check.verdict import Grade, Proposal, Verdict
-from deltaid.check.words import listed
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.model.verdict import Grade, Proposal, Verdict
+from deltaid.model.words import listed
 from deltaid.robot.description import RobotDescription
 
 # A start for friction that nobody has measured: Coulomb friction as a share of the torque that

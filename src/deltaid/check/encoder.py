@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.spectra import bandwidth, step_of
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import listed, percent
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.recording import Recording
 

@@ -8,7 +8,6 @@ from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
-from deltaid.check.verdict import KEYS, Grade, Verdict
 from deltaid.check.verdicts import Verdicts
 from deltaid.check.wiring.confirmed import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
@@ -17,6 +16,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.corrections import Correction
 from deltaid.model.settings import Settings, settings_of
+from deltaid.model.verdict import KEYS, Grade, Verdict
 from deltaid.posterior.intervals import with_posterior_intervals
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each

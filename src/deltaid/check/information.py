@@ -17,16 +17,16 @@ from jaxtyping import Float
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.motions import Candidate, candidates
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import listed
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError, IdentificationError, KinematicsError
+from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.information import Information, merge
+from deltaid.estimation.objective import NOISE_FLOOR
 from deltaid.estimation.span import Span
-from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
-from deltaid.identification.information import Information, merge
-from deltaid.identification.objective import NOISE_FLOOR
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed
 
 # A base parameter is identifiable when the recording leaves less than this share of the prior's
 # standard deviation open, and not identifiable when it leaves more than the other.

@@ -7,7 +7,7 @@ description may be, and so are refused when their file is loaded.
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from deltaid.check.verdict import Grade, Proposal, Verdict
+from deltaid.model.verdict import Grade, Proposal, Verdict
 
 # m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
 _GIANT, _DWARF = 10.0, 0.005

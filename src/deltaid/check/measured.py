@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltaid.check.priors import size_of
-from deltaid.check.verdict import Grade, Proposal, Verdict
 from deltaid.dynamics.parameters import parameter_layout, stated_spreads
+from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.weighings import Weighing, weighings

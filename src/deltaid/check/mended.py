@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from deltaid.check.lengths import checked_lengths
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.errors import DescriptionError
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.columns import Columns
 from deltaid.recording.mapping import QUANTITIES, ColumnMapping
 from deltaid.recording.resolution import si_unit

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.information import Information, gather_samples
+from deltaid.estimation.information import Information, gather_samples
 from deltaid.motion.random_motion import random_motion
 
 _SAMPLES, _PERIOD, _SLOWER = 400, 10.0, 20.0

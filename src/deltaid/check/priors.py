@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.check.verdict import Grade, Proposal, Verdict
+from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia

@@ -15,14 +15,14 @@ from deltaid.check.resonance import resonances
 from deltaid.check.spectra import bandwidth
 from deltaid.check.torque_lag import lag_verdicts
 from deltaid.check.unexplained import largest_torques, longest, unexplained, white_share
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import percent
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import Effect
+from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
-from deltaid.identification.lag_columns import UnknownLag
 from deltaid.identification.study import Study
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import percent
 from deltaid.recording.recording import Recording
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.check.spectra import density
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import listed, percent
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed, percent
 
 # Lines are looked for above so many times the motion's fastest part, and above so many Hz: below,
 # what a model lacks has lines of its own.

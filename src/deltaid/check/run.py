@@ -19,14 +19,14 @@ from deltaid.check.priors import checked_priors
 from deltaid.check.residual import checked_residual
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
-from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.verdicts import Verdicts
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.check.workspace import checked_workspace
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
-from deltaid.identification.information import Information, merge
+from deltaid.estimation.information import Information, merge
 from deltaid.model.settings import Settings, settings_of
+from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
 from deltaid.recording.memory import Recording, RecordingLike, as_sources

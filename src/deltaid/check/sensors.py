@@ -16,10 +16,10 @@ from deltaid.check.sensing.lateness import lag_of
 from deltaid.check.sensing.misfit import Found, Misfit
 from deltaid.check.sensing.sheet import Sensed, Sheet, sheet
 from deltaid.check.sensing.told import mapped, told
-from deltaid.check.verdict import Grade, Proposal, Verdict, worst
-from deltaid.check.words import percent
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
+from deltaid.model.verdict import Grade, Proposal, Verdict, worst
+from deltaid.model.words import percent
 from deltaid.recording.recording import Recording
 from deltaid.robot.sensors import BaseWrench, Sensor
 

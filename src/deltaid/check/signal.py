@@ -8,8 +8,8 @@ from deltaid.check.encoder import checked_encoder, moving
 from deltaid.check.evidence import Evidence
 from deltaid.check.spectra import bandwidth, step_of, white_noise
 from deltaid.check.spectra import jitter as jitter_of
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import percent
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import percent
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.recording import Recording

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import listed, percent
 from deltaid.identification.study import Study, spoilt
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed, percent
 
 # A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
 _SPOILT = 0.05

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from deltaid.check.mended import Data, changes, files_of, mended, to_paste, written_out
-from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
+from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
 from deltaid.recording.opening import resolved_table

@@ -5,13 +5,13 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.verdict import Grade, Verdict
-from deltaid.check.words import listed, percent
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed, percent
 from deltaid.robot.description import RobotDescription
 
 # Poses that are looked at, and the share of them that may break a limit at the workspace's edge.

@@ -10,7 +10,7 @@ from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
-    from deltaid.identification.base_parameters import BaseParameters
+    from deltaid.estimation.base_parameters import BaseParameters
     from deltaid.identification.least_squares import BaseEstimate
 
 
@@ -111,7 +111,7 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
 
 def _free(dynamics: "Dynamics") -> int:
     """Number of optimisation variables of the consistent fit."""
-    from deltaid.identification.information import active_columns
-    from deltaid.identification.reduction import build_reduction
+    from deltaid.estimation.information import active_columns
+    from deltaid.estimation.reduction import build_reduction
 
     return build_reduction(dynamics.robot, active_columns(dynamics)).size

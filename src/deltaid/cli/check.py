@@ -11,7 +11,7 @@ from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
 
 if TYPE_CHECKING:
     from deltaid.check.mended import Changes, Data, File
-    from deltaid.check.verdict import Verdict
+    from deltaid.model.verdict import Verdict
     from deltaid.recording.mapping import ColumnMapping
     from deltaid.report.drawing import Drawing
 
@@ -49,10 +49,10 @@ def check(
     Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
     """
     from deltaid.check.run import verdicts
-    from deltaid.check.verdict import worst
     from deltaid.cli.output import console, positive, print_json, progress, require_outputs
     from deltaid.files import together
     from deltaid.model.record import Settings
+    from deltaid.model.verdict import worst
 
     logs = logs or []
     positive("--cutoff", cutoff)
@@ -190,7 +190,7 @@ def _drawn(robot: str) -> "Drawing | None":
 def as_dictionary(robot: str, found: "Sequence[Verdict]") -> dict[str, Any]:
     """All verdicts as one JSON object."""
     from deltaid.check.mended import as_written
-    from deltaid.check.verdict import worst
+    from deltaid.model.verdict import worst
 
     return {
         "robot": as_written(robot).get("name"),

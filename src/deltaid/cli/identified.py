@@ -127,7 +127,7 @@ def _of_positions(source: "Source") -> str:
 
 def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
-    from deltaid.identification.posing import SOLVERS
+    from deltaid.estimation.posing import SOLVERS
     from deltaid.recording.repairs import WHY_REPAIRED
     from deltaid.report.left_out import reversals
     from deltaid.report.shares import shares_sentence

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 from deltaid.check.priors import checked_priors
 from deltaid.check.run import of_robot
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.workspace import checked_workspace
 from deltaid.drafting.draft import Draft
 from deltaid.drafting.questions import Group, asked
 from deltaid.drafting.text import written
 from deltaid.drafting.workspace import find_space, height
 from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import described_in
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from deltaid.effects.effect import Effect
+from deltaid.effects.lag_columns import slopes
 from deltaid.effects.scene import Candidate, Scene
 
 
@@ -13,6 +14,6 @@ class Delay(Effect):
     is_described = False
 
     def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        slopes = scene.trace.slopes(scene.p)
-        yield Candidate(self.kind, "", scene.rows.stack(slopes)[:, None])
-        yield Candidate(self.kind, "", scene.rows.own(slopes))
+        columns = slopes(scene.trace, scene.p)
+        yield Candidate(self.kind, "", scene.rows.stack(columns)[:, None])
+        yield Candidate(self.kind, "", scene.rows.own(columns))

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.check.words import percent
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
 from deltaid.effects.scene import Candidate, Scene
+from deltaid.model.words import percent
 
 # Time constants of warming up, as shares of the recording.
 _WARM = (0.1, 0.25, 0.6)

@@ -8,10 +8,10 @@ which explain more than chance; an effect words what was found of it.
 from collections.abc import Iterable
 from typing import ClassVar
 
-from deltaid.check.verdict import Proposal
 from deltaid.effects.cause import Cause
 from deltaid.effects.scene import Candidate, Scene
 from deltaid.estimation.span import Rows
+from deltaid.model.verdict import Proposal
 from deltaid.recording.recording import Recording
 
 # The share that a single drive explains of what all do, where it is about this one.

@@ -4,11 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.check.words import percent
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
 from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
 from deltaid.effects.scene import Candidate, Scene
+from deltaid.model.words import percent
 
 # Speeds within which friction near rest falls, as shares of a joint's largest.
 _KNEES = (0.03, 0.08, 0.2)

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.words import listed, percent
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect
 from deltaid.effects.scene import Candidate, Scene
 from deltaid.estimation.problem import scatter
+from deltaid.model.words import listed, percent
 
 # A drive's factor is odd where it is so many standard deviations, this much, and this share of the
 # oddest one's away from the middle of all.

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.drive_rows import ColumnsOfDrives
-from deltaid.identification.traces import Trace
+from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
 
 # A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.

@@ -5,12 +5,12 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.check.verdict import Proposal
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect
 from deltaid.effects.load_times import refined, two_levels
 from deltaid.effects.scene import Candidate, Scene
 from deltaid.estimation.span import Rows
+from deltaid.model.verdict import Proposal
 from deltaid.recording.recording import Recording
 
 # What may be missing of a recording that has been looked at as a whole, beside its ends [s].

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.check.words import percent
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
 from deltaid.effects.scene import Candidate, Scene
+from deltaid.model.words import percent
 
 # Decades that torques over the place must be more surprising: so many shapes bend to noise that is
 # not quite white.

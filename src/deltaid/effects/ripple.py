@@ -4,11 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.check.words import percent
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
 from deltaid.effects.scene import Candidate, Scene
 from deltaid.estimation.span import Rows
+from deltaid.model.words import percent
 
 # Waves of a ripple over a drive's stroke.
 _WAVES = np.arange(1.0, 81.0, 0.5)

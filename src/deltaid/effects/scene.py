@@ -10,10 +10,10 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
 from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.information import active_columns
 from deltaid.estimation.span import Rows, Span
-from deltaid.identification.information import active_columns
-from deltaid.identification.trace_rows import parameters_of
-from deltaid.identification.traces import Trace
+from deltaid.estimation.trace_rows import parameters_of
+from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
 
 # Sweeps of a fit with a factor for each drive; directions that show less are left out.

@@ -11,6 +11,8 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.regularizer import parameter_scale
 from deltaid.excitation.by_bodies import by_bodies
 from deltaid.excitation.criterion import Criterion
 from deltaid.excitation.graph import ExcitationGraph
@@ -21,9 +23,7 @@ from deltaid.excitation.problem import ExcitationProblem, Torques, Velocity, Wei
 from deltaid.excitation.run import Run, plan_run, run_use
 from deltaid.excitation.series import Series
 from deltaid.excitation.settings import ExcitationSettings
-from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.regularizer import parameter_scale
 from deltaid.model.model import ModelLike, load
 from deltaid.progress import watched
 from deltaid.shown import Plotted, Reported, Shown, Tabled

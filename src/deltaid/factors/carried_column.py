@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter

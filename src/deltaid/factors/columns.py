@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.estimation.additions import Addition, Extended, extended
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.information import active_columns
 from deltaid.factors.carried_column import CarriedColumns
 from deltaid.factors.speed_columns import SpeedColumns
-from deltaid.identification.additions import Addition, Extended, extended
-from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.information import active_columns
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 

@@ -9,6 +9,9 @@ from jaxtyping import Float
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.lag_columns import LagColumns, alone
+from deltaid.estimation.information import Information, merge, triangle
+from deltaid.estimation.places import Places
 from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.condensed import Condensed, Group, Groups, counts
 from deltaid.factors.file import FactorFile
@@ -18,11 +21,8 @@ from deltaid.factors.target import map_to
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
-from deltaid.identification.information import Information, merge, triangle
-from deltaid.identification.lag_columns import LagColumns, alone
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.places import Places
 from deltaid.identification.warmth import Warmth
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.information import Information, merge, triangle
 from deltaid.factors.columns import GatheredColumns
 from deltaid.factors.condensed import Group
 from deltaid.factors.file import FactorFile
 from deltaid.factors.target import Map, map_to
-from deltaid.identification.additions import Addition
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.geometry import GeometricRows
-from deltaid.identification.information import Information, merge, triangle
 from deltaid.identification.load_columns import LoadColumns
 
 # Stretches of all recordings together at most; of more recordings each is one stretch.

@@ -7,10 +7,10 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.additions import Addition
 from deltaid.factors.columns import GatheredColumns, plain
 from deltaid.factors.file import FactorFile
 from deltaid.factors.merged import Merging, merged
-from deltaid.identification.additions import Addition
 from deltaid.identification.balance import balanced
 from deltaid.identification.fit import FittedProblem, fit_to, widened
 from deltaid.identification.friction_curves import LawConstants

@@ -5,6 +5,7 @@ from importlib.metadata import version
 import numpy as np
 
 from deltaid.check.identified import Judged
+from deltaid.effects.lag_columns import LagColumns
 from deltaid.factors.condensed import Condensed
 from deltaid.factors.record import (
     FactorRecord,
@@ -14,7 +15,6 @@ from deltaid.factors.record import (
     Temperature,
 )
 from deltaid.identification.assembled import doubts_of_fit
-from deltaid.identification.lag_columns import LagColumns
 from deltaid.identification.warmth import temperature
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.recording import Recording

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import entry_speeds
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter

@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.estimation.additions import Addition
 from deltaid.factors.columns import GatheredColumns
 from deltaid.factors.speed_columns import Shape, SpeedColumns
-from deltaid.identification.additions import Addition
 from deltaid.identification.friction_curves import LawConstants, term_values
 from deltaid.identification.friction_shapes import slopes
 from deltaid.robot.friction_terms import FrictionTerm

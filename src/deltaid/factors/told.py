@@ -3,11 +3,11 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from deltaid.check.verdict import KEYS, Grade, Verdict
 from deltaid.errors import RecordingError
 from deltaid.factors.file import FactorFile
 from deltaid.factors.record import SeenVerdict
 from deltaid.model.corrections import Correction
+from deltaid.model.verdict import KEYS, Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.estimation.information import Information
 from deltaid.factors.alike import require_alike
 from deltaid.factors.file import FactorFile
 from deltaid.factors.merged import merged
 from deltaid.factors.problem import merging_of
-from deltaid.identification.information import Information
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import known_load
 from deltaid.identification.torque_error import TorqueError

@@ -9,9 +9,9 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
+from deltaid.estimation.conic import svec
+from deltaid.estimation.information import triangle
 from deltaid.forces.unknowns import Unknowns
-from deltaid.identification.conic import svec
-from deltaid.identification.information import triangle
 
 # Half the width of a 95 % interval in standard deviations.
 REACH = 1.959963984540054

@@ -8,7 +8,7 @@ consistency. The range of c·p is its least and largest value over all consisten
 
 where u are the unknowns in units of their prior's standard deviation (`forces.unknowns`), m²
 the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
-by the scatter of the recordings as for all intervals (`identification.scatter`). Without active
+by the scatter of the recordings as for all intervals (`estimation.scatter`). Without active
 cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
 triangular R of data and prior, it is a linear function over a ball and cones (`forces.ball`).
 """
@@ -24,20 +24,20 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import DescriptionError, RecordingError
+from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.objective import NOISE_FLOOR
+from deltaid.estimation.scatter import Groups, half_width
 from deltaid.forces.ball import REACH, Ball
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.balance import balanced
-from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometry import Geometry, geometry
-from deltaid.identification.information import Information, triangle
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.scatter import Groups, half_width
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings

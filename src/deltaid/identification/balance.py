@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.estimation.information import Information
+from deltaid.estimation.objective import NOISE_FLOOR, noise_level
 from deltaid.estimation.span import Span
 from deltaid.identification.gathering import Gathered
-from deltaid.identification.information import Information
-from deltaid.identification.objective import NOISE_FLOOR, noise_level
 from deltaid.sensors.weighings import Weighing
 
 # Rounds at most, and the relative step below which levels have settled.

@@ -8,13 +8,13 @@ import numpy as np
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.scatter import quantile
+from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.compliance_fit import compliances
 from deltaid.identification.compliance_found import Found
 from deltaid.identification.lag_stage import lags_put_right, without_lags
-from deltaid.identification.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study, studied
-from deltaid.identification.traces import Trace, trace
 from deltaid.identification.windings import motors_of
 from deltaid.model.corrections import Correction
 from deltaid.recording.recording import Recording

@@ -25,12 +25,12 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.estimation.drive_rows import stretch_starts
+from deltaid.estimation.trace_rows import Sheet
+from deltaid.estimation.traces import Trace
 from deltaid.identification.compliance_found import Found, Groups
-from deltaid.identification.compliance_rows import Columns, Rows, slopes
+from deltaid.identification.compliance_rows import Columns, Rows, late
 from deltaid.identification.lag_groups import agree
 from deltaid.identification.setup import Setup
-from deltaid.identification.trace_rows import Sheet
-from deltaid.identification.traces import Trace
 from deltaid.identification.windings import Compliance, Windings, motors_of, wound
 from deltaid.recording.gears import Gears
 
@@ -222,7 +222,7 @@ class _Fit:
 
         now = at(s)
         more = [at(s + step) for step in steps.T]
-        return self.rows.sheet(now, p, _slopes_over(now, more, steps, p), slopes(now, p))
+        return self.rows.sheet(now, p, _slopes_over(now, more, steps, p), late(now, p))
 
     def _clean(
         self, one: Windings, s: Compliance, steps: Groups, p: Parameters
@@ -240,7 +240,7 @@ class _Fit:
                 along.trace,
                 p,
                 _slopes_over(along.trace, [along.turned(step) for step in steps.T], steps, p),
-                slopes(along.trace, p),
+                late(along.trace, p),
             ).A
             for along in (motor, link)
         )

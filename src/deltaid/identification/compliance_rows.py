@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.lag_columns import slopes
 from deltaid.estimation.drive_rows import of_own_drives
+from deltaid.estimation.trace_rows import Sheet, TraceRows
+from deltaid.estimation.traces import Trace
 from deltaid.identification.setup import Setup
-from deltaid.identification.trace_rows import Sheet, TraceRows
-from deltaid.identification.traces import Trace
 from deltaid.recording.windows import Samples
 
 Columns = Float[np.ndarray, "dof samples columns"]
@@ -56,7 +57,7 @@ class Rows:
         sheets = [
             replace(
                 one,
-                A=np.concatenate([one.A[..., :first], slopes(now, p), one.A[..., first:]], axis=2),
+                A=np.concatenate([one.A[..., :first], late(now, p), one.A[..., first:]], axis=2),
             )
             for one, now in zip(sheets, traces, strict=True)
         ]
@@ -88,9 +89,9 @@ class Rows:
         return p[: len(p) - sum(len(one.parameters) for one in self.rows.additions)]
 
 
-def slopes(now: Trace, p: Parameters) -> Columns:
+def late(now: Trace, p: Parameters) -> Columns:
     """−τ̇ of each drive, in a column of its own."""
-    return of_own_drives(now.slopes(p)[:, :, None])
+    return of_own_drives(slopes(now, p)[:, :, None])
 
 
 def _friction(now: Trace, p: Parameters) -> Columns:

@@ -24,12 +24,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import sparse
 
-from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.conic import normalised, svec
-from deltaid.identification.free_body import Block
-from deltaid.identification.information import Information
-from deltaid.identification.objective import NOISE_FLOOR, Objective
-from deltaid.identification.scatter import Noise, half_width, quantile
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.conic import normalised, svec
+from deltaid.estimation.free_body import Block
+from deltaid.estimation.information import Information
+from deltaid.estimation.objective import NOISE_FLOOR, Objective
+from deltaid.estimation.scatter import Noise, half_width, quantile
 from deltaid.identification.sources import Sources
 from deltaid.model.parameter_record import Share
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from deltaid.estimation.scatter import inverse
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.scatter import inverse
 from deltaid.sensors.weighings import Weighing, weighings
 
 # Standard deviations apart that are no chance, and what is left of a fact's row where all else

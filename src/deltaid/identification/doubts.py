@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from deltaid.estimation.objective import NOISE_FLOOR
+from deltaid.estimation.scatter import quantile
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.scatter import quantile
 from deltaid.identification.signs import CURE, against_motion, told
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters

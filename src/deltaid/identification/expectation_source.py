@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
-from deltaid.identification.additions import Addition, Extended, entries, extended, extended_layout
-from deltaid.identification.information import active_columns
+from deltaid.estimation.additions import Addition, Extended, entries, extended, extended_layout
+from deltaid.estimation.information import active_columns
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples

@@ -10,20 +10,20 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.additions import Addition, extended
+from deltaid.estimation.additions import Addition, extended
+from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.information import Information
+from deltaid.estimation.objective import Objective, noise_level
+from deltaid.estimation.posing import SOLVERS, minimise, pose
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.scatter import Groups
+from deltaid.estimation.solver import Solution
 from deltaid.identification.balance import balanced
-from deltaid.identification.base_parameters import BaseParameters, base_parameters
 from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.geometry import Geometry, geometry
-from deltaid.identification.information import Information
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.objective import Objective, noise_level
-from deltaid.identification.posing import SOLVERS, minimise, pose
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.scatter import Groups
 from deltaid.identification.signs import CURE, against_motion, told
-from deltaid.identification.solver import Solution
 from deltaid.identification.widening import Evidence, evidence, told_priors
 from deltaid.model.corrections import Correction
 from deltaid.model.record import Settings

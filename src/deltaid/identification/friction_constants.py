@@ -14,11 +14,11 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.effects.contest import surprise
 from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
+from deltaid.estimation.information import triangle
 from deltaid.estimation.span import Rows, lengths
 from deltaid.identification.friction_options import FORMS, of_slope, of_term
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.friction_shapes import CONSTANTS, moved
-from deltaid.identification.information import triangle
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm

@@ -19,13 +19,13 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import entry_speeds
-from deltaid.identification.additions import Addition, Values
+from deltaid.estimation.additions import Addition, Values
+from deltaid.estimation.free_body import free_coefficients
+from deltaid.estimation.objective import data_term
+from deltaid.estimation.posing import METRICS
+from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.free_body import free_coefficients
 from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
-from deltaid.identification.objective import data_term
-from deltaid.identification.posing import METRICS
-from deltaid.identification.reduction import build_reduction
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve
 from deltaid.recording.recording import Recording

@@ -18,14 +18,14 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.contest import surprise
 from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
+from deltaid.effects.lag_columns import LagColumns, alone
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import level_along
 from deltaid.estimation.span import Columns, Rows, Span
-from deltaid.identification.additions import Addition
-from deltaid.identification.information import active_columns
-from deltaid.identification.lag_columns import LagColumns, alone
-from deltaid.identification.trace_rows import parameters_of
-from deltaid.identification.traces import Trace, trace
+from deltaid.estimation.trace_rows import parameters_of
+from deltaid.estimation.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
 

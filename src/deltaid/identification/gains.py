@@ -22,9 +22,9 @@ from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
+from deltaid.estimation.free_body import Free
 from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.free_body import Free
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction

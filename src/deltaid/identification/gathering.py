@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
-from deltaid.identification.additions import Extended, entries
-from deltaid.identification.information import (
+from deltaid.estimation.additions import Extended, entries
+from deltaid.estimation.information import (
     Chunk,
     Condensed,
     Information,
@@ -24,9 +24,9 @@ from deltaid.identification.information import (
     merge,
     triangle,
 )
+from deltaid.estimation.places import Places, Visits
 from deltaid.identification.load_slope import LoadSlope
 from deltaid.identification.measured_rows import MeasuredRows, Shown
-from deltaid.identification.places import Places, Visits
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
 

@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
-from deltaid.identification.base_parameters import BaseParameters, base_parameters
-from deltaid.identification.information import Information, gather_samples, triangle
+from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.information import Information, gather_samples, triangle
 from deltaid.motion.random_motion import random_motion
 from deltaid.sensors.of_robot import all_sensor_rows
 from deltaid.sensors.rows import SensorRows

@@ -19,12 +19,12 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import geometric_errors
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.additions import Addition, Extended, extended
-from deltaid.identification.base_parameters import BaseParameters
+from deltaid.estimation.additions import Addition, Extended, extended
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.information import Information, active_columns
+from deltaid.estimation.regularizer import parameter_scale
 from deltaid.identification.gathering import thinned
-from deltaid.identification.information import Information, active_columns
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.regularizer import parameter_scale
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Window
 from deltaid.robot.tolerances import Tolerances

@@ -10,9 +10,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.identification.additions import Addition
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.assembled import assembled
-from deltaid.identification.base_parameters import BaseParameters
 from deltaid.identification.fit import (
     FittedProblem,
     Progress,

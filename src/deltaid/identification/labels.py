@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
+from deltaid.estimation.regularizer import prior_scale
 from deltaid.identification.consistent_range import ConsistentRanges, Range
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.regularizer import prior_scale
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Origin, Share
 from deltaid.robot.parameter import ADDED

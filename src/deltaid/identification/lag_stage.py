@@ -7,13 +7,13 @@ from itertools import islice
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.lag_columns import LagColumns, LagGroup, UnknownLag, subjects
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.identification.additions import Addition
-from deltaid.identification.lag_columns import LagColumns, LagGroup, UnknownLag, subjects
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.lag_groups import chosen_groups, common_lag
 from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.traces import Trace, trace
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording

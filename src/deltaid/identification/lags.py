@@ -18,13 +18,14 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.lag_columns import slopes
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
-from deltaid.identification.additions import Addition
+from deltaid.estimation.scatter import quantile
+from deltaid.estimation.trace_rows import Sheet, TraceRows
+from deltaid.estimation.traces import Delay, Trace
 from deltaid.identification.lag_groups import common_lag
 from deltaid.identification.reversal_lags import lags_of_reversals
-from deltaid.identification.scatter import quantile
-from deltaid.identification.trace_rows import Sheet, TraceRows
-from deltaid.identification.traces import Delay, Trace
 
 # Lags that can be found [s].
 REACH = 0.02
@@ -182,7 +183,7 @@ class _Fit:
 
     def _with_lags(self, sheet: Sheet, one: Trace, p: Parameters) -> Sheet:
         """Rows of a trace, with slopes −τ̇ of the torques of p for the lags of all."""
-        own = of_own_drives(one.slopes(p, self.rows.additions)[:, :, None])
+        own = of_own_drives(slopes(one, p, self.rows.additions)[:, :, None])
         lags = [
             own if trace.recording is one.recording else np.zeros_like(own) for trace in self.traces
         ]

@@ -16,13 +16,9 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.identification.balance import balanced
-from deltaid.identification.base_parameters import BaseParameters, base_parameters
-from deltaid.identification.gathering import gather_all, places_of, whitened
-from deltaid.identification.geometry import geometry, nearest
-from deltaid.identification.information import Information, triangle
-from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.scatter import (
+from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.scatter import (
     Groups,
     Noise,
     Sums,
@@ -31,6 +27,10 @@ from deltaid.identification.scatter import (
     observe,
     quantile,
 )
+from deltaid.identification.balance import balanced
+from deltaid.identification.gathering import gather_all, places_of, whitened
+from deltaid.identification.geometry import geometry, nearest
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
 from deltaid.recording.mapping import ColumnMappings

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.additions import Addition, Own, Values
-from deltaid.identification.free_body import Free, free_body
+from deltaid.estimation.additions import Addition, Own, Values
+from deltaid.estimation.free_body import Free, free_body
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import Load, carrier

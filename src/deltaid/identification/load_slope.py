@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.identification.additions import Extended
+from deltaid.estimation.additions import Extended
 from deltaid.recording.windows import Samples
 
 

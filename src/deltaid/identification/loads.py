@@ -14,11 +14,11 @@ import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.identification.additions import Addition, extended
+from deltaid.estimation.additions import Addition, extended
+from deltaid.estimation.posing import pose
+from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.load_columns import LoadColumns, Ten
-from deltaid.identification.posing import pose
-from deltaid.identification.reduction import build_reduction
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad

@@ -21,11 +21,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
+from deltaid.estimation.objective import NOISE_FLOOR
+from deltaid.estimation.regularizer import prior_scale
+from deltaid.estimation.scatter import inverse
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.least_squares import BaseEstimate
-from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.regularizer import prior_scale
-from deltaid.identification.scatter import inverse
 from deltaid.model.posterior_record import PosteriorRecord
 
 # Half the width of a 95 % interval in standard deviations.

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Regressor
-from deltaid.identification.additions import Extended
-from deltaid.identification.information import Chunk, active_columns
+from deltaid.estimation.additions import Extended
+from deltaid.estimation.information import Chunk, active_columns
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.recording.carried import carrier

@@ -27,7 +27,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.identification.additions import Addition
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.traces import Delay, Trace
 from deltaid.identification.torque_steps import (
     Steps,
     behind_filter,
@@ -37,7 +38,6 @@ from deltaid.identification.torque_steps import (
     misfit,
     sharp,
 )
-from deltaid.identification.traces import Delay, Trace
 from deltaid.recording.windows import WINDOW, Samples
 
 # Samples to either side of a reversal that are looked at beyond what may be lagged by; those nearer

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording

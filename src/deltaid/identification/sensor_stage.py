@@ -5,7 +5,7 @@ from itertools import islice
 
 import numpy as np
 
-from deltaid.identification.additions import Addition
+from deltaid.estimation.additions import Addition
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.new_entries import with_new_entries
 from deltaid.identification.sensor_columns import SensorColumns

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.identification.additions import Addition
+from deltaid.estimation.additions import Addition
 from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction, Kind

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.information import Information
 from deltaid.estimation.span import Span
-from deltaid.identification.information import Information
 from deltaid.robot.description import RobotDescription
 
 # A drive contradicts itself when the more certain of the two is negative by so many of its standard

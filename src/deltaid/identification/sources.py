@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.information import Information
-from deltaid.identification.scatter import Noise
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.information import Information
+from deltaid.estimation.scatter import Noise
 
 Combinations = Float[np.ndarray, "n combinations"]
 

@@ -14,14 +14,15 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.contest import SEEN, Account, account, surprise
+from deltaid.effects.lag_columns import slopes
 from deltaid.effects.scene import Candidate, Scene
 from deltaid.errors import RecordingError
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
+from deltaid.estimation.information import active_columns
 from deltaid.estimation.span import Rows, Span
-from deltaid.identification.additions import Addition
-from deltaid.identification.information import active_columns
+from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.lags import Lag, estimate_lags
-from deltaid.identification.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.parameter import PRIOR_SPREAD
@@ -104,8 +105,8 @@ def studied(
         return None
     lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
     common, each = lags.common(0), lags.each(0)
-    Y, slopes = record.regressor(beside), record.slopes(lags.p[: len(dynamics.layout.names)])
-    explained = np.concatenate([Y, slopes[:, :, None]], axis=2)
+    Y, own = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
+    explained = np.concatenate([Y, slopes(record, own)[:, :, None]], axis=2)
     rows = DriveRows.by_noise(explained, record.torques())
     scene, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)

@@ -7,11 +7,11 @@ from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
+from deltaid.estimation.information import triangle
+from deltaid.estimation.objective import NOISE_FLOOR
+from deltaid.estimation.regularizer import prior_scale
+from deltaid.estimation.scatter import half_width
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.information import triangle
-from deltaid.identification.objective import NOISE_FLOOR
-from deltaid.identification.regularizer import prior_scale
-from deltaid.identification.scatter import half_width
 from deltaid.identification.sources import Sources
 
 # Others whose priors a parameter rests on are named until they make up this share of what priors

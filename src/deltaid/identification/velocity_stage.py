@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import stretch_starts
-from deltaid.identification.scatter import quantile
+from deltaid.estimation.scatter import quantile
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction

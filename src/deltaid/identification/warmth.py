@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
+from deltaid.estimation.additions import Addition, Values
 from deltaid.estimation.span import Rows
-from deltaid.identification.additions import Addition, Values
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag_stage import without_lags

@@ -29,12 +29,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_solve, solve_triangular
 
-from deltaid.identification.base_parameters import BaseParameters
-from deltaid.identification.information import triangle
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.information import triangle
+from deltaid.estimation.reduction import Reduction
+from deltaid.estimation.regularizer import parameter_scale
+from deltaid.estimation.scatter import inverse
 from deltaid.identification.least_squares import BaseEstimate
-from deltaid.identification.reduction import Reduction
-from deltaid.identification.regularizer import parameter_scale
-from deltaid.identification.scatter import inverse
 from deltaid.model.corrections import Correction
 
 # A factor counts when twice the logarithm of the evidence grows by so much. Entries that gain less

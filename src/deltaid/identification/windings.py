@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.identification.traces import Trace
+from deltaid.estimation.traces import Trace
 from deltaid.recording.filter import HIGHEST, LowPass
 from deltaid.recording.gears import Gears, convolved
 from deltaid.recording.windows import Samples

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from deltaid.check.verdict import Grade
 from deltaid.identification.identify import Identification
+from deltaid.model.verdict import Grade
 from deltaid.notebook import models
 from deltaid.notebook.card import Card
 from deltaid.report.check_tables import page_table

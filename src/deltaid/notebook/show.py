@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 # Class, by the module that it lives in, and the module here that shows it.
 _KINDS = {
-    "check.verdict.Verdict": "verdicts",
+    "model.verdict.Verdict": "verdicts",
     "check.verdicts.Verdicts": "verdicts",
     "control.simulation.Path": "values",
     "dynamics.dynamics.Dynamics": "robots",
@@ -23,7 +23,7 @@ _KINDS = {
     "excitation.excite.Exciter": "exciters",
     "excitation.run.Run": "runs",
     "forces.constraint_forces.ConstraintForces": "robots",
-    "identification.base_parameters.BaseParameters": "values",
+    "estimation.base_parameters.BaseParameters": "values",
     "identification.identify.Identification": "identifications",
     "identification.torque_error.TorqueError": "values",
     "identification.validation.Validation": "validations",

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from deltaid.check.mended import files_of
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.verdicts import Verdicts
 from deltaid.errors import DeltaidError
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.notebook.card import Card
 from deltaid.report.check_tables import page_table, tally
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.words import listed, percent
 from deltaid.errors import Doubt
 from deltaid.model.model import Model
+from deltaid.model.words import listed, percent
 from deltaid.online.found import HeldLoad, Touch
 from deltaid.online.gripping import gripper_doubts
 from deltaid.online.lags import judged_lag

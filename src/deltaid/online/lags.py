@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.words import listed
 from deltaid.errors import Doubt, RecordingError
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
+from deltaid.model.words import listed
 from deltaid.online.found import HeldLoad
 from deltaid.online.rows import Replay
 from deltaid.recording.carried import Load

@@ -11,11 +11,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.check.words import percent
 from deltaid.errors import Doubt, RecordingError
 from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
+from deltaid.model.words import percent
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.speeds import Speeds, speeds_of
 from deltaid.online.wired import judged_wiring

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.check.evidence import evidence
-from deltaid.check.verdict import Grade
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.errors import Doubt, RecordingError
 from deltaid.model.model import Model
+from deltaid.model.verdict import Grade
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
-from deltaid.identification.reduction import Reduction, build_reduction
+from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
 from deltaid.robot.parameter import PRIOR_SPREAD

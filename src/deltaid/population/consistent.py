@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import IdentificationError
-from deltaid.identification.conic import Conic
-from deltaid.identification.information import triangle
-from deltaid.identification.objective import DataTerm, Objective
-from deltaid.identification.regularizer import QuadraticTerm, Regularizer
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import triangle
+from deltaid.estimation.objective import DataTerm, Objective
+from deltaid.estimation.regularizer import QuadraticTerm, Regularizer
 from deltaid.population.coordinates import Coordinates
 
 # Eigenvalues of a covariance below this share of the largest are rounding.

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.identification.information import triangle
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import prior_scale
+from deltaid.estimation.information import triangle
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import prior_scale
 from deltaid.model.record import Settings
 from deltaid.population.member import Fact, Member
 from deltaid.robot.description import RobotDescription

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from deltaid.errors import IdentificationError
-from deltaid.identification.scatter import half_width
+from deltaid.estimation.scatter import half_width
 from deltaid.population.belonging import ANYTHING, LEAST, Sorted, left_out, sorted_out
 from deltaid.population.consistent import consistent
 from deltaid.population.coordinates import Coordinates

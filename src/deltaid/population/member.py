@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
+from deltaid.estimation.information import triangle
+from deltaid.estimation.scatter import inverse
 from deltaid.factors.alike import require_alike
 from deltaid.factors.file import FactorFile
 from deltaid.factors.laws import asked_for
 from deltaid.factors.problem import fitted
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.information import triangle
-from deltaid.identification.scatter import inverse
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.identification.information import triangle
+from deltaid.estimation.information import triangle
 from deltaid.population.belonging import Sorted
 from deltaid.population.coordinates import Coordinates
 from deltaid.population.mixed import Rows, mean

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.identification.conic import normalised
-from deltaid.identification.free_body import Block
-from deltaid.identification.reduction import INTERIOR, Reduction
+from deltaid.estimation.conic import normalised
+from deltaid.estimation.free_body import Block
+from deltaid.estimation.reduction import INTERIOR, Reduction
 
 Entries = Float[np.ndarray, "entries points"]
 

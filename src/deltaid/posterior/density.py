@@ -19,10 +19,10 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import DescriptionError, IdentificationError
-from deltaid.identification.information import triangle
-from deltaid.identification.posing import METRICS
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import Regularizer, SpectralTerm
+from deltaid.estimation.information import triangle
+from deltaid.estimation.posing import METRICS
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import Regularizer, SpectralTerm
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel
 from deltaid.posterior.cones import Cones

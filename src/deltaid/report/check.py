@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from deltaid.check.verdict import Grade as CheckGrade
-from deltaid.check.verdict import Verdict
+from deltaid.model.verdict import Grade as CheckGrade
+from deltaid.model.verdict import Verdict
 from deltaid.report.check_tables import page_table
 from deltaid.report.corrected import in_words
 from deltaid.report.drawing import Drawing

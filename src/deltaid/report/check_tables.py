@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from deltaid.check.verdict import Grade, Verdict
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.report.table import Table
 
 COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")

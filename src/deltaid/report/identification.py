@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording
 from deltaid.report.animation import animation, recorded_motion

@@ -5,8 +5,8 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
+from deltaid.estimation.information import triangle
 from deltaid.identification.identify import Identification
-from deltaid.identification.information import triangle
 from deltaid.report import style
 from deltaid.report.model_tables import base_table
 from deltaid.report.numbers import number

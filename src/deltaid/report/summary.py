@@ -7,12 +7,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from deltaid.check.verdict import Grade as CheckGrade
 from deltaid.identification.identify import Identification
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import Compared, misfit, remarks
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel
+from deltaid.model.verdict import Grade as CheckGrade
 from deltaid.report.corrected import corrected, in_words
 from deltaid.report.numbers import percent
 

@@ -5,7 +5,7 @@ gradient dies with it, and the iteration creeps along a tail. The paper starts a
 small γ at once (Sec. VIII B) and does not name its solver, so three usual ones are tried from
 there: Newton with a trust region and exact Hessians, Levenberg–Marquardt on the residuals, and
 BFGS, which approximates the Hessian from gradients. The fourth relaxes the regulariser, as
-`identification.log_cholesky` does. The conic program says how low J can be.
+`estimation.log_cholesky` does. The conic program says how low J can be.
 """
 
 import time
@@ -17,13 +17,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy import optimize
 
-from deltaid.identification.conic import Conic
-from deltaid.identification.log_cholesky import LogCholesky, Unconstrained
-from deltaid.identification.log_cholesky_map import LogCholeskyMap
-from deltaid.identification.objective import Objective
-from deltaid.identification.reduction import Reduction
-from deltaid.identification.regularizer import Vector
-from deltaid.identification.solver import Solution
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.log_cholesky import LogCholesky, Unconstrained
+from deltaid.estimation.log_cholesky_map import LogCholeskyMap
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.reduction import Reduction
+from deltaid.estimation.regularizer import Vector
+from deltaid.estimation.solver import Solution
 from deltaid.reproduce.accuracy import Accuracy
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]

@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.estimation.posing import SOLVERS
 from deltaid.excitation.run import Run
 from deltaid.identification.identify import Identification
-from deltaid.identification.posing import SOLVERS
 from deltaid.model.options import Method
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, MotionTerms
 from deltaid.reproduce.descent import Descents

@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import IdentificationError
-from deltaid.identification.conic import Conic
+from deltaid.estimation.conic import Conic
 from deltaid.identification.identify import Identification
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, accuracy
 

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.check.mended import changes, mended, written_out
-from deltaid.check.verdict import Grade, Proposal, Verdict
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table

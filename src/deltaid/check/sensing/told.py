@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 
 from deltaid.check.sensing.guesses import Guess
 from deltaid.check.sensing.sheet import Sensed
-from deltaid.check.verdict import Grade, Proposal, Verdict
-from deltaid.check.words import listed, percent
+from deltaid.model.verdict import Grade, Proposal, Verdict
+from deltaid.model.words import listed, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.weighings import rotation
 

@@ -13,7 +13,7 @@ from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
 from deltaid.check.wiring.scale import overall, ratios, unit_of
 from deltaid.check.wiring.velocity import rates
-from deltaid.check.words import listed, percent
+from deltaid.model.words import listed, percent
 from deltaid.recording.mapping import Quantity
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.

@@ -16,11 +16,11 @@ from threadpoolctl import threadpool_limits
 from deltaid.check.wiring.homing import Shifts
 from deltaid.check.wiring.zeros import likeliest, seen
 from deltaid.dynamics.parameters import parameter_layout
+from deltaid.estimation.additions import extended
+from deltaid.estimation.information import active_columns
 from deltaid.estimation.span import Span
-from deltaid.identification.additions import extended
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometry import geometric_rows
-from deltaid.identification.information import active_columns
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances

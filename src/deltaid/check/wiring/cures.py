@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.verdict import Proposal
+from deltaid.model.verdict import Proposal
 from deltaid.recording.mapping import AllDrives, DriveColumn, Quantity
 from deltaid.recording.resolution import si_unit
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.candidate import SLIDING, TURNING
 from deltaid.check.wiring.case import Case, stated, torques_of_motor, velocities_follow
 from deltaid.check.wiring.cures import Values
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.mapping import Quantity
 
 # More than this share of the torques left, a factor of positions is doubtful.

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.case import Case, stated, velocities_follow
 from deltaid.check.wiring.cures import Values
 from deltaid.check.wiring.scale import INERTIA
-from deltaid.check.words import listed
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed
 from deltaid.recording.mapping import Quantity
 
 # Inertia of a lone drive below zero, as a share of the prior's, that tells its sign.

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.case import (
     DOUBTFUL_SCALE,
     WRONG_SCALE,
@@ -12,6 +11,7 @@ from deltaid.check.wiring.case import (
 )
 from deltaid.check.wiring.cures import Values
 from deltaid.check.wiring.scale import INERTIA, VISCOUS, overall
+from deltaid.model.verdict import Grade, Verdict
 
 
 def torque_verdicts(case: Case) -> Iterator[Verdict]:

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.verdict import Grade, Verdict
 from deltaid.check.wiring.cures import Entries, Values
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
 from deltaid.check.wiring.velocity import Rate, rates
+from deltaid.model.verdict import Grade, Verdict
 
 # Correlation above which a column is some drive's velocity, and by which another's goes better.
 _TOGETHER, _BETTER = 0.9, 0.05

@@ -11,7 +11,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.verdict import Grade, Verdict, worst
 from deltaid.check.wiring.case import Case
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.motion import motion
@@ -22,6 +21,7 @@ from deltaid.check.wiring.signs import order_verdicts, sign_verdicts
 from deltaid.check.wiring.torques import torque_verdicts
 from deltaid.check.wiring.velocities import velocity_verdicts
 from deltaid.check.wiring.zeros import zero_verdicts
+from deltaid.model.verdict import Grade, Verdict, worst
 
 # Share of the torques that the right columns may leave.
 _EXPLAINED = 0.5

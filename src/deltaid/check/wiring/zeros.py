@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.verdict import Grade, Proposal, Verdict
 from deltaid.check.wiring.candidate import CLOSED, Candidate, assigned
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.homing import Shifts, across, shifts
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import residual
-from deltaid.check.words import listed
+from deltaid.model.verdict import Grade, Proposal, Verdict
+from deltaid.model.words import listed
 
 # Standard deviations from zero that are said, and beside which another cause is not needed.
 _SEEN, _NEEDED = 4.2, 3.5

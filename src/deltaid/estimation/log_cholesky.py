@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from deltaid.identification.log_cholesky_map import LogCholeskyMap
-from deltaid.identification.objective import Objective
-from deltaid.identification.regularizer import Vector
-from deltaid.identification.solver import Solution
+from deltaid.estimation.log_cholesky_map import LogCholeskyMap
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.regularizer import Vector
+from deltaid.estimation.solver import Solution
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
+from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import Euclidean
 from deltaid.estimation.span import Rows, Span
-from deltaid.identification.additions import Addition, extended
-from deltaid.identification.information import active_columns
-from deltaid.identification.reduction import Reduction, build_reduction
-from deltaid.identification.regularizer import Euclidean
-from deltaid.identification.traces import Trace
+from deltaid.estimation.traces import Trace
 
 
 @dataclass(frozen=True, eq=False)

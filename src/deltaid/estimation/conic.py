@@ -22,12 +22,12 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
-from deltaid.identification.free_body import Block
-from deltaid.identification.information import triangle
-from deltaid.identification.objective import Objective
-from deltaid.identification.reduction import INTERIOR
-from deltaid.identification.regularizer import LogDet, Vector
-from deltaid.identification.solver import Solution
+from deltaid.estimation.free_body import Block
+from deltaid.estimation.information import triangle
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.reduction import INTERIOR
+from deltaid.estimation.regularizer import LogDet, Vector
+from deltaid.estimation.solver import Solution
 
 
 @dataclass(frozen=True)

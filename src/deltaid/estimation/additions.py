@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.dynamics.parameters import ParameterLayout
-from deltaid.identification.free_body import Free, free_coefficients, held_coefficients
+from deltaid.estimation.free_body import Free, free_coefficients, held_coefficients
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged

@@ -13,9 +13,8 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
-from deltaid.identification.additions import Addition, entries_at, extended
-from deltaid.identification.information import active_columns
-from deltaid.identification.lag_columns import LagColumns, alone
+from deltaid.estimation.additions import Addition, entries_at, extended
+from deltaid.estimation.information import active_columns
 from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
 from deltaid.recording.filter import LowPass
@@ -69,19 +68,6 @@ class Trace:
     def torques(self) -> Values:
         """Measured torques, filtered."""
         return self.filtered(lambda w: w.tau.T, np.arange(self.dynamics.dof))
-
-    def slopes(self, p: Parameters, additions: Sequence[Addition] = ()) -> Values:
-        """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that
-        it comes late.
-
-        Args:
-            p: parameters of the robot, then those of additions.
-        """
-        dof, by_p = self.dynamics.dof, replace(self, load=p[: len(self.dynamics.layout.names)])
-        lags = LagColumns(self.dynamics, tuple(additions), p, self.recording, alone(dof))
-        return self.filtered(
-            lambda w: lags.entries(w, by_p.entries(w), self.recording), np.arange(dof), 1
-        )
 
     def regressor(
         self, additions: Sequence[Addition] = ()

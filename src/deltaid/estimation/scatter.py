@@ -25,7 +25,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.special import stdtrit
 
-from deltaid.identification.information import Information
+from deltaid.estimation.information import Information
 
 # A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
 # white level is taken with the widest t there is.

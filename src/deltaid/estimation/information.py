@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
-from deltaid.identification.additions import entries_at
+from deltaid.estimation.additions import entries_at
 
 # Samples whose regressor is in memory at once.
 _AT_ONCE = 8000

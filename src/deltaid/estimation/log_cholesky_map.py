@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import IdentificationError
-from deltaid.identification.reduction import INTERIOR, Reduction
-from deltaid.identification.regularizer import Vector
+from deltaid.estimation.reduction import INTERIOR, Reduction
+from deltaid.estimation.regularizer import Vector
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import Parameter
 

@@ -1,18 +1,18 @@
 """What is minimised and by what: the objective that settings ask for, and what their names mean."""
 
-from deltaid.identification.conic import Conic
-from deltaid.identification.information import Information
-from deltaid.identification.log_cholesky import LogCholesky
-from deltaid.identification.objective import Objective, data_term, default_gamma
-from deltaid.identification.reduction import Reduction
-from deltaid.identification.regularizer import (
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import Information
+from deltaid.estimation.log_cholesky import LogCholesky
+from deltaid.estimation.objective import Objective, data_term, default_gamma
+from deltaid.estimation.reduction import Reduction
+from deltaid.estimation.regularizer import (
     AffineInvariant,
     Euclidean,
     LogDet,
     Metric,
     Spectral,
 )
-from deltaid.identification.solver import Solution, Solver
+from deltaid.estimation.solver import Solution, Solver
 from deltaid.model.options import Method, RegularizerName
 from deltaid.model.record import Settings
 

@@ -10,13 +10,14 @@ same first-order term, so what is found is the sum of dead time and time constan
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.identification.additions import Addition, Own, Values, extended
+from deltaid.estimation.additions import Addition, Own, Values, extended
+from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -176,6 +177,22 @@ class UnknownLag(LagColumns):
 def alone(dof: int) -> tuple[LagGroup, ...]:
     """A lag for every drive, of which nothing is known."""
     return tuple(LagGroup((i,), 0.0) for i in range(dof))
+
+
+def slopes(
+    trace: Trace, p: Parameters, additions: Sequence[Addition] = ()
+) -> Float[np.ndarray, "dof thinned"]:
+    """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that it
+    comes late.
+
+    Args:
+        p: parameters of the robot, then those of additions.
+    """
+    dof, by_p = trace.dynamics.dof, replace(trace, load=p[: len(trace.dynamics.layout.names)])
+    lags = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(dof))
+    return trace.filtered(
+        lambda w: lags.entries(w, by_p.entries(w), trace.recording), np.arange(dof), 1
+    )
 
 
 def slope(tau: Torques, turned: Bool[np.ndarray, "dof steps"]) -> Torques:

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
-from deltaid.identification.free_body import Block
-from deltaid.identification.reduction import Reduction
+from deltaid.estimation.free_body import Block
+from deltaid.estimation.reduction import Reduction
 
 Vector = Float[np.ndarray, " n"]
 Matrix = Float[np.ndarray, "n n"]

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.identification.information import Chunk
+from deltaid.estimation.information import Chunk
 from deltaid.recording.recording import Recording
 
 # Each coordinate of the platform point is cut into so many parts of its range. Finer places part

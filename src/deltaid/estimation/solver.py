@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
-from deltaid.identification.objective import Objective
-from deltaid.identification.regularizer import Vector
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.regularizer import Vector
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.reduction import Reduction
+from deltaid.estimation.regularizer import Matrix, Regularizer, Vector
 from deltaid.estimation.span import Span
-from deltaid.identification.information import Information, triangle
-from deltaid.identification.reduction import Reduction
-from deltaid.identification.regularizer import Matrix, Regularizer, Vector
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from deltaid.dynamics.parameters import (
     stated_spreads,
 )
 from deltaid.errors import IdentificationError
-from deltaid.identification.free_body import Block, Free, free_body, free_coefficients
+from deltaid.estimation.free_body import Block, Free, free_body, free_coefficients
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
     PSEUDO_INERTIA_ENTRIES,
