@@ -7,13 +7,14 @@ import casadi as ca
 import numpy as np
 import polars as pl
 import pytest
+from pydantic import BaseModel
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.friction_choice import choose_friction, chosen_friction
+from deltaid.identification.friction_constants import moved
 from deltaid.identification.friction_curves import curve_rows, freed, law_constants
 from deltaid.identification.friction_rows import friction_rows
-from deltaid.identification.friction_shapes import CONSTANTS, moved, shape, slopes
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.setup import Setup
 from deltaid.identification.uncertainty import uncertainty
@@ -210,7 +211,9 @@ def test_the_curve_is_the_law_of_the_model() -> None:
         ("hess_soom", HessSoom(coefficient=1.0, speed=0.5)),
     ],
 )
-def test_shapes_are_those_of_the_graphs_and_slopes_their_changes(kind: str, part: object) -> None:
+def test_shapes_are_those_of_the_graphs_and_slopes_their_changes(
+    kind: str, part: BaseModel
+) -> None:
     law = Friction.model_validate({"viscous": 1.0, "coulomb": 1.0, kind: part})
     plain, v = Friction(viscous=1.0, coulomb=1.0), np.geomspace(1e-3, 5.0, 40)
 
@@ -218,11 +221,12 @@ def test_shapes_are_those_of_the_graphs_and_slopes_their_changes(kind: str, part
         return next(t for t in friction_terms({"j": (law, TURNING)}) if t.kind == kind)
 
     expected = curve(law, v) - curve(plain, v)
-    np.testing.assert_allclose(shape(term(law), v), expected, atol=1e-8)
-    np.testing.assert_allclose(-shape(term(law), v), curve(law, -v) - curve(plain, -v), atol=1e-8)
-    assert set(slopes(term(law), v)) == set(CONSTANTS[kind])
-    for name, slope in slopes(term(law), v).items():
-        up, down = (shape(term(moved(law, kind, name, step)), v) for step in (1e-5, -1e-5))
+    np.testing.assert_allclose(term(law).values(v), expected, atol=1e-8)
+    np.testing.assert_allclose(term(law).values(-v), curve(law, -v) - curve(plain, -v), atol=1e-8)
+    constants = set(type(part).model_fields) - {"coefficient"}
+    assert set(term(law).slopes(v)) == constants
+    for name, slope in term(law).slopes(v).items():
+        up, down = (term(moved(law, kind, name, step)).values(v) for step in (1e-5, -1e-5))
         np.testing.assert_allclose(slope, (up - down) / 2e-5, atol=1e-7)
 
 

@@ -15,8 +15,7 @@ from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.estimation.additions import Addition
 from deltaid.factors.columns import GatheredColumns
 from deltaid.factors.speed_columns import Shape, SpeedColumns
-from deltaid.identification.friction_curves import LawConstants, term_values
-from deltaid.identification.friction_shapes import slopes
+from deltaid.identification.friction_curves import LawConstants
 from deltaid.robot.friction_terms import FrictionTerm
 
 # Friction at rest is that of hardly moving: its side of the step is told by the direction.
@@ -72,7 +71,7 @@ def _of_term(
         return found
 
     def shape(v: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        return term_values(term, direction * np.maximum(v, _CREEP))
+        return term.values(direction * np.maximum(v, _CREEP))
 
     return _along_speed(columns, term.joint, shape, found, place)
 
@@ -114,4 +113,4 @@ def _of_addition(
 
 
 def _slope(term: FrictionTerm, name: str, v: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    return term.size * direction * slopes(term, v)[name]
+    return term.size * term.slopes(direction * np.maximum(v, _CREEP))[name]

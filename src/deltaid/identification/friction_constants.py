@@ -18,9 +18,8 @@ from deltaid.estimation.information import triangle
 from deltaid.estimation.span import Rows, lengths
 from deltaid.identification.friction_options import FORMS, of_slope, of_term
 from deltaid.identification.friction_rows import FrictionRows
-from deltaid.identification.friction_shapes import CONSTANTS, moved
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction
+from deltaid.robot.friction import EXPONENTS, Friction
 from deltaid.robot.friction_terms import FrictionTerm
 
 # Steps at most, the largest of a logarithm, and the one below which constants have settled.
@@ -136,9 +135,9 @@ def _fit(
     described = rows.dynamics.robot
     robot = described.changed(friction=dict(described.friction) | dict(laws))
     terms = robot.friction_terms
-    curved = [t for t in terms if t.joint in laws and t.kind in CONSTANTS]
+    curved = [t for t in terms if t.joint in laws and t.constants]
     open_ = [
-        (t, name) for t in curved for name in CONSTANTS[t.kind]
+        (t, name) for t in curved for name in t.constants
         if not (name == "exponent" and t.kind == "stribeck" and t.joint in usual)
     ]  # fmt: skip
     constants = [(t.joint, t.kind, name) for t, name in open_]
@@ -227,3 +226,12 @@ def _limited(rows: FrictionRows, law: Friction, one: _Constant, step: float) -> 
 def _unit(term: FrictionTerm, law: Friction) -> float:
     """A coefficient that makes the term about as large as Coulomb's friction."""
     return 1.0 if term.kind == "load" else term.size if term.kind == "power" else law.coulomb
+
+
+def moved(law: Friction, kind: str, name: str, step: float) -> Friction:
+    """A law with one constant of a term multiplied by e^step, exponents within their limits."""
+    part = getattr(law, kind)
+    value = float(getattr(part, name) * np.exp(step))
+    if name == "exponent":
+        value = float(np.clip(value, *EXPONENTS))
+    return law.changed(**{kind: part.changed(**{name: value})})

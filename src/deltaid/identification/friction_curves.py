@@ -25,7 +25,6 @@ from deltaid.estimation.objective import data_term
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve
 from deltaid.recording.recording import Recording
@@ -54,7 +53,7 @@ class LawConstants(Addition):
     def constants(self) -> tuple[tuple[FrictionTerm, str], ...]:
         """Each term that has constants, with the name of one."""
         terms = self.dynamics.robot.friction_terms
-        return tuple((term, name) for term in terms for name in CONSTANTS.get(term.kind, ()))
+        return tuple((term, name) for term in terms for name in term.constants)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -78,7 +77,7 @@ class LawConstants(Addition):
         for term, name in self.constants:
             steps = own[self._coulomb(term.joint)]
             v = entry_speeds(own[self._entries(f"viscous.{term.joint}")], steps)
-            found.append(term.size * slopes(term, v)[name] * steps)
+            found.append(term.size * term.slopes(v)[name] * steps)
         return np.vstack(found)
 
     def on(self, dynamics: Dynamics) -> "LawConstants":
@@ -167,29 +166,16 @@ def curve_rows(
     problem: FittedProblem, joint: str, v: Speeds
 ) -> Float[np.ndarray, "speeds parameters"]:
     """The combinations of a fit's parameters that are the friction of a joint at some speeds."""
-    names, s = problem.layout.names, np.sign(v)
+    names = problem.layout.names
     rows = np.zeros((len(v), len(names)))
     for term in problem.dynamics.robot.friction_terms:
         if term.joint == joint and not term.of_load:
-            rows[:, names.index(term.name)] = term_values(term, v)
+            rows[:, names.index(term.name)] = term.values(v)
     one = law_constants(problem.additions)
     if one is None:
         return rows
     for (term, name), parameter in zip(one.constants, one.parameters, strict=True):
         if term.joint == joint:
             at = names.index(parameter.name)
-            rows[:, at] = term.size * s * slopes(term, np.abs(v))[name]
+            rows[:, at] = term.size * term.slopes(v)[name]
     return rows
-
-
-def term_values(term: FrictionTerm, v: Speeds) -> Speeds:
-    """h(v) of a term that does not depend on load."""
-    forward, s = (v > 0).astype(float), np.sign(v)
-    simple = {
-        "viscous": forward * v if term.one_sided else v,
-        "coulomb": forward if term.one_sided else s,
-        "viscous_back": (v < 0) * v,
-        "coulomb_back": -1.0 * (v < 0),
-        "offset": np.ones_like(v),
-    }
-    return simple[term.kind] if term.kind in simple else s * shape(term, np.abs(v))

@@ -7,11 +7,10 @@ import numpy as np
 
 from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
 from deltaid.identification.friction_rows import FrictionRows
-from deltaid.identification.friction_shapes import CONSTANTS, shape, slopes
 from deltaid.model.friction_record import AdditionKind
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
-from deltaid.robot.friction_terms import FrictionTerm, friction_terms
+from deltaid.robot.friction_terms import TERM_OF, FrictionTerm, friction_terms
 
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
@@ -98,7 +97,7 @@ class Options:
                 found.append(self._retuned(joint, own[kind]))
             elif kind != "stribeck" or "hess_soom" not in own:
                 variants = tuple(self._variant(joint, kind, more, rows) for more in laws)
-                count = len(CONSTANTS[kind])
+                count = len(TERM_OF[kind].constants)
                 found.append(Option(joint.name, kind, variants, count, positive=True))
         return found
 
@@ -122,7 +121,7 @@ class Options:
 
     def _retuned(self, joint: Joint, term: FrictionTerm) -> Option:
         """Other constants of a term that is described."""
-        columns = [self._add(joint, of_slope(term, name)) for name in CONSTANTS[term.kind]]
+        columns = [self._add(joint, of_slope(term, name)) for name in term.constants]
         kind: AdditionKind = "power" if term.kind == "power" else "stribeck"
         return Option(joint.name, kind, (Variant(tuple(columns), {}),), 0, positive=False)
 
@@ -144,7 +143,7 @@ def columns_of(rows: FrictionRows, law: Friction, option: Option) -> np.ndarray:
     term = _term_of(robot, joint.name, law, option.kind)
     if getattr(robot.friction[joint.name], option.kind) is None:
         return rows.columns([(joint, of_term(term))])
-    return rows.columns([(joint, of_slope(term, name)) for name in CONSTANTS[term.kind]])
+    return rows.columns([(joint, of_slope(term, name)) for name in term.constants])
 
 
 def _term_of(robot: RobotDescription, joint: str, law: Friction, kind: str) -> FrictionTerm:
@@ -161,12 +160,12 @@ def remaining(options: tuple[Option, ...], taken: Option) -> tuple[Option, ...]:
 
 def of_term(term: FrictionTerm) -> Shape:
     """A term that has constants."""
-    return lambda v, C, load: C * shape(term, v)
+    return lambda v, C, load: C * term.values(v)
 
 
 def of_slope(term: FrictionTerm, constant: str) -> Shape:
     """Its change with the logarithm of a constant."""
-    return lambda v, C, load: C * slopes(term, v)[constant]
+    return lambda v, C, load: C * term.slopes(v)[constant]
 
 
 def _powers(joint: Joint, coulomb: float) -> list[dict[str, Any]]:

@@ -2,10 +2,12 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
+from jaxtyping import Float
 
 from deltaid.robot.friction import Friction
 from deltaid.robot.joint_units import TURNING, JointUnits
@@ -13,6 +15,10 @@ from deltaid.robot.parameter import Parameter
 
 # Speeds below this [rad/s, m/s] count as rest: it keeps powers of |v| differentiable there.
 _REST = 1e-9
+# A step so small that its square is none.
+_STEP = 1e-20
+
+Speeds = Float[np.ndarray, " *shape"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,8 @@ class FrictionTerm(ABC):
     continuous: ClassVar[bool] = False
     # Whether h depends on what the gear carries.
     of_load: ClassVar[bool] = False
+    # Which constants it has.
+    constants: ClassVar[tuple[str, ...]] = ()
     # Bounds of the coefficient.
     low: ClassVar[float] = 0.0
     high: ClassVar[float] = float("inf")
@@ -49,14 +57,26 @@ class FrictionTerm(ABC):
         """The term of a joint's law; None if the law has none of its kind."""
 
     @abstractmethod
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
-        """Friction for a coefficient of one.
+    def h(self, v: Any, s: Any, load: Any) -> Any:
+        """Friction for a coefficient of one, of numbers, arrays or symbols of CasADi.
 
         Args:
             v: the joint's speed.
             s: its sign, or a smooth stand-in for it.
             load: torque that the drive's gear carries on its link's side, x.
         """
+
+    def values(self, v: Speeds) -> Speeds:
+        """h(v) without load."""
+        return self.h(v, np.sign(v), 0.0)
+
+    def slopes(self, v: Speeds) -> dict[str, Speeds]:
+        """∂h/∂ln c of each constant c, by a complex step, which has no rounding."""
+        found = dict[str, Speeds]()
+        for name in self.constants:
+            moved: Any = replace(self, **{name: getattr(self, name) * (1 + _STEP * 1j)})
+            found[name] = np.imag(moved.h(v, np.sign(v), 0.0)) / _STEP
+        return found
 
     @property
     def words(self) -> str:
@@ -95,7 +115,7 @@ class _Viscous(FrictionTerm):
         unit = f"{units.force} s/{units.coordinate}"
         return cls(joint, unit, law.viscous, one_sided=not law.both_ways)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+    def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (1 + s) * v if self.one_sided else v
 
 
@@ -108,7 +128,7 @@ class _Coulomb(FrictionTerm):
     def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm:
         return cls(joint, units.force, law.coulomb, one_sided=not law.both_ways)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+    def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (s + s * s) if self.one_sided else s
 
 
@@ -122,7 +142,7 @@ class _ViscousBack(FrictionTerm):
         back, unit = law.viscous_back, f"{units.force} s/{units.coordinate}"
         return None if back is None else cls(joint, unit, back)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+    def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (1 - s) * v
 
 
@@ -136,7 +156,7 @@ class _CoulombBack(FrictionTerm):
         back = law.coulomb_back
         return None if back is None else cls(joint, units.force, back)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+    def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (s - s * s)
 
 
@@ -149,8 +169,8 @@ class _Offset(FrictionTerm):
     def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
         return None if law.offset is None else cls(joint, units.force, law.offset)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
-        return ca.SX(1)
+    def h(self, v: Any, s: Any, load: Any) -> Any:
+        return 1.0 + 0.0 * v
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
         return {self.kind: self.size}  # the prior of an offset is zero, whatever it was found to be
@@ -159,7 +179,7 @@ class _Offset(FrictionTerm):
 class _Power(FrictionTerm):
     """s |v|^exponent."""
 
-    kind = "power"
+    kind, constants = "power", ("exponent",)
 
     @classmethod
     def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
@@ -168,7 +188,7 @@ class _Power(FrictionTerm):
         unit = f"{units.force} (s/{units.coordinate})^{law.power.exponent:.3g}"
         return cls(joint, unit, law.power.coefficient, exponent=law.power.exponent)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+    def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * _size(v) ** self.exponent
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
@@ -182,7 +202,7 @@ class _Power(FrictionTerm):
 class _Stribeck(FrictionTerm):
     """s exp(−(|v|/speed)^exponent)."""
 
-    kind = "stribeck"
+    kind, constants = "stribeck", ("speed", "exponent")
 
     @classmethod
     def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
@@ -191,8 +211,8 @@ class _Stribeck(FrictionTerm):
         force, size = units.force, term.coefficient
         return cls(joint, force, size, exponent=term.exponent, speed=term.speed)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
-        return s * ca.exp(-((_size(v) / self.speed) ** self.exponent))
+    def h(self, v: Any, s: Any, load: Any) -> Any:
+        return s * _exp(-((_size(v) / self.speed) ** self.exponent))
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
         constants = {"speed": self.speed, "exponent": self.exponent}
@@ -206,7 +226,7 @@ class _Stribeck(FrictionTerm):
 class _HessSoom(FrictionTerm):
     """s / (1 + (v/speed)²)."""
 
-    kind = "hess_soom"
+    kind, constants = "hess_soom", ("speed",)
 
     @classmethod
     def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
@@ -214,7 +234,7 @@ class _HessSoom(FrictionTerm):
             return None
         return cls(joint, units.force, term.coefficient, speed=term.speed)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
+    def h(self, v: Any, s: Any, load: Any) -> Any:
         return s / (1 + (v / self.speed) ** 2)
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
@@ -234,8 +254,8 @@ class _Load(FrictionTerm):
     def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
         return None if law.load is None else cls(joint, "1", law.load)
 
-    def h(self, v: ca.SX, s: ca.SX, load: ca.SX) -> ca.SX:
-        return s * ca.fabs(load)
+    def h(self, v: Any, s: Any, load: Any) -> Any:
+        return s * abs(load)
 
     @property
     def words(self) -> str:
@@ -247,11 +267,16 @@ TERMS: tuple[type[FrictionTerm], ...] = (
     _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _HessSoom,
     _Load,
 )  # fmt: skip
+TERM_OF = {one.kind: one for one in TERMS}
 
 
-def _size(v: ca.SX) -> ca.SX:
+def _size(v: Any) -> Any:
     """|v|, differentiable at rest."""
-    return ca.sqrt(v * v + _REST**2)
+    return (v * v + _REST**2) ** 0.5
+
+
+def _exp(x: Any) -> Any:
+    return ca.exp(x) if isinstance(x, ca.SX | ca.MX) else np.exp(x)
 
 
 def friction_terms(laws: Mapping[str, tuple[Friction, JointUnits]]) -> tuple[FrictionTerm, ...]:
