@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.friction_choice import choose_friction, chosen_friction
-from deltaid.identification.friction_constants import moved
+from deltaid.identification.friction_constants import _bounded, moved
 from deltaid.identification.friction_curves import curve_rows, freed, law_constants
 from deltaid.identification.friction_rows import friction_rows
 from deltaid.identification.identify import Identification, identify
@@ -228,6 +228,23 @@ def test_shapes_are_those_of_the_graphs_and_slopes_their_changes(
     for name, slope in term(law).slopes(v).items():
         up, down = (term(moved(law, kind, name, step)).values(v) for step in (1e-5, -1e-5))
         np.testing.assert_allclose(slope, (up - down) / 2e-5, atol=1e-7)
+
+
+def test_what_columns_leave_open_of_coefficients_stays_near_the_prior() -> None:
+    """As where gains stand beside all friction; what they determine is that of least squares."""
+    rng = np.random.default_rng(0)
+    A, prior = rng.standard_normal((200, 3)), np.array([3.0, 1.0, 2.0, 0.5])
+    A, b = (
+        np.column_stack([A, A @ [1.0, 2.0, -1.0]]) * [1e4, 1.0, 1.0, 0.1],
+        rng.standard_normal(200),
+    )
+    bounds = np.full(4, -np.inf), np.full(4, np.inf)
+    x = _bounded(A, b, *bounds, prior)
+    left = np.linalg.norm(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
+    assert np.linalg.norm(b - A @ x) == pytest.approx(left, rel=1e-9)
+    norms = np.linalg.norm(A, axis=0)
+    open_ = np.linalg.svd(A / norms)[2][-1]
+    assert open_ @ (norms * (x - prior)) == pytest.approx(0.0, abs=1e-3)
 
 
 # --- warmth ---------------------------------------------------------------------------------------

@@ -1,8 +1,9 @@
 """Friction that viscous and Coulomb's do not describe: near rest, at speed, one way, by load."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
@@ -10,12 +11,24 @@ from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
 from deltaid.effects.scene import Candidate, Scene
 from deltaid.model.words import percent
 
-# Speeds within which friction near rest falls, as shares of a joint's largest.
-_KNEES = (0.03, 0.08, 0.2)
+Speeds = Float[np.ndarray, " *shape"]
+
+
+def _near(knee: float) -> Callable[[Speeds], Speeds]:
+    return lambda x: np.exp(-x / knee)
+
+
 _NEAR, _SQUARE, _FLAT = (
     "more friction at low speed",
     "friction that grows with the square of speed",
     "friction that flattens with speed",
+)
+# Friction over the speed beside Coulomb's and viscous: shapes over x, the speed as a share of the
+# joint's largest. With these, any law is a free curve.
+SHAPES: tuple[tuple[Callable[[Speeds], Speeds], str], ...] = (
+    *((_near(knee), _NEAR) for knee in (0.03, 0.1, 0.3)),
+    (np.square, _SQUARE),
+    (np.sqrt, _FLAT),
 )
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
 
@@ -45,11 +58,9 @@ class FrictionLaw(Effect):
 
     def _by_speed(self, scene: Scene) -> Iterable[Candidate]:
         coulomb = np.array([scene.size(f"coulomb.{joint.name}") for joint in scene.joints])
-        shapes = [(_near(knee), _NEAR) for knee in _KNEES]
-        shapes += [(_power(2.0), _SQUARE), (_power(0.5), _FLAT)]
-        wanted = [(joint, made(joint)) for made, _ in shapes for joint in scene.joints]
-        every = np.split(scene.joint_columns(wanted), len(shapes), axis=1)
-        for each, (_, words) in zip(every, shapes, strict=True):
+        wanted = [(joint, _of_share(joint, shape)) for shape, _ in SHAPES for joint in scene.joints]
+        every = np.split(scene.joint_columns(wanted), len(SHAPES), axis=1)
+        for each, (_, words) in zip(every, SHAPES, strict=True):
             yield Candidate(self.kind, "", (each @ coulomb)[:, None], words)
             yield Candidate(self.kind, "", each, words)
             for i, joint in enumerate(scene.joints):
@@ -70,19 +81,5 @@ class FrictionLaw(Effect):
         return "deltaid identify adds the term; or describe it"
 
 
-def _near(knee: float):
-    """Friction that falls within a knee."""
-
-    def of(joint: Joint) -> Shape:
-        return lambda v, C, load: C * np.exp(-v / (knee * joint.fastest))
-
-    return of
-
-
-def _power(exponent: float):
-    """Friction that grows with a power of the speed."""
-
-    def of(joint: Joint) -> Shape:
-        return lambda v, C, load: C * (v / joint.fastest) ** exponent
-
-    return of
+def _of_share(joint: Joint, shape: Callable[[Speeds], Speeds]) -> Shape:
+    return lambda v, C, load: C * shape(v / joint.fastest)

@@ -1,12 +1,13 @@
 """Rows for compliances: of parameters, lags, and friction as a free curve."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.friction import SHAPES
 from deltaid.effects.lag_columns import slopes
 from deltaid.estimation.drive_rows import of_own_drives
 from deltaid.estimation.trace_rows import Sheet, TraceRows
@@ -15,28 +16,9 @@ from deltaid.identification.setup import Setup
 from deltaid.recording.windows import Samples
 
 Columns = Float[np.ndarray, "dof samples columns"]
-Speeds = Float[np.ndarray, "samples dof"]
-
-
-def _falling(knee: float) -> Callable[[Speeds], Speeds]:
-    return lambda v: np.exp(-np.abs(v) / knee)
-
-
-def _either_way(shape: Callable[[Speeds], Speeds]) -> Callable[[Speeds], Speeds]:
-    return lambda v: np.sign(v) * shape(v)
-
-
-# Friction over the speed, as a share v of the largest, beside Coulomb's and viscous: what falls
-# within a knee and what grows with the square; then what differs between the two ways.
-_SHAPES: tuple[Callable[[Speeds], Speeds], ...] = (
-    *(_either_way(_falling(knee)) for knee in (0.03, 0.1, 0.3)),
-    _either_way(np.square),
-    np.ones_like,
-    np.abs,
-    _falling(0.1),
-)
-# Columns of a drive's friction: these, one that grows with the load and two with time.
-_FREE = len(_SHAPES) + 3
+# Columns of a drive's friction: shapes over its speed, an offset, what differs by direction, one
+# that grows with the load and two with time.
+_FREE = len(SHAPES) + 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,16 +77,16 @@ def late(now: Trace, p: Parameters) -> Columns:
 
 
 def _friction(now: Trace, p: Parameters) -> Columns:
-    """Friction of each drive beside Coulomb's and viscous, in columns of its own; the last are what
-    grows with what its gear carries, by p, and what changes while it warms up."""
+    """Friction of each drive beside Coulomb's and viscous, in columns of its own: a
+    free curve, what grows with what its gear carries, by p, and what changes while it warms up."""
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in now.stretches], axis=0)
     first, last = now.stretches[0].time[0], now.stretches[-1].time[-1]
 
     def shapes(w: Samples) -> np.ndarray:
         v, carried = w.qd / fastest, now.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
-        of_load, later = np.sign(v) * np.abs(carried), ((w.time - first) / (last - first))[:, None]
-        warmer = [np.sign(v) * later, np.sign(v) * later**2]
-        return np.hstack([*(shape(v) for shape in _SHAPES), of_load, *warmer]).T
+        sign, later = np.sign(v), ((w.time - first) / (last - first))[:, None]
+        both = [shape(np.abs(v)) for shape, _ in SHAPES] + [np.abs(carried), later, later**2]
+        return np.hstack([*(sign * one for one in both), np.ones_like(v), np.abs(v)]).T
 
     dof = now.dynamics.dof
     out = now.filtered(shapes, np.tile(np.arange(dof), _FREE))

@@ -30,6 +30,8 @@ _OTHER = 3.5
 _SPREAD = 1.0
 # Stribeck's speed stays within these shares of the joint's fastest.
 _SPEEDS = (0.003, 3.0)
+# How strongly the prior pulls at columns of unit length: only what is dependent feels it.
+_PULL = 1e-6
 # A term's prior is at least this share of Coulomb's.
 _SMALL = 0.02
 
@@ -144,7 +146,8 @@ def _fit(
     columns = rows.rigid.without(_columns(rows, robot))
     tau = rows.rigid.without(rows.tau)
     low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
-    first = _bounded(columns, tau, low, high)
+    priors = np.array([t.parameter.prior for t in terms])
+    first = _bounded(columns, tau, low, high, priors)
     values = dict(zip([term.name for term in terms], first.tolist(), strict=True))
     left = tau - columns @ first
     if not constants:
@@ -157,7 +160,8 @@ def _fit(
     A = np.vstack([np.hstack([columns, slopes]), prior])
     b = np.concatenate([tau, [-gone.get(one, 0.0) / _SPREAD for one in constants]])
     limit = np.full(len(constants), _LARGEST)
-    x = _bounded(A, b, np.append(low, -limit), np.append(high, limit))
+    priors = np.append(priors, np.zeros(len(constants)))
+    x = _bounded(A, b, np.append(low, -limit), np.append(high, limit), priors)
     steps = dict(zip(constants, x[len(terms) :].tolist(), strict=True))
     return _Fit(terms, values, steps, left)
 
@@ -204,12 +208,15 @@ def _bounded(
     b: Rows,
     low: Float[np.ndarray, " n"],
     high: Float[np.ndarray, " n"],
+    prior: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """min ‖A x − b‖ over low ≤ x ≤ high, columns at unit length."""
+    """min ‖A x − b‖ over low ≤ x ≤ high, columns at unit length; near the prior where these are
+    dependent, as all friction and gains beside it are."""
     from scipy.optimize import lsq_linear  # slow to load, and seldom needed
 
     norms = lengths(A)
-    R = triangle(np.column_stack([A / norms, b]))
+    pulled = np.vstack([A / norms, _PULL * np.eye(A.shape[1])])
+    R = triangle(np.column_stack([pulled, np.append(b, _PULL * norms * prior)]))
     return lsq_linear(R[:, :-1], R[:, -1], (low * norms, high * norms)).x / norms
 
 

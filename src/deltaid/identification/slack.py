@@ -12,13 +12,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.effects.friction import SHAPES
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.windows import Samples
 
-# Speeds of Stribeck's law, as shares of a joint's own speed.
-_STRIBECK = (0.05, 0.15, 0.4)
 # Forms of friction of a joint, and columns a drive has of its torque: slope, size, itself.
-FORMS, OF_TORQUE = len(_STRIBECK) + 2, 3
+FORMS, OF_TORQUE = len(SHAPES) + 1, 3
 # Standard deviations that the columns' coefficients are drawn to zero with: friction and offsets as
 # shares of the usual torque, lags [ms], load friction and gains.
 _FRICTION, _LAG, _SHARE = 0.1, 4.0, 0.1
@@ -85,8 +84,7 @@ class Slack:
         speed, slope = joint_rates(self.kinematics, w)
         v = (speed / self.speed).T
         size = np.abs(v)
-        forms = [size, np.sign(v) * np.sqrt(size)]
-        forms += [np.sign(v) * np.exp(-((v / knee) ** 2)) for knee in _STRIBECK]
+        forms = [size, *(np.sign(v) * shape(size) for shape, _ in SHAPES)]
         arms = slope.transpose(1, 2, 0)
         largest = np.maximum(np.abs(arms).max(axis=2, initial=0.0), 1e-12)
         scale = (self.torque / largest).min(axis=1)
