@@ -49,7 +49,7 @@ def test_each_effect_has_a_file_and_a_name_of_its_own() -> None:
 @pytest.mark.parametrize("one", EFFECTS, ids=lambda one: one.kind)
 def test_an_effect_is_short_and_can_be_detected(one: Effect) -> None:
     own = type(one)
-    assert own.candidates is not Effect.candidates or own.searched is not Effect.searched
+    assert own.candidates is not Effect.candidates or own.search is not Effect.search
     assert (own.seen is not Effect.seen) == own.is_described
     path = PACKAGE / "effects" / f"{own.__module__.rpartition('.')[2]}.py"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 150

@@ -5,7 +5,7 @@ A study asks each effect for the columns that would show it, and the contest (`c
 which explain more than chance; an effect words what was found of it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import ClassVar
 
 from deltaid.effects.cause import Cause
@@ -39,10 +39,10 @@ class Effect:
         del scene
         return ()
 
-    def searched(self, scene: Scene, left: Rows) -> Iterable[Candidate]:
-        """Columns that are found in what is left of the torques."""
-        del scene, left
-        return ()
+    def search(self, scene: Scene) -> Callable[[Rows], Iterable[Candidate]]:
+        """What finds columns in what is left of the torques, whatever that is by then."""
+        del scene
+        return lambda left: ()
 
     def subject(self, cause: Cause) -> str:
         """The drive or joint that it is about; empty for all."""

@@ -1,6 +1,6 @@
 """A load that is picked up or put down while recording goes on."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,16 +28,21 @@ class LoadChange(Effect):
 
     kind = "load-change"
 
-    def searched(self, scene: Scene, left: Rows) -> Iterable[Candidate]:
-        for body in _holders(scene):
-            mass = scene.rows.stack(scene.column(f"{body}.m"))
-            found = two_levels(scene, mass, left) if np.any(mass) else None
-            if found is None:
-                continue
-            yield self._load(scene, body, mass[:, None], found)
-            whole = _columns_of(scene, body)
-            if (better := refined(scene, whole, left, found)) is not None:
-                yield self._load(scene, body, whole, better)
+    def search(self, scene: Scene) -> Callable[[Rows], Iterable[Candidate]]:
+        holders = _holders(scene)
+
+        def found(left: Rows) -> Iterable[Candidate]:
+            for body in holders:
+                mass = scene.rows.stack(scene.column(f"{body}.m"))
+                held = two_levels(scene, mass, left) if np.any(mass) else None
+                if held is None:
+                    continue
+                yield self._load(scene, body, mass[:, None], held)
+                whole = _columns_of(scene, body)
+                if (better := refined(scene, whole, left, held)) is not None:
+                    yield self._load(scene, body, whole, better)
+
+        return found
 
     def _load(
         self,

@@ -1,8 +1,9 @@
 """Torques that ripple over a drive's position: cogging of a motor, teeth of a gear."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
@@ -11,7 +12,10 @@ from deltaid.estimation.span import Rows
 from deltaid.model.words import percent
 
 # Waves of a ripple over a drive's stroke.
-_WAVES = np.arange(1.0, 81.0, 0.5)
+_COUNTS = np.arange(1.0, 81.0, 0.5)
+
+# Sine and cosine of each number of waves.
+Waves = Float[np.ndarray, "2 counts samples"]
 
 
 class Ripple(Effect):
@@ -26,32 +30,33 @@ class Ripple(Effect):
     def key(self) -> str:
         return "geometry-or-cogging"
 
-    def searched(self, scene: Scene, left: Rows) -> Iterable[Candidate]:
-        w, low_pass = scene.motion, scene.trace.low_pass
-        q = scene.trace.dynamics.kinematics.inverse(w.z)
-        frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
-        passed = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
-        for i, residual in enumerate(scene.rows.of_drives(left)):
-            stroke = np.ptp(q[:, i])
-            if stroke == 0:
-                continue
-            turns = np.outer(_WAVES, (q[:, i] - q[:, i].min()) / stroke)
-            speeds = np.abs(np.outer(_WAVES, w.qd[:, i] / stroke))
-            size = np.interp(speeds, frequency, passed) * w.weights[:, i]
-            pair = np.stack([size * np.sin(2 * np.pi * turns), size * np.cos(2 * np.pi * turns)])
-            power = np.sum(pair**2, axis=(0, 2))
-            k = int(np.argmax(np.sum((pair @ residual) ** 2, axis=0) / np.maximum(power, 1e-300)))
-            columns = np.zeros((len(scene.drives), len(residual), 2))
-            columns[i] = pair[:, k].T
-            yield Candidate(
-                self.kind,
-                scene.drives[i],
-                scene.rows.stack(columns),
-                f"a ripple of {_WAVES[k]:.3g} waves over the stroke",
-                float(np.log10(len(_WAVES))),
-                (float(stroke / _WAVES[k]),),
-                bends=True,
-            )
+    def search(self, scene: Scene) -> Callable[[Rows], Iterable[Candidate]]:
+        waves = [_waves(scene, i) for i in range(len(scene.drives))]
+
+        def found(left: Rows) -> Iterable[Candidate]:
+            for i, residual in enumerate(scene.rows.of_drives(left)):
+                if (pair := waves[i]) is not None:
+                    yield self._best(scene, i, pair, residual)
+
+        return found
+
+    def _best(
+        self, scene: Scene, i: int, pair: Waves, residual: Float[np.ndarray, " samples"]
+    ) -> Candidate:
+        """The ripple of a drive that its residual shows best."""
+        power = np.maximum(np.sum(pair**2, axis=(0, 2)), 1e-300)
+        k = int(np.argmax(np.sum((pair @ residual) ** 2, axis=0) / power))
+        columns = np.zeros((len(scene.drives), len(residual), 2))
+        columns[i] = pair[:, k].T
+        return Candidate(
+            self.kind,
+            scene.drives[i],
+            scene.rows.stack(columns),
+            f"a ripple of {_COUNTS[k]:.3g} waves over the stroke",
+            float(np.log10(len(_COUNTS))),
+            (float(_stroke(scene, i) / _COUNTS[k]),),
+            bends=True,
+        )
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         follows = f"{percent(share)} of {torque_of(subject)} follows the position"
@@ -64,3 +69,21 @@ class Ripple(Effect):
     def cure(self, cause: Cause) -> str:
         del cause
         return "let the drive compensate it, or take a lower --cutoff"
+
+
+def _waves(scene: Scene, i: int) -> Waves | None:
+    """Ripples of a drive as they pass the filter; None where it stands still."""
+    w, low_pass, stroke = scene.motion, scene.trace.low_pass, _stroke(scene, i)
+    if stroke == 0:
+        return None
+    frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
+    passed = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
+    q = scene.q[:, i]
+    turns = 2 * np.pi * np.outer(_COUNTS, (q - q.min()) / stroke)
+    speeds = np.abs(np.outer(_COUNTS, w.qd[:, i] / stroke))
+    size = np.interp(speeds, frequency, passed) * w.weights[:, i]
+    return np.stack([size * np.sin(turns), size * np.cos(turns)])
+
+
+def _stroke(scene: Scene, i: int) -> float:
+    return float(np.ptp(scene.q[:, i]))

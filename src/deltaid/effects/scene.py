@@ -81,6 +81,11 @@ class Scene:
         return self.trace.motion()
 
     @cached_property
+    def q(self) -> Float[np.ndarray, "samples dof"]:
+        """Positions of the drives at the filtered samples."""
+        return self.trace.dynamics.kinematics.inverse(self.motion.z)
+
+    @cached_property
     def model(self) -> Stack:
         """Torques of p."""
         return self.trace.model(self.p)

@@ -20,10 +20,10 @@ class Zero(Effect):
     def candidates(self, scene: Scene) -> Iterable[Candidate]:
         """Slopes of the torques by each zero."""
         w, dynamics = scene.motion, scene.trace.dynamics
-        q, at = dynamics.kinematics.inverse(w.z), dynamics.torque(w.z, w.qd, w.qdd, scene.p)
+        at = dynamics.torque(w.z, w.qd, w.qdd, scene.p)
         columns = []
         for i, drive in enumerate(scene.drives):
-            moved = q.copy()
+            moved = scene.q.copy()
             moved[:, i] += _STEP
             z, good = dynamics.kinematics.forward_unchecked(moved)
             slope = (dynamics.torque(z, w.qd, w.qdd, scene.p) - at) / _STEP

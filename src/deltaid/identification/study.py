@@ -151,9 +151,11 @@ def _accounted(
     if lag:
         known = [one for one in known if one.kind != "torque-lag"]
 
+    searches = [one.search(scene) for one in EFFECTS]
+
     def searched(left: Rows) -> Iterator[Candidate]:
-        for one in EFFECTS:
-            yield from one.searched(scene, left)
+        for search in searches:
+            yield from search(left)
 
     return scene, account(known, searched, rows.groups, span, span.without(tau))
 
