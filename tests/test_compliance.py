@@ -204,8 +204,8 @@ def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
     gears_leave: float, believed: bool
 ) -> None:
     def study(scale: float, load: float) -> Mock:
-        one = Mock(spec=Study, scene=Mock(), account=Mock())
-        one.scene.rows.scale = np.full(3, scale)
+        one = Mock(spec=Study, fit=Mock(), account=Mock())
+        one.fit.rows.scale = np.full(3, scale)
         one.account.left = np.full(4, np.sqrt((1.0 - load) / 4))
         one.account.found = [Mock(gain=load, candidate=Mock(kind="load-change"))]
         return one

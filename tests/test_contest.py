@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deltaid.effects.contest import account
-from deltaid.effects.scene import Candidate
+from deltaid.effects.rigid_fit import Candidate
 from deltaid.estimation.span import Span
 
 ROWS = 1000

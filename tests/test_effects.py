@@ -36,7 +36,7 @@ def files() -> set[str]:
         "joint",
         "lag_columns",
         "load_times",
-        "scene",
+        "rigid_fit",
     }
     return {path.stem for path in (PACKAGE / "effects").glob("*.py")} - common
 

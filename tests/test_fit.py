@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError
+from deltaid.estimation import conic
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information, active_columns, gather_samples
 from deltaid.estimation.log_cholesky import LogCholesky, Unconstrained
@@ -21,7 +22,6 @@ from deltaid.estimation.objective import (
 )
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import INTERIOR, build_reduction
-from deltaid.identification import conic
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription

@@ -20,9 +20,8 @@ from deltaid.check.motions import Candidate, candidates
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError, IdentificationError, KinematicsError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, merge
-from deltaid.estimation.objective import NOISE_FLOOR
-from deltaid.estimation.span import Span
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
 from deltaid.model.verdict import Grade, Verdict
@@ -243,13 +242,12 @@ def _weights(
     Of a drive that rests nothing is known; it gets a usual share of its usual torque.
     """
     found = []
-    for i, factor in enumerate(information.factors):
+    for i in range(len(information.factors)):
         samples, largest = information.samples[i], information.torque_max[i]
         if not samples or not largest:
             found.append((_USUAL_NOISE * max(float(usual[i]), np.finfo(float).tiny)) ** -2.0)
             continue
-        left = Span.of(factor[:, :-1]).without(factor[:, -1])
-        rms = np.linalg.norm(left) / np.sqrt(samples)
+        rms = np.linalg.norm(information.problem_of(i).residual) / np.sqrt(samples)
         found.append(max(float(rms), NOISE_FLOOR * largest) ** -2.0)
     return np.array(found)
 

@@ -50,10 +50,10 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def _of_resonance(study: Study) -> Iterator[Verdict]:
-    trace = study.scene.trace
+    trace = study.fit.trace
     rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
     return resonances(
-        unexplained(study), rate, bandwidth(q, rate), largest_torques(study), study.scene.drives
+        unexplained(study), rate, bandwidth(q, rate), largest_torques(study), study.fit.drives
     )
 
 
@@ -64,18 +64,18 @@ def _of_effects(study: Study, recording: Recording, *, rings: bool) -> Iterator[
         recording: what was looked at.
         rings: whether a resonance explains what is left.
     """
-    causes, effects = causes_of(study.scene, study.account), {one.kind: one for one in EFFECTS}
+    causes, effects = causes_of(study.fit, study.account), {one.kind: one for one in EFFECTS}
     for cause in causes:
         if effects[cause.kind].is_described:
             yield _verdict(effects[cause.kind], cause, recording)
     if causes:
         return
-    left = study.scene.rows.of_drives(study.account.left)
+    left = study.fit.rows.of_drives(study.account.left)
     rms = np.sqrt(np.mean(left**2, axis=1))
     noise, largest = white_share(study), largest_torques(study)
     times = rms / np.maximum(noise, _FLOOR * largest)
     worst = int(np.argmax(np.where(rms > _SEEN * largest, times, 0.0)))
-    number, drive = float(times[worst]), study.scene.drives[worst]
+    number, drive = float(times[worst]), study.fit.drives[worst]
     if rings or number < _FAR or rms[worst] < _SEEN * largest[worst]:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
         yield Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
@@ -101,8 +101,8 @@ def _of_effects(study: Study, recording: Recording, *, rings: bool) -> Iterator[
 
 
 def _verdict(effect: Effect, cause: Cause, recording: Recording) -> Verdict:
-    share = cause.rms / np.maximum(cause.scene.model.std(axis=1), 1e-300)
-    subject, drives = effect.subject(cause), cause.scene.drives
+    share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
+    subject, drives = effect.subject(cause), cause.fit.drives
     worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
     number, unit, seen = effect.seen(cause, subject, share[worst])
     return Verdict(

@@ -25,7 +25,7 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
     Args:
         unknown: whether the fit had to leave a lag open.
     """
-    common, each, drives = study.common, study.each, study.scene.drives
+    common, each, drives = study.common, study.each, study.fit.drives
     lag, half = 1e3 * common.values[0], 1e3 * common.interval[0]
     if study.hidden:
         yield Verdict(
@@ -39,7 +39,7 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
             unit="ms",
         )
         return
-    harm = spoilt(study, study.scene.p)
+    harm = spoilt(study, study.fit.p)
     if not study.late or not _matters(study, harm):
         if unknown:
             yield Verdict(
@@ -70,7 +70,7 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
     grade = Grade.WRONG if np.abs(harm).max() > _SPOILT else Grade.DOUBTFUL
     worst = int(np.argmax(np.abs(harm)))
     words = f"; left alone, it makes the inertia of {drives[worst]} {_changed(harm[worst])}"
-    rate = study.scene.trace.low_pass.rate
+    rate = study.fit.trace.low_pass.rate
     if study.alike:
         rows = 1e-3 * lag * rate
         yield Verdict(
@@ -108,7 +108,7 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
 def _agreement(study: Study) -> str:
     """That torques and positions agree in time, perhaps after a lag has been put right."""
     left = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
-    applied = study.scene.trace.recording.repairs.delay
+    applied = study.fit.trace.recording.repairs.delay
     if not any(applied):
         return f"torques and positions agree in time: {left}"
     if len(set(applied)) == 1:
@@ -116,7 +116,7 @@ def _agreement(study: Study) -> str:
     else:
         told = ", ".join(
             f"{drive} {1e3 * abs(one):.3g} ms {_late(one)}"
-            for drive, one in zip(study.scene.drives, applied, strict=True)
+            for drive, one in zip(study.fit.drives, applied, strict=True)
             if one
         )
     return f"torques came {told} against positions, which has been corrected: {left} are left"

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.effects.contest import Account, Explained
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 
 # A cause counts if it explains this share of all that is explained, and this share of the largest
 # torque; what is smaller may be what the first-order columns of another one leave.
@@ -19,13 +19,13 @@ class Cause:
 
     Attributes:
         kind: of the effect.
-        scene, account: where, and beside what else.
+        fit, account: where, and beside what else.
         found: its candidates, the first found first.
         rms: of what it explains in each drive's torque [N m or N].
     """
 
     kind: str
-    scene: Scene
+    fit: RigidFit
     account: Account
     found: tuple[Explained, ...]
     rms: Float[np.ndarray, " dof"]
@@ -36,15 +36,15 @@ class Cause:
         return self.found[0].candidate
 
 
-def causes_of(scene: Scene, account: Account) -> list[Cause]:
+def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
     """The causes that count."""
     total = sum(one.gain for one in account.found)
-    largest = np.abs(scene.model).max(axis=1)
+    largest = np.abs(fit.model).max(axis=1)
     causes = []
     for kind in dict.fromkeys(one.candidate.kind for one in account.found):
         own = tuple(one for one in account.found if one.candidate.kind == kind)
-        added = np.sum([one.directions @ (one.directions.T @ scene.tau) for one in own], axis=0)
-        rms = np.sqrt(np.mean(scene.rows.of_drives(added) ** 2, axis=1))
+        added = np.sum([one.directions @ (one.directions.T @ fit.tau) for one in own], axis=0)
+        rms = np.sqrt(np.mean(fit.rows.of_drives(added) ** 2, axis=1))
         if sum(one.gain for one in own) > _SHARE * total and np.any(rms > _LEAST * largest):
-            causes.append(Cause(kind, scene, account, own, rms))
+            causes.append(Cause(kind, fit, account, own, rms))
     return causes

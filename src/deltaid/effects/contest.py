@@ -2,24 +2,23 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaincc, gammaln
 
-from deltaid.effects.scene import Candidate
+from deltaid.effects.rigid_fit import Candidate
 from deltaid.estimation.problem import level_along
-from deltaid.estimation.span import Rows, Span, lengths
+from deltaid.estimation.span import Columns, Rows, Span, independent, lengths
 
-# Directions of columns shorter than this share of their length have been taken by parameters.
-_TAKEN = 1e-3
 # A candidate is detected where chance gives one like it once in so many decades of recordings.
 SEEN = 6.0
-# A preferred one is taken where it explains nearly as much as the best; one that bends with the
-# place, such as a zero, only where the best has more columns and, unless that bends too, does not
-# leave much less: to first order zeros may look like a drive's factor or offset.
+# A preferred candidate is taken where it explains nearly as much as the best; one that bends with
+# the place, such as a zero, only where the best has more columns and, unless that bends too, does
+# not leave much less: to first order zeros may look like a drive's factor or offset.
 _NEARLY, _MUCH_LESS = 0.9, 0.5
-# Of so many candidates the scatter is looked at, and so many are taken at most.
+# Of so many candidates the scatter is computed, and so many are taken at most.
 _CLOSE, _ROUNDS = 4, 5
 
 
@@ -38,12 +37,17 @@ class Explained:
     candidate: Candidate
     gain: float
     surprise: float
-    directions: Float[np.ndarray, "rows rank"]
+    directions: Columns
+
+    @property
+    def rank(self) -> int:
+        """Number of its columns."""
+        return self.directions.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
 class Account:
-    """All effects of a residual, in the order they were found.
+    """All effects of a residual, in the order they were detected.
 
     Attributes:
         found: each with what it adds to those before.
@@ -74,14 +78,19 @@ def account(
         span: what parameters explain.
         left: what they leave.
     """
-    found: list[Explained] = []
-    first: tuple[Explained, ...] = ()
-    bare = [span.without(_scaled(one.columns)) for one in candidates]
+    found = list[Explained]()
+    first = tuple[Explained, ...]()
+    bare = [span.without(_scaled(candidate.columns)) for candidate in candidates]
     for _ in range(_ROUNDS):
         more = tuple(searched(left))
-        columns = [*bare, *(span.without(_scaled(one.columns)) for one in more)]
-        tried = zip([*candidates, *more], columns, strict=True)
-        ranked = _ranked([(one, F) for one, F in tried], groups, span, left)
+        columns = [*bare, *(span.without(_scaled(candidate.columns)) for candidate in more)]
+        tries = float(np.log10(len(columns)))
+        trials = [
+            _Trial(candidate, A, by, left, span.rank, candidate.tries + tries)
+            for candidate, A in zip([*candidates, *more], columns, strict=True)
+            if (by := independent(A)).shape[1]
+        ]
+        ranked = _ranked(trials, groups)
         first = first or tuple(ranked)
         if not ranked or ranked[0].surprise < SEEN:
             break
@@ -89,71 +98,107 @@ def account(
         found.append(best)
         U = best.directions
         left = left - U @ (U.T @ left)
-        bare = [F - U @ (U.T @ F) for F in bare]
+        bare = [A - U @ (U.T @ A) for A in bare]
         span = span.with_directions(U)
     return Account(tuple(found), span, left, first)
 
 
-def _ranked(
-    candidates: Sequence[tuple[Candidate, Float[np.ndarray, "rows _"]]],
-    groups: Int[np.ndarray, " rows"],
-    span: Span,
-    left: Rows,
-) -> list[Explained]:
-    """The candidates that explain anything, the most surprising first.
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A candidate beside what has been explained.
 
-    One that explains hardly less with fewer columns goes first. The noise is that of what they
-    leave or, for the first few, its scatter between stretches of
-    time if that is larger.
+    Attributes:
+        candidate: which.
+        A: what is left of its columns.
+        by: combinations of them that are orthonormal.
+        left: what is to be explained.
+        taken: rank of what has been explained.
+        tries: of how many candidates it is one, as a decimal logarithm.
     """
-    count, total = len(candidates), float(left @ left)
-    judged = []
-    for candidate, F in candidates:
-        values, vectors = np.linalg.eigh(F.T @ F)
-        kept = values > _TAKEN**2
-        if not kept.any():
-            continue
-        by = vectors[:, kept] / np.sqrt(values[kept])
-        gain, rank = float(np.sum((by.T @ (F.T @ left)) ** 2)), by.shape[1]
-        freedom = max(len(left) - span.rank - rank, 1)
-        noise = max(total - gain, 1e-12 * total, 1e-300) / freedom
-        tries = candidate.tries + float(np.log10(count))
-        judged.append((surprise(gain / noise, rank) - tries, gain, noise, tries, candidate, F, by))
-    judged.sort(key=lambda one: -one[0])
-    if judged:
-        best, enough, most = judged[0], _NEARLY * judged[0][1], judged[0][6].shape[1]
-        much = np.inf if best[4].bends else max(total - best[1], 0.0) / _MUCH_LESS
-        judged.sort(
-            key=lambda one: (
-                not one[4].is_preferred
-                or one[1] < enough
-                or (one[4].bends and (one[6].shape[1] >= most or total - one[1] > much))
-            )
-        )
-    close = []
-    for _, gain, noise, tries, candidate, F, by in judged[:_CLOSE]:
-        U = F @ by
-        freedom = max(len(left) - span.rank - U.shape[1], 1)
-        level = max(noise, level_along(U, left - U @ (U.T @ left), groups, freedom))
-        close.append(Explained(candidate, gain, surprise(gain / level, U.shape[1]) - tries, U))
-    if close and close[0].candidate.is_preferred and close[0].surprise > SEEN:
+
+    candidate: Candidate
+    A: Columns
+    by: Float[np.ndarray, "columns rank"]
+    left: Rows
+    taken: int
+    tries: float
+
+    @cached_property
+    def gain(self) -> float:
+        """How much of the sum of squares it explains."""
+        return float(np.sum((self.by.T @ (self.A.T @ self.left)) ** 2))
+
+    @cached_property
+    def total(self) -> float:
+        """The sum of squares."""
+        return float(self.left @ self.left)
+
+    @property
+    def rank(self) -> int:
+        """Number of its columns."""
+        return self.by.shape[1]
+
+    @property
+    def freedom(self) -> int:
+        """Rows that are left to tell the noise."""
+        return max(len(self.left) - self.taken - self.rank, 1)
+
+    @property
+    def noise(self) -> float:
+        """Variance of what it leaves."""
+        return max(self.total - self.gain, 1e-12 * self.total, 1e-300) / self.freedom
+
+    @property
+    def surprise(self) -> float:
+        """For white noise."""
+        return surprise(self.gain / self.noise, self.rank) - self.tries
+
+    def explained(self, groups: Int[np.ndarray, " rows"]) -> Explained:
+        """With the noise by its scatter between stretches of time where that is larger."""
+        U = self.A @ self.by
+        after = self.left - U @ (U.T @ self.left)
+        level = max(self.noise, level_along(U, after, groups, self.freedom))
+        by_scatter = surprise(self.gain / level, self.rank) - self.tries
+        return Explained(self.candidate, self.gain, by_scatter, U)
+
+
+def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[Explained]:
+    """What trials explain, the most surprising first.
+
+    One that explains hardly less with fewer columns goes first; so does a preferred one.
+    """
+    if not trials:
+        return []
+    ranked = sorted(trials, key=lambda trial: -trial.surprise)
+    best = ranked[0]
+    ranked.sort(key=lambda trial: not _is_taken_before(trial, best))
+    close = [trial.explained(groups) for trial in ranked[:_CLOSE]]
+    if close[0].candidate.is_preferred and close[0].surprise > SEEN:
         return close
-    close.sort(key=lambda one: -one.surprise)
-    if close:
-        simplest = _simplest(close, total, len(left))
-        close = [simplest, *(one for one in close if one is not simplest)]
-    return close
+    close.sort(key=lambda explained: -explained.surprise)
+    simplest = _simplest(close, best.total, len(best.left))
+    return [simplest, *(explained for explained in close if explained is not simplest)]
+
+
+def _is_taken_before(trial: _Trial, best: _Trial) -> bool:
+    """Whether a preferred candidate explains enough to be taken in the place of the best."""
+    if not trial.candidate.is_preferred or trial.gain < _NEARLY * best.gain:
+        return False
+    if not trial.candidate.bends:
+        return True
+    much_more = trial.total - trial.gain > max(best.total - best.gain, 0.0) / _MUCH_LESS
+    return trial.rank < best.rank and (best.candidate.bends or not much_more)
 
 
 def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained:
     """The first, or one of fewer columns that leaves hardly more (Bayesian information)."""
     best = ranked[0]
-    for one in ranked[1:]:
-        fewer = best.directions.shape[1] - one.directions.shape[1]
-        if fewer > 0 and one.surprise > SEEN:
-            more = (total - one.gain) / max(total - best.gain, 1e-300)
+    for explained in ranked[1:]:
+        fewer = best.rank - explained.rank
+        if fewer > 0 and explained.surprise > SEEN:
+            more = (total - explained.gain) / max(total - best.gain, 1e-300)
             if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
-                best = one
+                best = explained
     return best
 
 

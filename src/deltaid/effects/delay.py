@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from deltaid.effects.effect import Effect
 from deltaid.effects.lag_columns import slopes
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 
 
 class Delay(Effect):
@@ -13,7 +13,7 @@ class Delay(Effect):
     kind = "torque-lag"
     is_described = False
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        columns = slopes(scene.trace, scene.p)
-        yield Candidate(self.kind, "", scene.rows.stack(columns)[:, None])
-        yield Candidate(self.kind, "", scene.rows.own(columns))
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        columns = slopes(fit.trace, fit.p)
+        yield Candidate(self.kind, "", fit.rows.stack(columns)[:, None])
+        yield Candidate(self.kind, "", fit.rows.own(columns))

@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
 
 # Time constants of warming up, as shares of the recording.
@@ -18,25 +18,25 @@ class Drift(Effect):
 
     kind = "drift"
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        time = scene.motion.time
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        time = fit.motion.time
         share = (time - time[0]) / (time[-1] - time[0])
         courses = [("steadily", share - 0.5)]
         courses += [("as in warming up", np.exp(-share / constant)) for constant in _WARM]
         friction = [
-            sum(scene.column(f"{term}.{joint.name}") * scene.size(f"{term}.{joint.name}")
+            sum(fit.column(f"{term}.{joint.name}") * fit.size(f"{term}.{joint.name}")
                 for term in ("viscous", "coulomb"))
-            for joint in scene.joints
+            for joint in fit.joints
         ]  # fmt: skip
         for words, course in courses:
             if friction:
-                each = np.stack([scene.rows.stack(own * course) for own in friction], axis=1)
+                each = np.stack([fit.rows.stack(own * course) for own in friction], axis=1)
                 yield Candidate(self.kind, "", each.sum(axis=1)[:, None], words)
                 yield Candidate(self.kind, "", each, words)
-                for i, joint in enumerate(scene.joints):
+                for i, joint in enumerate(fit.joints):
                     yield Candidate(self.kind, joint.name, each[:, [i]], words)
-            offset = scene.rows.own(scene.motion.weights.T * course)
-            for i, drive in enumerate(scene.drives):
+            offset = fit.rows.own(fit.motion.weights.T * course)
+            for i, drive in enumerate(fit.drives):
                 yield Candidate(self.kind, drive, offset[:, [i]], words)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:

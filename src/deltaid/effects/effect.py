@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import ClassVar
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.recording import Recording
@@ -34,14 +34,14 @@ class Effect:
         """Of its verdict."""
         return self.kind
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Columns that it would add to the torques, to first order, known beforehand."""
-        del scene
+        del fit
         return ()
 
-    def search(self, scene: Scene) -> Callable[[Rows], Iterable[Candidate]]:
+    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
         """What finds columns in what is left of the torques, whatever that is by then."""
-        del scene
+        del fit
         return lambda left: ()
 
     def subject(self, cause: Cause) -> str:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
 from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
 
 Speeds = Float[np.ndarray, " *shape"]
@@ -38,16 +38,16 @@ class FrictionLaw(Effect):
 
     kind = "friction-law"
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        if not scene.joints:
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        if not fit.joints:
             return
-        yield from self._by_speed(scene)
-        drives = [joint for joint in scene.joints if joint.drive is not None]
+        yield from self._by_speed(fit)
+        drives = [joint for joint in fit.joints if joint.drive is not None]
         if not drives:
             return
         wanted = [(joint, made) for made in (one_way, one_way_speed) for joint in drives]
-        ways = scene.joint_columns(wanted)
-        loads = scene.joint_columns([(joint, of_load) for joint in drives])
+        ways = fit.joint_columns(wanted)
+        loads = fit.joint_columns([(joint, of_load) for joint in drives])
         count = len(drives)
         for i, joint in enumerate(drives):
             yield Candidate(self.kind, joint.name, ways[:, [i, count + i]], _WAY)
@@ -56,14 +56,14 @@ class FrictionLaw(Effect):
         yield Candidate(self.kind, "", ways, _WAY)
         yield Candidate(self.kind, "", loads, _LOAD)
 
-    def _by_speed(self, scene: Scene) -> Iterable[Candidate]:
-        coulomb = np.array([scene.size(f"coulomb.{joint.name}") for joint in scene.joints])
-        wanted = [(joint, _of_share(joint, shape)) for shape, _ in SHAPES for joint in scene.joints]
-        every = np.split(scene.joint_columns(wanted), len(SHAPES), axis=1)
+    def _by_speed(self, fit: RigidFit) -> Iterable[Candidate]:
+        coulomb = np.array([fit.size(f"coulomb.{joint.name}") for joint in fit.joints])
+        wanted = [(joint, _of_share(joint, shape)) for shape, _ in SHAPES for joint in fit.joints]
+        every = np.split(fit.joint_columns(wanted), len(SHAPES), axis=1)
         for each, (_, words) in zip(every, SHAPES, strict=True):
             yield Candidate(self.kind, "", (each @ coulomb)[:, None], words)
             yield Candidate(self.kind, "", each, words)
-            for i, joint in enumerate(scene.joints):
+            for i, joint in enumerate(fit.joints):
                 yield Candidate(self.kind, joint.name, each[:, [i]], words)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.problem import scatter
 from deltaid.model.words import listed, percent
 
@@ -23,15 +23,15 @@ class Gain(Effect):
 
     kind = "drive-gain"
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        own = scene.rows.own(scene.scaled_model)
-        for i, drive in enumerate(scene.drives):
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        own = fit.rows.own(fit.scaled_model)
+        for i, drive in enumerate(fit.drives):
             yield Candidate(self.kind, drive, own[:, [i]])
         yield Candidate(self.kind, "", own)
 
     def subject(self, cause: Cause) -> str:
         odd = list(odd_gains(cause))
-        return listed(odd) if len(odd) < len(cause.scene.drives) else ""
+        return listed(odd) if len(odd) < len(cause.fit.drives) else ""
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         del subject, share
@@ -64,7 +64,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
     Of a single drive against the others; of several against the mean of the limbs' drives, since
     a factor common to all does not show.
     """
-    scene, drives = cause.scene, cause.scene.drives
+    fit, drives = cause.fit, cause.fit.drives
     named = {one.candidate.subject for one in cause.found}
     factor, deviation = _factors(cause)
     middle = np.median(factor)
@@ -75,7 +75,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
     if len(odd) == 1:
         others = np.delete(factor, odd[0])
         return {drives[odd[0]]: float(factor[odd[0]] / np.median(others) - 1.0)}
-    limbs = scene.trace.dynamics.robot.limbs
+    limbs = fit.trace.dynamics.robot.limbs
     mean = float(np.mean(factor[: limbs.count if limbs else None]))
     gains = factor / mean - 1.0
     shown = np.flatnonzero(np.abs(gains) > np.maximum(_CLEAR * deviation, _ODD))
@@ -84,17 +84,17 @@ def odd_gains(cause: Cause) -> dict[str, float]:
 
 def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
     """What each drive's torque is of the model's, up to a common factor, and its deviation."""
-    scene, span = cause.scene, cause.scene.span
+    fit, span = cause.fit, cause.fit.span
     for one in cause.account.found:
         if one.candidate.kind != cause.kind:
             span = span.with_columns(one.directions)
-    own = scene.rows.own(scene.scaled_model)
+    own = fit.rows.own(fit.scaled_model)
     bare = span.without(own)
     influence = np.linalg.pinv(bare, rcond=_SHOWN).T
-    theta = influence.T @ scene.tau
-    p = span.coefficients(scene.tau - own @ theta)
-    common = float(np.sum((scene.Y @ p) * scene.scaled_model) / np.sum(scene.scaled_model**2))
-    left = span.without(scene.tau) - bare @ theta
+    theta = influence.T @ fit.tau
+    p = span.coefficients(fit.tau - own @ theta)
+    common = float(np.sum((fit.Y @ p) * fit.scaled_model) / np.sum(fit.scaled_model**2))
+    left = span.without(fit.tau) - bare @ theta
     freedom = max(len(left) - span.rank - len(theta), 1)
-    errors = scatter(influence, left, scene.rows.groups, freedom)
+    errors = scatter(influence, left, fit.rows.groups, freedom)
     return (common + theta) / common, np.sqrt(np.diag(errors)) / common

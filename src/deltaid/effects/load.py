@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect
 from deltaid.effects.load_times import refined, two_levels
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.recording import Recording
@@ -28,25 +28,25 @@ class LoadChange(Effect):
 
     kind = "load-change"
 
-    def search(self, scene: Scene) -> Callable[[Rows], Iterable[Candidate]]:
-        holders = _holders(scene)
+    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
+        holders = _holders(fit)
 
         def found(left: Rows) -> Iterable[Candidate]:
             for body in holders:
-                mass = scene.rows.stack(scene.column(f"{body}.m"))
-                held = two_levels(scene, mass, left) if np.any(mass) else None
+                mass = fit.rows.stack(fit.column(f"{body}.m"))
+                held = two_levels(fit, mass, left) if np.any(mass) else None
                 if held is None:
                     continue
-                yield self._load(scene, body, mass[:, None], held)
-                whole = _columns_of(scene, body)
-                if (better := refined(scene, whole, left, held)) is not None:
-                    yield self._load(scene, body, whole, better)
+                yield self._load(fit, body, mass[:, None], held)
+                whole = _columns_of(fit, body)
+                if (better := refined(fit, whole, left, held)) is not None:
+                    yield self._load(fit, body, whole, better)
 
         return found
 
     def _load(
         self,
-        scene: Scene,
+        fit: RigidFit,
         body: str,
         columns: Float[np.ndarray, "rows columns"],
         held: Int[np.ndarray, " samples"],
@@ -54,8 +54,8 @@ class LoadChange(Effect):
         """Columns while the load is held, the mass's first."""
         at = np.flatnonzero(np.diff(held))
         tries = float(np.log10(len(held))) * len(at)
-        rows = np.tile(held, len(scene.drives))[:, None]
-        time = scene.motion.time
+        rows = np.tile(held, len(fit.drives))[:, None]
+        time = fit.motion.time
         times = tuple((0.5 * (time[at] + time[at + 1])).tolist())
         return Candidate(self.kind, "", columns * rows, body, tries, times)
 
@@ -81,11 +81,11 @@ class LoadChange(Effect):
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
         """Lines of a mapping that declare a load; none where not all of the recording was looked
         at, or where a load is declared already."""
-        first, time, log = cause.first, cause.scene.motion.time, recording.log
+        first, time, log = cause.first, cause.fit.motion.time, recording.log
         start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
         if log.columns.loads or end - start > time[-1] - time[0] + 2 * (time[0] - start) + _GONE:
             return ()
-        shown = first.columns.reshape(len(cause.scene.drives), len(time), -1).any(axis=(0, 2))
+        shown = first.columns.reshape(len(cause.fit.drives), len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
         one = int(np.argmax(shown))
         held_first = (np.searchsorted(changes, time[one]) % 2 == 0) == (_mass(cause) > 0)
@@ -96,23 +96,23 @@ class LoadChange(Effect):
         return (Proposal("mapping", (("load.name", "load"), *body, ("load.spans", spans))),)
 
 
-def _holders(scene: Scene) -> list[str]:
+def _holders(fit: RigidFit) -> list[str]:
     """The tool or, where there is none, the bodies that limbs carry, as far as their mass shows."""
-    robot, bodies = scene.trace.dynamics.robot, scene.trace.dynamics.layout.bodies
+    robot, bodies = fit.trace.dynamics.robot, fit.trace.dynamics.layout.bodies
     limbs = 0 if robot.limbs is None else robot.limbs.count
     arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
     free = ["EE"] if "EE" in bodies else [body for body in bodies if body not in arms]
-    return [body for body in free if scene.shows(f"{body}.m")]
+    return [body for body in free if fit.shows(f"{body}.m")]
 
 
-def _columns_of(scene: Scene, body: str) -> Float[np.ndarray, "rows columns"]:
+def _columns_of(fit: RigidFit, body: str) -> Float[np.ndarray, "rows columns"]:
     """Those of a body's ten parameters that show, the mass first."""
-    names = [one.name for one in scene.trace.dynamics.layout.parameters if one.owner == body]
-    columns = [scene.column(name) for name in names if scene.shows(name)]
-    return np.stack([scene.rows.stack(x) for x in columns if np.any(x)], axis=1)
+    names = [one.name for one in fit.trace.dynamics.layout.parameters if one.owner == body]
+    columns = [fit.column(name) for name in names if fit.shows(name)]
+    return np.stack([fit.rows.stack(x) for x in columns if np.any(x)], axis=1)
 
 
 def _mass(cause: Cause) -> float:
     """How much heavier the robot is in the second of a load's two states [kg]."""
-    alone = cause.scene.span.without(cause.first.columns)
-    return float(np.linalg.lstsq(alone, cause.scene.tau, rcond=1e-6)[0][0])
+    alone = cause.fit.span.without(cause.first.columns)
+    return float(np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0][0])

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.effects.scene import Scene
+from deltaid.effects.rigid_fit import RigidFit
 from deltaid.estimation.span import Rows
 
 # Windows in which a load is looked at [s], and at most so many.
@@ -15,13 +15,13 @@ _SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
 
 
 def refined(
-    scene: Scene, columns: Float[np.ndarray, "rows columns"], left: Rows, held: np.ndarray
+    fit: RigidFit, columns: Float[np.ndarray, "rows columns"], left: Rows, held: np.ndarray
 ) -> Int[np.ndarray, " samples"] | None:
     """The course of a load and its coefficients by turns; None where it is not held long enough."""
-    dof, count = len(scene.drives), len(held)
+    dof, count = len(fit.drives), len(held)
     for _ in range(_ROUNDS):
         carried = columns * np.tile(held, dof)[:, None]
-        bare = scene.span.without(carried)
+        bare = fit.span.without(carried)
         theta = np.linalg.lstsq(bare, left, rcond=1e-6)[0]
         rest = left - bare @ theta
         load = columns @ theta
@@ -33,17 +33,17 @@ def refined(
         if np.array_equal(course, held):
             break
         held = course
-    step = float(np.median(np.diff(scene.motion.time)))
+    step = float(np.median(np.diff(fit.motion.time)))
     return held if min(held.sum(), count - held.sum()) * step >= _HELD else None
 
 
-def two_levels(scene: Scene, column: Rows, left: Rows) -> Int[np.ndarray, " samples"] | None:
+def two_levels(fit: RigidFit, column: Rows, left: Rows) -> Int[np.ndarray, " samples"] | None:
     """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
 
     Means of two levels by turns with the most likely course between them (Viterbi), where each
     change costs as much as chance makes of one.
     """
-    time, dof = scene.motion.time, len(scene.drives)
+    time, dof = fit.motion.time, len(fit.drives)
     step = float(np.median(np.diff(time)))
     length = max(round(_WINDOW / step), 1, -(-len(time) // _WINDOWS))
     window = np.arange(len(time)) // length

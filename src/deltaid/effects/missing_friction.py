@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Effect
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.recording.windows import Samples
 
 
@@ -15,14 +15,14 @@ class MissingFriction(Effect):
     kind = "friction-missing"
     is_described = False
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        robot = scene.trace.dynamics.robot
-        without = [i for i, drive in enumerate(scene.drives) if drive not in robot.friction]
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        robot = fit.trace.dynamics.robot
+        without = [i for i, drive in enumerate(fit.drives) if drive not in robot.friction]
         if not without:
             return
-        drives = np.arange(len(scene.drives))
-        filtered = [scene.trace.filtered(of, drives) for of in (_signs, _speeds)]
-        columns = np.hstack([scene.rows.own(x)[:, without] for x in filtered])
+        drives = np.arange(len(fit.drives))
+        filtered = [fit.trace.filtered(of, drives) for of in (_signs, _speeds)]
+        columns = np.hstack([fit.rows.own(x)[:, without] for x in filtered])
         yield Candidate(self.kind, "", columns, is_preferred=True)
 
 

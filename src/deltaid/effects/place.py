@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
 
 # Decades that torques over the place must be more surprising: so many shapes bend to noise that is
@@ -19,16 +19,16 @@ class Place(Effect):
 
     kind = "geometry-or-cogging"
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
-        w = scene.motion
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        w = fit.motion
         middle, reach = w.z.mean(axis=0), np.maximum(np.ptp(w.z, axis=0), 1e-12)
         x = (w.z - middle) / reach
         dof = x.shape[1]
         shapes = [x[:, i] for i in range(dof)]
         shapes += [x[:, i] * x[:, j] for i in range(dof) for j in range(i, dof)]
-        alone = [scene.rows.own(w.weights.T * shape) for shape in shapes]
-        times = [scene.rows.own(scene.model * shape) for shape in shapes[:dof]]
-        for i, drive in enumerate(scene.drives):
+        alone = [fit.rows.own(w.weights.T * shape) for shape in shapes]
+        times = [fit.rows.own(fit.model * shape) for shape in shapes[:dof]]
+        for i, drive in enumerate(fit.drives):
             columns = np.stack([one[:, i] for one in (*alone, *times)], axis=1)
             yield self._candidate(drive, columns, _BENDS / dof)
         yield self._candidate("", np.hstack(alone + times), _BENDS)

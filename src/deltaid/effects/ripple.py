@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Rows
 from deltaid.model.words import percent
 
@@ -30,31 +30,31 @@ class Ripple(Effect):
     def key(self) -> str:
         return "geometry-or-cogging"
 
-    def search(self, scene: Scene) -> Callable[[Rows], Iterable[Candidate]]:
-        waves = [_waves(scene, i) for i in range(len(scene.drives))]
+    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
+        waves = [_waves(fit, i) for i in range(len(fit.drives))]
 
         def found(left: Rows) -> Iterable[Candidate]:
-            for i, residual in enumerate(scene.rows.of_drives(left)):
+            for i, residual in enumerate(fit.rows.of_drives(left)):
                 if (pair := waves[i]) is not None:
-                    yield self._best(scene, i, pair, residual)
+                    yield self._best(fit, i, pair, residual)
 
         return found
 
     def _best(
-        self, scene: Scene, i: int, pair: Waves, residual: Float[np.ndarray, " samples"]
+        self, fit: RigidFit, i: int, pair: Waves, residual: Float[np.ndarray, " samples"]
     ) -> Candidate:
         """The ripple of a drive that its residual shows best."""
         power = np.maximum(np.sum(pair**2, axis=(0, 2)), 1e-300)
         k = int(np.argmax(np.sum((pair @ residual) ** 2, axis=0) / power))
-        columns = np.zeros((len(scene.drives), len(residual), 2))
+        columns = np.zeros((len(fit.drives), len(residual), 2))
         columns[i] = pair[:, k].T
         return Candidate(
             self.kind,
-            scene.drives[i],
-            scene.rows.stack(columns),
+            fit.drives[i],
+            fit.rows.stack(columns),
             f"a ripple of {_COUNTS[k]:.3g} waves over the stroke",
             float(np.log10(len(_COUNTS))),
-            (float(_stroke(scene, i) / _COUNTS[k]),),
+            (float(_stroke(fit, i) / _COUNTS[k]),),
             bends=True,
         )
 
@@ -71,19 +71,19 @@ class Ripple(Effect):
         return "let the drive compensate it, or take a lower --cutoff"
 
 
-def _waves(scene: Scene, i: int) -> Waves | None:
+def _waves(fit: RigidFit, i: int) -> Waves | None:
     """Ripples of a drive as they pass the filter; None where it stands still."""
-    w, low_pass, stroke = scene.motion, scene.trace.low_pass, _stroke(scene, i)
+    w, low_pass, stroke = fit.motion, fit.trace.low_pass, _stroke(fit, i)
     if stroke == 0:
         return None
     frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
     passed = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
-    q = scene.q[:, i]
+    q = fit.q[:, i]
     turns = 2 * np.pi * np.outer(_COUNTS, (q - q.min()) / stroke)
     speeds = np.abs(np.outer(_COUNTS, w.qd[:, i] / stroke))
     size = np.interp(speeds, frequency, passed) * w.weights[:, i]
     return np.stack([size * np.sin(turns), size * np.cos(turns)])
 
 
-def _stroke(scene: Scene, i: int) -> float:
-    return float(np.ptp(scene.q[:, i]))
+def _stroke(fit: RigidFit, i: int) -> float:
+    return float(np.ptp(fit.q[:, i]))

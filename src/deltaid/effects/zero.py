@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Effect
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 
 # Steps [rad or m] that the slope by a drive's zero is taken with.
 _STEP = 1e-4
@@ -17,18 +17,18 @@ class Zero(Effect):
     kind = "homing-or-tilt"
     is_described = False
 
-    def candidates(self, scene: Scene) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Slopes of the torques by each zero."""
-        w, dynamics = scene.motion, scene.trace.dynamics
-        at = dynamics.torque(w.z, w.qd, w.qdd, scene.p)
+        w, dynamics = fit.motion, fit.trace.dynamics
+        at = dynamics.torque(w.z, w.qd, w.qdd, fit.p)
         columns = []
-        for i, drive in enumerate(scene.drives):
-            moved = scene.q.copy()
+        for i, drive in enumerate(fit.drives):
+            moved = fit.q.copy()
             moved[:, i] += _STEP
             z, good = dynamics.kinematics.forward_unchecked(moved)
-            slope = (dynamics.torque(z, w.qd, w.qdd, scene.p) - at) / _STEP
+            slope = (dynamics.torque(z, w.qd, w.qdd, fit.p) - at) / _STEP
             slope[~good] = 0.0
-            columns.append(scene.rows.stack((slope * w.weights).T))
+            columns.append(fit.rows.stack((slope * w.weights).T))
             yield self._candidate(drive, columns[-1][:, None])
         yield self._candidate("", np.stack(columns, axis=1))
 

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
 from deltaid.estimation.additions import entries_at
+from deltaid.estimation.problem import LinearProblem
 
 # Samples whose regressor is in memory at once.
 _AT_ONCE = 8000
@@ -130,6 +131,15 @@ class Information:
         scaled = self.factors * np.sqrt(self.weights if weights is None else weights)[:, None, None]
         rows = scaled.reshape(-1, scaled.shape[2])
         return triangle(rows if facts is None else np.vstack([rows, facts]))
+
+    @property
+    def problem(self) -> LinearProblem:
+        """Least squares of everything, with the weights of the fit."""
+        return LinearProblem.of_triangle(self.weighted(), self.rows)
+
+    def problem_of(self, i: int) -> LinearProblem:
+        """That of one drive or channel alone, in its own unit."""
+        return LinearProblem.of_triangle(self.factors[i], float(self.samples[i]))
 
     def rms(self, p: Parameters) -> Float[np.ndarray, " rows"]:
         """Root mean square of τ_i − Y_i p for each drive and channel; 0 without samples."""

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.drive_rows import NOISE_FLOOR
+from deltaid.estimation.information import Information
 from deltaid.estimation.reduction import Reduction
 from deltaid.estimation.regularizer import Matrix, Regularizer, Vector
-from deltaid.estimation.span import Span
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,10 @@ class Objective:
 
 def data_term(information: Information, reduction: Reduction) -> DataTerm:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
-    factor = information.weighted()
-    Y, tau = factor[:, :-1], factor[:, -1]
-    at = information.columns
-    reduced = np.column_stack([Y @ reduction.A[at], tau - Y @ reduction.p_0[at]])
-    n = reduction.size
-    padded = np.vstack([reduced, np.zeros((max(0, n + 1 - len(reduced)), n + 1))])
-    R = triangle(padded) / np.sqrt(information.mean_samples)
+    n, at = reduction.size, information.columns
+    found = information.problem.substituted(reduction.A[at], reduction.p_0[at]).triangle
+    R = np.zeros((n + 1, n + 1))
+    R[: len(found)] = found / np.sqrt(information.mean_samples)
     return DataTerm(R[:n, :n], R[:n, n], float(R[n, n] ** 2))
 
 
@@ -72,15 +69,7 @@ def noise_level(information: Information) -> float:
 
     The residual of the unconstrained least squares over all columns, with its degrees of freedom.
     """
-    drives = information.of_drives
-    factor = drives.weighted()
-    span = Span.of(factor[:, :-1])
-    residual = span.without(factor[:, -1])
-    return float(np.linalg.norm(residual) / np.sqrt(max(drives.rows - span.rank, 1)))
-
-
-# Torques are never taken to be known better than this share of the largest one.
-NOISE_FLOOR = 1e-6
+    return information.of_drives.problem.noise
 
 
 def default_gamma(information: Information, prior_spread: float) -> float:

@@ -41,6 +41,15 @@ class LinearProblem:
     values: float | None = None
 
     @classmethod
+    def of_triangle(cls, R: Columns, values: float) -> "LinearProblem":
+        """Rows that have been condensed to R with RᵀR = [A b]ᵀ[A b], in one group.
+
+        Args:
+            values: how many they were.
+        """
+        return cls(R[:, :-1], R[:, -1], np.zeros(len(R), dtype=int), values=values)
+
+    @classmethod
     def together(cls, problems: Sequence["LinearProblem"]) -> "LinearProblem":
         """All rows of problems over the same columns, with groups of their own."""
         first = np.cumsum([0, *(one.groups.max(initial=KNOWN) + 1 for one in problems)]).tolist()
@@ -101,6 +110,31 @@ class LinearProblem:
     def residual(self) -> Rows:
         """b − A x."""
         return self.b - self.A @ self.x
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of white noise that would leave the residual."""
+        freedom = max(self.measured - self.span.rank, 1.0)
+        return float(np.linalg.norm(self.residual) / np.sqrt(freedom))
+
+    @cached_property
+    def root(self) -> Float[np.ndarray, "columns columns"]:
+        """The triangle R with RᵀR = AᵀA, of independent columns."""
+        norms = lengths(self.A)
+        return np.asarray(np.linalg.qr(self.A / norms, mode="r")) * norms
+
+    def substituted(self, A: Columns, x_0: Float[np.ndarray, " columns"]) -> "LinearProblem":
+        """The same over y, for x = A y + x_0."""
+        return replace(self, A=self.A @ A, b=self.b - self.A @ x_0)
+
+    @property
+    def triangle(self) -> Columns:
+        """The triangle R of [A b], RᵀR = [A b]ᵀ[A b]."""
+        return np.asarray(np.linalg.qr(np.column_stack([self.A, self.b]), mode="r"))
+
+    def of_columns(self, which: Int[np.ndarray, " _"]) -> "LinearProblem":
+        """The same with some columns alone."""
+        return replace(self, A=self.A[:, which])
 
     def covariance(self, which: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
         """Of some entries of x, by the scatter between groups and by what is known before."""

@@ -8,6 +8,8 @@ from threadpoolctl import threadpool_limits
 
 # Singular values of columns of unit length below this share of the largest are zero.
 DEPENDENT = 1e-9
+# Directions of columns that other columns have explained but for this share of their length.
+_EXPLAINED = 1e-3
 
 Columns = Float[np.ndarray, "rows columns"]
 Rows = Float[np.ndarray, " rows"]
@@ -63,3 +65,15 @@ def lengths(A: Columns) -> Float[np.ndarray, " columns"]:
     """Euclidean norms of columns, 1 for those that are zero."""
     norms = np.linalg.norm(A, axis=0)
     return np.where(norms > 0, norms, 1.0)
+
+
+def independent(A: Columns) -> Float[np.ndarray, "columns rank"]:
+    """Combinations of columns that are orthonormal.
+
+    Args:
+        A: what is left of columns of unit length, less what others explain; a direction that has
+            hardly anything left is none.
+    """
+    values, vectors = np.linalg.eigh(A.T @ A)
+    kept = values > _EXPLAINED**2
+    return vectors[:, kept] / np.sqrt(values[kept])

@@ -18,7 +18,7 @@ from deltaid.estimation.traces import Trace
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class RecordingRows:
     """Rows of one recording.
 
     Attributes:
@@ -71,27 +71,27 @@ class TraceRows:
         """Number of free parameters."""
         return self.reduction.size
 
-    def of_trace(self, trace: Trace, beside: Sequence[Addition] = ()) -> Sheet:
+    def of_trace(self, trace: Trace, beside: Sequence[Addition] = ()) -> RecordingRows:
         """Rows of a trace, with columns of something beside the parameters."""
         Y, at = trace.regressor((*self.additions, *beside)), self.active
         own, more = Y[:, :, : len(at)], Y[:, :, len(at) :]
         tau = trace.torques() - own @ self.reduction.p_0[at]
-        return Sheet(np.concatenate([own @ self.reduction.A[at], more], axis=2), tau)
+        return RecordingRows(np.concatenate([own @ self.reduction.A[at], more], axis=2), tau)
 
     def problem(
         self,
-        sheets: Sequence[Sheet],
+        recordings: Sequence[RecordingRows],
         mean: Float[np.ndarray, " beside"] | None = None,
         deviation: Float[np.ndarray, " beside"] | None = None,
     ) -> LinearProblem:
         """Least squares over recordings together, with the prior of the parameters.
 
         Args:
-            sheets: with the same columns.
+            recordings: with the same columns.
             mean, deviation: what is known of what stands beside the parameters; nothing, if not
                 given.
         """
-        width = sheets[0].A.shape[2]
+        width = recordings[0].A.shape[2]
         prior = Euclidean().regularizer(self.reduction).quadratic
         D = np.zeros((len(prior.D), width))
         D[:, : self.size] = prior.D / self.spread
@@ -99,7 +99,7 @@ class TraceRows:
         if mean is not None and deviation is not None:
             more = np.eye(width)[self.size :] / deviation[:, None]
             D, d = np.vstack([D, more]), np.concatenate([d, mean / deviation])
-        return LinearProblem.together([one.problem for one in sheets]).with_known(D, d)
+        return LinearProblem.together([one.problem for one in recordings]).with_known(D, d)
 
     def parameters(self, x: Float[np.ndarray, " columns"]) -> Parameters:
         """p of the robot and of additions, for x and what stands beside it."""

@@ -25,8 +25,8 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, triangle
-from deltaid.estimation.objective import NOISE_FLOOR
 from deltaid.estimation.scatter import Groups, half_width
 from deltaid.forces.ball import REACH, Ball
 from deltaid.forces.unknowns import Unknowns, unknowns
@@ -198,10 +198,8 @@ class Ranges:
         self._noise, self._known, self._p = given.estimate.noise, known, p
         self._shifts = given.geometry.shifts
         information, unknown = given.information, known.unknowns
-        factor = information.weighted()
-        at, Y, tau = information.columns, factor[:, :-1], factor[:, -1]
-        rows = np.column_stack([Y @ unknown.A[at], tau - Y @ unknown.p_0[at]])
-        self._data = triangle(rows)
+        at = information.columns
+        self._data = information.problem.substituted(unknown.A[at], unknown.p_0[at]).triangle
 
     @threadpool_limits.wrap(limits=1, user_api="blas")
     def of(self, c: Coefficients) -> Range:

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information
-from deltaid.estimation.objective import NOISE_FLOOR, noise_level
-from deltaid.estimation.span import Span
+from deltaid.estimation.objective import noise_level
 from deltaid.identification.gathering import Gathered
 from deltaid.sensors.weighings import Weighing
 
@@ -60,10 +60,8 @@ def _residual(information: Information) -> Float[np.ndarray, " rows"]:
 
     Each channel's share of the degrees of freedom that the fit takes is given back.
     """
-    factor = information.weighted()
-    span = Span.of(factor[:, :-1])
-    left = information.factors @ np.append(-span.coefficients(factor[:, -1]), 1.0)
-    left = np.linalg.norm(left, axis=1)
-    own = information.factors[:, :, :-1] @ span.inverse
+    problem = information.problem
+    left = np.linalg.norm(information.factors @ np.append(-problem.x, 1.0), axis=1)
+    own = information.factors[:, :, :-1] @ problem.inverse
     taken = np.sum(own**2, axis=(1, 2)) * information.weights
     return left / np.sqrt(np.maximum(information.samples - taken, 1.0))

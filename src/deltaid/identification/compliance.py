@@ -77,7 +77,7 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         found, left = before.account.found, before.account.left
         of_loads = sum(one.gain for one in found if one.candidate.kind == "load-change")
         whole = float(left @ left) + sum(one.gain for one in found)
-        by_gears = np.mean((after.scene.rows.scale / before.scene.rows.scale) ** 2)
+        by_gears = np.mean((after.fit.rows.scale / before.fit.rows.scale) ** 2)
         if by_gears > 1.0 - of_loads / whole:
             return False
     return True

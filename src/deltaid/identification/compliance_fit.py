@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.estimation.drive_rows import stretch_starts
-from deltaid.estimation.trace_rows import Sheet
+from deltaid.estimation.trace_rows import RecordingRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.compliance_found import Found, Groups
 from deltaid.identification.compliance_rows import Columns, Rows, late
@@ -195,16 +195,16 @@ class _Fit:
         little, count = _LITTLE / (S.T @ self._largest), S.shape[1]
         for _ in range(most):
             s, windings = self.known + S @ sizes, self.windings(p)
-            sheets = [
+            parts = [
                 replace(
-                    self._sheet(one, s, S * little, p),
+                    self._of_links(one, s, S * little, p),
                     instruments=self._clean(one, s, S * little, p),
                 )
                 for one in windings
             ]
-            problem, first = self.rows.rows.problem(sheets), self.rows.rows.size
+            problem, first = self.rows.rows.problem(parts), self.rows.rows.size
             moved = np.maximum(sizes + problem.x[first : first + count], 0.0) - sizes
-            sizes, p = sizes + moved, self.rows.parameters(sheets)
+            sizes, p = sizes + moved, self.rows.parameters(parts)
             covariance = problem.covariance(slice(first, first + count + len(s)))
             if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
                 break
@@ -213,7 +213,9 @@ class _Fit:
             _like_lag(covariance, S), p,
         )  # fmt: skip
 
-    def _sheet(self, one: Windings, s: Compliance, steps: Groups, p: Parameters) -> Sheet:
+    def _of_links(
+        self, one: Windings, s: Compliance, steps: Groups, p: Parameters
+    ) -> RecordingRows:
         """Rows of the links' motion by measured torques, beside slopes over each size."""
         low_pass = one.motors.low_pass(one.trace.low_pass.rate)
 
@@ -222,7 +224,7 @@ class _Fit:
 
         now = at(s)
         more = [at(s + step) for step in steps.T]
-        return self.rows.sheet(now, p, _slopes_over(now, more, steps, p), late(now, p))
+        return self.rows.of_trace(now, p, _slopes_over(now, more, steps, p), late(now, p))
 
     def _clean(
         self, one: Windings, s: Compliance, steps: Groups, p: Parameters
@@ -236,7 +238,7 @@ class _Fit:
         link = replace(motor, trace=motor.turned(s)).by_model(p)
         motor = motor.inner(low_pass)
         return tuple(
-            self.rows.sheet(
+            self.rows.of_trace(
                 along.trace,
                 p,
                 _slopes_over(along.trace, [along.turned(step) for step in steps.T], steps, p),

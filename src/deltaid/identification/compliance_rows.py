@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.friction import SHAPES
 from deltaid.effects.lag_columns import slopes
 from deltaid.estimation.drive_rows import of_own_drives
-from deltaid.estimation.trace_rows import Sheet, TraceRows
+from deltaid.estimation.trace_rows import RecordingRows, TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.setup import Setup
 from deltaid.recording.windows import Samples
@@ -34,38 +34,38 @@ class Rows:
 
     def fitted(self, traces: Sequence[Trace]) -> tuple[list[np.ndarray], Parameters]:
         """What is left of each trace's rows, and p."""
-        sheets = [self.sheet(one, one.load) for one in traces]
-        p, first = self.parameters(sheets), self.rows.size
-        sheets = [
+        parts = [self.of_trace(one, one.load) for one in traces]
+        p, first = self.parameters(parts), self.rows.size
+        parts = [
             replace(
                 one,
                 A=np.concatenate([one.A[..., :first], late(now, p), one.A[..., first:]], axis=2),
             )
-            for one, now in zip(sheets, traces, strict=True)
+            for one, now in zip(parts, traces, strict=True)
         ]
-        x = self.rows.problem(sheets).x
-        return [one.tau - one.A @ x for one in sheets], self.parameters(sheets)
+        x = self.rows.problem(parts).x
+        return [one.tau - one.A @ x for one in parts], self.parameters(parts)
 
-    def sheet(self, one: Trace, p: Parameters, *columns: Columns) -> Sheet:
+    def of_trace(self, one: Trace, p: Parameters, *columns: Columns) -> RecordingRows:
         """Rows of a trace, with columns beside the parameters', those of friction behind.
 
         Args:
             p: whose torques gears carry, which losses grow with.
         """
-        sheet = self.rows.of_trace(one)
-        return replace(sheet, A=np.concatenate([sheet.A, *columns, _friction(one, p)], axis=2))
+        part = self.rows.of_trace(one)
+        return replace(part, A=np.concatenate([part.A, *columns, _friction(one, p)], axis=2))
 
-    def parameters(self, sheets: Sequence[Sheet]) -> Parameters:
+    def parameters(self, parts: Sequence[RecordingRows]) -> Parameters:
         """p of the robot, whose friction is viscous and Coulomb's as well as that goes: beside a
         free curve, hardly anything tells them."""
-        free = _FREE * len(sheets[0].tau)
+        free = _FREE * len(parts[0].tau)
         plain = [
             replace(
                 one,
                 A=one.A[:, :, :-free],
                 instruments=tuple(by[:, :, :-free] for by in one.instruments),
             )
-            for one in sheets
+            for one in parts
         ]
         p = self.rows.parameters(self.rows.problem(plain).x)
         return p[: len(p) - sum(len(one.parameters) for one in self.rows.additions)]

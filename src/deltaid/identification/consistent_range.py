@@ -26,9 +26,10 @@ from scipy import sparse
 
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.conic import normalised, svec
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.free_body import Block
 from deltaid.estimation.information import Information
-from deltaid.estimation.objective import NOISE_FLOOR, Objective
+from deltaid.estimation.objective import Objective
 from deltaid.estimation.scatter import Noise, half_width, quantile
 from deltaid.identification.sources import Sources
 from deltaid.model.parameter_record import Share

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deltaid.estimation.objective import NOISE_FLOOR
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.scatter import quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.signs import CURE, against_motion, told

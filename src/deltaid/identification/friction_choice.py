@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.effects.contest import surprise
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
-from deltaid.estimation.span import Rows
+from deltaid.estimation.span import Rows, independent
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_options import (
@@ -50,8 +50,6 @@ from deltaid.robot.friction_text import written
 _SEEN, _LEAST = 3.5, 3e-4
 # Decades that the number of joints and kinds of terms takes.
 _TRIALS = 1.3
-# Directions of columns shorter than this share of their length have been taken by parameters.
-_TAKEN = 1e-3
 # Terms that are added at most.
 _MOST = 25
 
@@ -245,8 +243,7 @@ def _spare(rows: FrictionRows, steps: Sequence[_Tried], found: Refined) -> _Trie
     worst: tuple[float, _Tried] | None = None
     for one, place in zip(steps, places, strict=True):
         others = [k for k in range(columns.shape[1]) if k not in place]
-        U, s, _ = np.linalg.svd(bare[:, others], full_matrices=False)
-        U = U[:, s > _TAKEN]
+        U = bare[:, others] @ independent(bare[:, others])
         variant = replace(one.variant, columns=tuple(place))
         option = replace(one.option, variants=(variant,), positive=False)
         now = _tried(rows, option, bare - U @ (U.T @ bare), left - U @ (U.T @ left))
@@ -261,11 +258,10 @@ def _tried(rows: FrictionRows, option: Option, bare: Columns, left: Rows) -> _Tr
     best: tuple[float, Variant, Columns] | None = None
     for variant in option.variants:
         F = bare[:, variant.columns]
-        values, vectors = np.linalg.eigh(F.T @ F)
-        shown = values > _TAKEN**2
-        if not shown.any() or (option.positive and F[:, 0] @ left <= 0):
+        by = independent(F)
+        if not by.shape[1] or (option.positive and F[:, 0] @ left <= 0):
             continue
-        U = F @ (vectors[:, shown] / np.sqrt(values[shown]))
+        U = F @ by
         gain = float(np.sum((U.T @ left) ** 2))
         if best is None or gain > best[0]:
             best = gain, variant, U

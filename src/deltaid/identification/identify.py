@@ -194,7 +194,7 @@ def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
 
 def _is_of(study: Study, recording: Recording) -> bool:
     """Whether a recording was studied as it has been put right by now."""
-    return study.scene.trace.recording.repairs == recording.repairs
+    return study.fit.trace.recording.repairs == recording.repairs
 
 
 def _told(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:

@@ -22,7 +22,7 @@ from deltaid.effects.lag_columns import slopes
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
 from deltaid.estimation.scatter import quantile
-from deltaid.estimation.trace_rows import Sheet, TraceRows
+from deltaid.estimation.trace_rows import RecordingRows, TraceRows
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.identification.lag_groups import common_lag
 from deltaid.identification.reversal_lags import lags_of_reversals
@@ -166,14 +166,14 @@ class _Fit:
                 one.shifted(by) if np.any(by) else one
                 for one, by in zip(self.traces, delays, strict=True)
             ]
-            sheets = [rows.of_trace(one) for one in shifted]
+            parts = [rows.of_trace(one) for one in shifted]
             if p is None:
-                p = rows.parameters(rows.problem(sheets).x)
+                p = rows.parameters(rows.problem(parts).x)
             if rows.dynamics.robot.load_drives:
                 shifted = [replace(one, load=p[: len(one.load)]) for one in shifted]
-                sheets = [rows.of_trace(one) for one in shifted]
-            sheets = [self._with_lags(*both, p) for both in zip(sheets, shifted, strict=True)]
-            known = rows.problem(sheets, (centre - delays).ravel(), deviation.ravel())
+                parts = [rows.of_trace(one) for one in shifted]
+            parts = [self._with_lags(*both, p) for both in zip(parts, shifted, strict=True)]
+            known = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
             p, step = rows.parameters(known.x), known.x[rows.size :].reshape(delays.shape)
             delays = np.clip(delays + step, -REACH, REACH)
             if np.abs(step).max() < _SETTLED or sweep == _SWEEPS - 1:
@@ -181,13 +181,13 @@ class _Fit:
                 return _Found(delays, _each(covariance, len(delays)), p)
         raise AssertionError
 
-    def _with_lags(self, sheet: Sheet, one: Trace, p: Parameters) -> Sheet:
+    def _with_lags(self, part: RecordingRows, one: Trace, p: Parameters) -> RecordingRows:
         """Rows of a trace, with slopes −τ̇ of the torques of p for the lags of all."""
         own = of_own_drives(slopes(one, p, self.rows.additions)[:, :, None])
         lags = [
             own if trace.recording is one.recording else np.zeros_like(own) for trace in self.traces
         ]
-        return replace(sheet, A=np.concatenate([sheet.A, *lags], axis=2))
+        return replace(part, A=np.concatenate([part.A, *lags], axis=2))
 
 
 @dataclass(frozen=True, eq=False)

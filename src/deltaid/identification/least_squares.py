@@ -18,6 +18,7 @@ from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.scatter import (
     Groups,
     Noise,
@@ -176,24 +177,19 @@ def _least_squares(
 ) -> BaseEstimate:
     columns = [group.representative for group in base.groups]
     at = np.searchsorted(information.columns, columns)
-    norms = np.linalg.norm(factor[:, at], axis=0)
-    Q, R = np.linalg.qr(factor[:, at] / norms)
-    projected = Q.T @ factor[:, -1]
-    values = solve_triangular(R, projected) / norms
-    residual = np.linalg.norm(factor[:, -1] - Q @ projected)
-    freedom = max(information.rows - base.rank, 1.0)
+    problem = LinearProblem.of_triangle(factor, information.rows).of_columns(at)
     own = np.append(at, len(information.columns))
     noise = observe(
-        root=R * norms,
-        values=values,
-        sigma=float(residual / np.sqrt(freedom)),
-        freedom=freedom,
+        root=problem.root,
+        values=problem.x,
+        sigma=problem.noise,
+        freedom=max(information.rows - base.rank, 1.0),
         groupings=((name, each[:, own][:, :, own]) for name, each in sums.items()),
     )
     std, nu = noise.deviations(inverse(noise.root).T)
     full = np.zeros(len(base.layout.names))
-    full[columns] = values
-    return BaseEstimate(method, values, std, quantile(nu) * std, full, noise)
+    full[columns] = problem.x
+    return BaseEstimate(method, problem.x, std, quantile(nu) * std, full, noise)
 
 
 def _residual_covariance(

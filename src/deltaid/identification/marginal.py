@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.estimation.objective import NOISE_FLOOR
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import inverse
 from deltaid.identification.fit import FittedProblem

@@ -12,7 +12,6 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.information import Information
-from deltaid.estimation.span import Span
 from deltaid.robot.description import RobotDescription
 
 # A drive contradicts itself when the more certain of the two is negative by so many of its standard
@@ -39,7 +38,9 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
     found = []
     for i, drive in enumerate(dynamics.robot.drives):
         probes = _among(_probes(dynamics, i), information.columns)
-        values, stds = _told(information.factors[i], information.samples[i], probes)
+        problem = information.problem_of(i)
+        values = probes @ problem.x
+        stds = problem.noise * np.linalg.norm(probes @ problem.inverse, axis=1)
         certain = values / np.maximum(stds, np.finfo(float).tiny)
         if certain[np.argmax(np.abs(certain))] < -_CERTAIN:
             friction = float(values[1]) if np.any(probes[1]) else np.nan
@@ -84,15 +85,3 @@ def _among(
     """Rows of a robot's parameters for some columns, of which those beside the robot come last."""
     added = max(0, int(columns[-1]) + 1 - rows.shape[1])
     return np.pad(rows, ((0, 0), (0, added)))[:, columns]
-
-
-def _told(
-    factor: Float[np.ndarray, "augmented augmented"],
-    samples: float,
-    probes: Float[np.ndarray, "2 columns"],
-) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    """c p of the least-squares p of one drive's rows, and standard deviations for white noise."""
-    span, tau = Span.of(factor[:, :-1]), factor[:, -1]
-    sigma = np.linalg.norm(span.without(tau)) / np.sqrt(max(samples - span.rank, 1))
-    rows = probes @ span.inverse
-    return probes @ span.coefficients(tau), sigma * np.linalg.norm(rows, axis=1)

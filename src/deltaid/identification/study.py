@@ -15,7 +15,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.contest import SEEN, Account, account, surprise
 from deltaid.effects.lag_columns import slopes
-from deltaid.effects.scene import Candidate, Scene
+from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
@@ -38,7 +38,7 @@ class Study:
     """A recording looked at with all effects.
 
     Attributes:
-        scene: the recording, with lags put back if they show.
+        fit: the recording, with lags put back if they show.
         account: the effects, at these lags.
         common, each: lags.
         late: surprise of the lag that shows; 0 if none does.
@@ -47,7 +47,7 @@ class Study:
         hidden: whether there is something like a lag that other causes explain better.
     """
 
-    scene: Scene
+    fit: RigidFit
     account: Account
     common: Lag
     each: Lag
@@ -108,18 +108,18 @@ def studied(
     Y, own = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
     explained = np.concatenate([Y, slopes(record, own)[:, :, None]], axis=2)
     rows = DriveRows.by_noise(explained, record.torques())
-    scene, account = _accounted(record, Y, rows)
+    fit, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.candidate.kind != "torque-lag"]
     first = account.found[0].candidate.kind if account.found else ""
     apart = np.abs(each.values - common.values) / np.maximum(each.deviation, 1e-12)
     apart_by = float(np.abs(each.values - common.values).max()) / _AT_ONCE
     alike = surprise(float(np.sum(apart**2)), dynamics.dof) < SEEN or apart_by < _SMALL
-    plain = _inertia(scene, scene.p)
+    plain = _inertia(fit, fit.p)
     if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
-        return Study(scene, account, common, each, 0.0, alike, plain)
+        return Study(fit, account, common, each, 0.0, alike, plain)
     if first != "torque-lag" and late < max(others, default=0.0):
-        return Study(scene, account, common, each, 0.0, alike, plain, hidden=True)
+        return Study(fit, account, common, each, 0.0, alike, plain, hidden=True)
     lag = common if alike else each
     record = record.shifted(lag.values)
     Y = record.regressor(beside)
@@ -136,7 +136,7 @@ def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows:
 
 def _accounted(
     record: Trace, Y: ColumnsOfDrives, rows: DriveRows, *, lag: bool = False
-) -> tuple[Scene, Account]:
+) -> tuple[RigidFit, Account]:
     """The effects of a recording.
 
     Args:
@@ -145,19 +145,19 @@ def _accounted(
     """
     span, tau = _span(record.dynamics, Y, rows), rows.stack(record.torques())
     own = Y[:, :, : len(active_columns(record.dynamics))]
-    scene = Scene(record, own, rows, span, tau)
+    fit = RigidFit(record, own, rows, span, tau)
 
-    known = [candidate for one in EFFECTS for candidate in one.candidates(scene)]
+    known = [candidate for one in EFFECTS for candidate in one.candidates(fit)]
     if lag:
         known = [one for one in known if one.kind != "torque-lag"]
 
-    searches = [one.search(scene) for one in EFFECTS]
+    searches = [one.search(fit) for one in EFFECTS]
 
     def searched(left: Rows) -> Iterator[Candidate]:
         for search in searches:
             yield from search(left)
 
-    return scene, account(known, searched, rows.groups, span, span.without(tau))
+    return fit, account(known, searched, rows.groups, span, span.without(tau))
 
 
 def _surprise_of_lag(common: Lag, each: Lag) -> float:
@@ -168,9 +168,9 @@ def _surprise_of_lag(common: Lag, each: Lag) -> float:
     return max(surprise(together, 1), surprise(apart, len(each.values))) - tries
 
 
-def _inertia(scene: Scene, p: Parameters) -> Float[np.ndarray, " dof"]:
+def _inertia(fit: RigidFit, p: Parameters) -> Float[np.ndarray, " dof"]:
     """M_ii at home."""
-    dynamics = scene.trace.dynamics
+    dynamics = fit.trace.dynamics
     dof, home = dynamics.dof, dynamics.kinematics.home
     z, rest = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
     tau = dynamics.torque(z, rest, np.vstack([np.eye(dof), np.zeros(dof)]), p)
@@ -179,5 +179,5 @@ def _inertia(scene: Scene, p: Parameters) -> Float[np.ndarray, " dof"]:
 
 def spoilt(study: Study, p: Parameters) -> Float[np.ndarray, " dof"]:
     """By which share M_ii at home changes when causes are left alone."""
-    right = _inertia(study.scene, p)
+    right = _inertia(study.fit, p)
     return study.plain / np.where(right == 0, 1.0, right) - 1.0

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.geometry import CONSTANTS
+from deltaid.estimation.span import Span
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import uncertainty
 
@@ -47,6 +48,5 @@ def _by_scale(problem: FittedProblem) -> Float[np.ndarray, " base"]:
         information.columns, [group.representative for group in problem.base.groups]
     )
     whole, torques = information.weighted()[:, at], information.of_drives.weighted()
-    size = np.linalg.norm(whole, axis=0)
-    A = whole / size
-    return np.linalg.solve(A.T @ A, torques[:, at].T @ torques[:, -1] / size) / size
+    inverse = Span.of(whole).inverse
+    return inverse @ (inverse.T @ (torques[:, at].T @ torques[:, -1]))

@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import triangle
-from deltaid.estimation.objective import NOISE_FLOOR
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import half_width
 from deltaid.identification.fit import FittedProblem

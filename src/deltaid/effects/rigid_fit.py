@@ -49,7 +49,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class RigidFit:
     """A recording, what parameters explain of it, and the fitted parameters.
 
     Attributes:
