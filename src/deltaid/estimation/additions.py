@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.estimation.free_body import Free, free_coefficients, held_coefficients
+from deltaid.estimation.information import entries_at
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
@@ -171,14 +172,3 @@ def entries(
     if isinstance(regressor, Extended):
         return regressor.entries(w, load, recording)
     return entries_at(regressor, w.z, w.qd, w.qdd, load)
-
-
-def entries_at(
-    regressor: Regressor,
-    z: Float[np.ndarray, "samples dof"],
-    qd: Float[np.ndarray, "samples dof"],
-    qdd: Float[np.ndarray, "samples dof"],
-    load: Float[np.ndarray, "samples dof"] | None = None,
-) -> Values:
-    """The same of a robot alone, at any samples; no other file evaluates them."""
-    return regressor.sparse_regressor(z, qd, qdd, load).values

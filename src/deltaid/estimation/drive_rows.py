@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.span import DEPENDENT, Columns, lengths
+from deltaid.estimation.span import DEPENDENT, Columns, Span, lengths
 
 # Stretches of time of a recording whose scatter says how certain something is.
 STRETCHES = 40
+# No recording fits a model better than to this share of its largest torque.
+_MISFIT_FLOOR = 1e-5
 # Noise of torques is at least this share of the largest one.
 NOISE_FLOOR = 1e-6
 
@@ -35,6 +37,13 @@ class DriveRows:
     def by_noise(cls, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
         """Rows over what a drive's own columns leave of its torques, root mean square."""
         return cls(noise_of_drives(A, b), b.shape[1])
+
+    def by_misfit(self, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
+        """Rows over what the columns of all drives together leave of each drive's b, root mean
+        square."""
+        left = self.of_drives(Span.of(self.stack(A)).without(self.stack(b)))
+        floor = _MISFIT_FLOOR * self.scale
+        return DriveRows(np.maximum(np.sqrt(np.mean(left**2, axis=1)), floor), self.samples)
 
     def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:
         """Something of every drive as rows."""

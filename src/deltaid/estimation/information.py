@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
-from deltaid.estimation.additions import entries_at
 from deltaid.estimation.problem import LinearProblem
 
 # Samples whose regressor is in memory at once.
@@ -281,3 +280,14 @@ def _chunk_triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, 
     for start in range(0, samples, step):
         R = triangle(np.vstack([R, chunk[:, start : start + step].T]))
     return R
+
+
+def entries_at(
+    regressor: Regressor,
+    z: Float[np.ndarray, "samples dof"],
+    qd: Float[np.ndarray, "samples dof"],
+    qdd: Float[np.ndarray, "samples dof"],
+    load: Float[np.ndarray, "samples dof"] | None = None,
+) -> Float[np.ndarray, "entries samples"]:
+    """Entries of Y of a robot alone, in the order of its pattern; no other file evaluates them."""
+    return regressor.sparse_regressor(z, qd, qdd, load).values

@@ -13,8 +13,8 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import Addition, entries_at, extended
-from deltaid.estimation.information import active_columns
+from deltaid.estimation.additions import Addition, extended
+from deltaid.estimation.information import active_columns, entries_at
 from deltaid.recording.convolution import apply
 from deltaid.recording.delay import Shift
 from deltaid.recording.filter import LowPass

@@ -43,6 +43,8 @@ _SWEEPS, _SETTLED, _SIGNIFICANT, _BETTER = 8, 0.3, 5.0, 2.5
 _HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
 # How far gears wind up at most, as a share of a drive's range, to begin with.
 _SHARES = 2e-3 * 2.0 ** np.arange(6)
+# The same for any gear: beyond that the linearised winding means nothing.
+_SOFTEST = 4.0 * _SHARES[-1]
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
 _LITTLE = 1e-4
 
@@ -178,7 +180,7 @@ class _Fit:
             left: of gears as they are known.
         """
         best, value = self.known, _size(left)
-        softer = np.where(free, self._range / self._largest, 0.0)
+        softer = np.where(free, self._softer, 0.0)
         for share in _SHARES:
             s = self.known + share * softer
             left, own = self.at(s, p)
@@ -193,6 +195,7 @@ class _Fit:
         sizes = np.linalg.lstsq(S, np.where(free, start - self.known, 0.0), rcond=None)[0]
         covariance = np.zeros((0, 0))
         little, count = _LITTLE / (S.T @ self._largest), S.shape[1]
+        softest = _SOFTEST * np.min(np.where(S > 0, self._softer[:, None], np.inf), axis=0)
         for _ in range(most):
             s, windings = self.known + S @ sizes, self.windings(p)
             parts = [
@@ -203,7 +206,7 @@ class _Fit:
                 for one in windings
             ]
             problem, first = self.rows.rows.problem(parts), self.rows.rows.size
-            moved = np.maximum(sizes + problem.x[first : first + count], 0.0) - sizes
+            moved = np.clip(sizes + problem.x[first : first + count], 0.0, softest) - sizes
             sizes, p = sizes + moved, self.rows.parameters(parts)
             covariance = problem.covariance(slice(first, first + count + len(s)))
             if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
@@ -270,6 +273,11 @@ class _Fit:
     @property
     def _largest(self) -> Float[np.ndarray, " dof"]:
         return np.max([one.recording.log.torque_max for one in self.traces], axis=0)
+
+    @property
+    def _softer(self) -> Compliance:
+        """That of gears that wind up by a drive's whole range at its largest torque."""
+        return self._range / self._largest
 
     @property
     def _range(self) -> Float[np.ndarray, " dof"]:

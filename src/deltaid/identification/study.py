@@ -107,7 +107,9 @@ def studied(
     common, each = lags.common(0), lags.each(0)
     Y, own = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
     explained = np.concatenate([Y, slopes(record, own)[:, :, None]], axis=2)
-    rows = DriveRows.by_noise(explained, record.torques())
+    rows = DriveRows(log.torque_max, record.torques().shape[1]).by_misfit(
+        explained, record.torques()
+    )
     fit, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.candidate.kind != "torque-lag"]

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
-from deltaid.estimation.additions import entries_at
+from deltaid.estimation.information import entries_at
 from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window

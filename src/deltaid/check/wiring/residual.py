@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.additions import entries_at
+from deltaid.estimation.information import entries_at
 from deltaid.estimation.span import Span
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
