@@ -37,7 +37,7 @@ class LinearProblem:
     A: Columns
     b: Rows
     groups: Int[np.ndarray, " rows"]
-    Z: Columns | None = None
+    Z: Float[np.ndarray, "rows instruments"] | None = None
     values: float | None = None
 
     @classmethod
@@ -123,7 +123,9 @@ class LinearProblem:
         norms = lengths(self.A)
         return np.asarray(np.linalg.qr(self.A / norms, mode="r")) * norms
 
-    def substituted(self, A: Columns, x_0: Float[np.ndarray, " columns"]) -> "LinearProblem":
+    def substituted(
+        self, A: Float[np.ndarray, "columns own"], x_0: Float[np.ndarray, " columns"]
+    ) -> "LinearProblem":
         """The same over y, for x = A y + x_0."""
         return replace(self, A=self.A @ A, b=self.b - self.A @ x_0)
 

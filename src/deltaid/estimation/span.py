@@ -24,7 +24,7 @@ class Span:
         inverse: takes Qᵀb to the x of least squares that is shortest in units of the columns.
     """
 
-    Q: Columns
+    Q: Float[np.ndarray, "rows rank"]
     inverse: Float[np.ndarray, "columns rank"]
 
     @classmethod
