@@ -34,9 +34,13 @@ def files() -> set[str]:
         "contest",
         "effect",
         "joint",
+        "compliance",
         "lag_columns",
+        "lags",
         "load_times",
+        "reversals",
         "rigid_fit",
+        "windings",
     }
     return {path.stem for path in (PACKAGE / "effects").glob("*.py")} - common
 

@@ -9,10 +9,10 @@ from scipy import stats
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.traces import Trace, trace
-from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters

@@ -10,14 +10,13 @@ from deltaid.check.identified import identify as checked
 from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.lag_columns import slope
+from deltaid.effects.delay import slope
+from deltaid.effects.lags import Lags, agree, chosen_groups, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace
 from deltaid.forces.ranges import evidence
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.identify import identify
-from deltaid.identification.lag_groups import agree, chosen_groups
-from deltaid.identification.lags import Lags, estimate_lags
 from deltaid.identification.setup import Setup
 from deltaid.identification.validation import validate
 from deltaid.identification.velocity_stage import late_rate, late_rates_left_out

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.identification.lag_groups import _limit, agree, chosen_groups, common_lag
+from deltaid.effects.lags import _limit, agree, chosen_groups, common_lag
 
 STRETCHES, SIGMA = 40, 1e-3
 APART = np.array([1.0, -1.0, 0.0, 0.0]) / np.sqrt(2)  # of length 1, and none of a common lag

@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects import lags as module
+from deltaid.effects.lags import Lags, estimate_lags
+from deltaid.effects.reversals import Told, lags_of_reversals
 from deltaid.estimation.traces import Trace, trace
-from deltaid.identification import lags as module
-from deltaid.identification.lags import Lags, estimate_lags
-from deltaid.identification.reversal_lags import Told, lags_of_reversals
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter

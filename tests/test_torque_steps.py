@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deltaid.identification.torque_steps import (
+from deltaid.effects.reversals import (
     Local,
     Steps,
     _posterior,

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.effects.windings import motors_of
 from deltaid.identification.left_out import spans_left_out
-from deltaid.identification.windings import motors_of
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import Source
 from deltaid.recording.gears import Gears

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
 from threadpoolctl import threadpool_limits
 
 from deltaid.identification.expectation_blocks import (
@@ -19,8 +20,8 @@ from deltaid.identification.expectation_blocks import (
     fitted,
 )
 from deltaid.identification.expectation_source import Source
-from deltaid.identification.interpolation import between
 from deltaid.identification.slack import OF_TORQUE, Slack, joint_rates
+from deltaid.recording.delay import around
 from deltaid.recording.windows import Samples
 
 # Time over which torques are averaged [s].
@@ -119,7 +120,7 @@ class Expectation:
         forward, _ = joint_rates(self.slack.kinematics, knots)
         turns = np.append(np.any(np.diff(forward > 0, axis=0), axis=1), False)
         tau = np.where(self.source.counts(knots) & ~turns, tau, np.nan)
-        return np.where(w.weights.T > 0.5, w.tau.T - between(tau, every, len(w.time)), np.nan)
+        return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, every, len(w.time)), np.nan)
 
     def _slackened(
         self, w: Samples, tau: Float[np.ndarray, "dof samples"], rate: float
@@ -165,3 +166,18 @@ def expect(source: Source) -> Expectation | None:
     steps = [np.diff(found.compared(w).left, axis=1) for w in parts]
     noise = deviation(np.concatenate(steps, axis=1)) / np.sqrt(2)
     return replace(found, noise=np.maximum(noise, FLOOR * np.sqrt(size) * blocks.slack.torque))
+
+
+def _between(
+    x: Float[np.ndarray, "channels knots"], every: int, samples: int
+) -> Float[np.ndarray, "channels samples"]:
+    """Values at all samples from those at each so-manieth, by cubics through four neighbours."""
+    before = 3 * (x[:, :1] - x[:, 1:2]) + x[:, 2:3]
+    after = 3 * (x[:, -1:] - x[:, -2:-1]) + x[:, -3:-2]
+    further = 3 * (after - x[:, -1:]) + x[:, -2:-1]
+    shares = np.zeros((4, every))
+    for k in range(every):
+        for knot, share in around(k / every, 2):
+            shares[1 + knot, k] = share
+    values = sliding_window_view(np.hstack([before, x, after, further]), 4, axis=1) @ shares
+    return values.reshape(len(x), -1)[:, :samples]

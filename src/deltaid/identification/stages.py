@@ -1,14 +1,15 @@
 """All steps that put recordings and description right before they are fitted, in their order."""
 
+from deltaid.errors import RecordingError
 from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.events import without_events
 from deltaid.identification.friction_choice import chosen_friction
+from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_put_right
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.sensor_stage import sensors_settled, sensors_taken_in
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.identification.sharpness import sharpened
 from deltaid.identification.study import studied
 from deltaid.identification.velocity_stage import late_rates_left_out
 from deltaid.identification.warmth import changing_friction
@@ -18,6 +19,29 @@ def recordings_studied(setup: Setup, progress: Progress) -> Setup:
     """Which causes the residual of each recording has, before lags and friction are blamed."""
     progress("looking at what the description leaves")
     return setup.changed(studies=tuple(studied(setup.dynamics, one) for one in setup.recordings))
+
+
+def sharpened(setup: Setup, progress: Progress) -> Setup:
+    """Rows that keep what friction near rest does, where a law has a term for it, as those that
+    friction laws were chosen by.
+
+    Stribeck's term is gone at a few per cent of a drive's speed, some milliseconds at each
+    reversal. Rows that keep no more than the motion asks for hardly show it, and what they show
+    they confuse with Coulomb's. The last stage: lags, gears and events are judged by the rows
+    before.
+    """
+    laws = setup.robot.friction.values()
+    if setup.settings.cutoff is not None or not any(x.stribeck or x.hess_soom for x in laws):
+        return setup
+    try:
+        # Links behind gears that wind up have the torques' noise, more of it the faster.
+        recordings = (
+            one.changed(cutoff_of(one)) if one.low_pass and one.repairs.gears is None else one
+            for one in setup.recordings
+        )
+        return setup.changed(recordings=tuple(recordings))
+    except RecordingError:
+        return setup  # too short for a filter of that length
 
 
 STAGES: tuple[Stage, ...] = (

@@ -1,10 +1,11 @@
-"""A recording looked at for lags and effects: which causes its residual has, the largest first.
+"""A recording searched for lags and effects: which causes its residual has, the largest first.
 
 Corrections ask it which they may trust, and verdicts on a residual rest on it.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +15,8 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.contest import SEEN, Account, account, surprise
-from deltaid.effects.lag_columns import slopes
+from deltaid.effects.delay import slopes
+from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
@@ -22,7 +24,6 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.span import Rows, Span
 from deltaid.estimation.traces import Trace, trace
-from deltaid.identification.lags import Lag, estimate_lags
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.parameter import PRIOR_SPREAD
@@ -98,7 +99,6 @@ def studied(
         cutoff = min(cutoff, recording.cutoff)
     windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
     load = prior_parameters(dynamics.robot) if p is None else p
-
     try:
         record = trace(dynamics, recording, load, cutoff=cutoff, windows=windows)
     except RecordingError:
@@ -107,33 +107,25 @@ def studied(
     common, each = lags.common(0), lags.each(0)
     Y, own = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
     explained = np.concatenate([Y, slopes(record, own)[:, :, None]], axis=2)
-    rows = DriveRows(log.torque_max, record.torques().shape[1]).by_misfit(
-        explained, record.torques()
-    )
+    tau = record.torques()
+    rows = DriveRows(log.torque_max, tau.shape[1]).by_misfit(explained, tau)
     fit, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)
     others = [one.surprise for one in account.first if one.candidate.kind != "torque-lag"]
     first = account.found[0].candidate.kind if account.found else ""
-    apart = np.abs(each.values - common.values) / np.maximum(each.deviation, 1e-12)
-    apart_by = float(np.abs(each.values - common.values).max()) / _AT_ONCE
-    alike = surprise(float(np.sum(apart**2)), dynamics.dof) < SEEN or apart_by < _SMALL
-    plain = _inertia(fit, fit.p)
+    apart = np.abs(each.values - common.values)
+    off = float(np.sum((apart / np.maximum(each.deviation, 1e-12)) ** 2))
+    apart_by = float(apart.max()) / _AT_ONCE
+    alike = surprise(off, dynamics.dof) < SEEN or apart_by < _SMALL
+    study = Study(fit, account, common, each, 0.0, alike, _inertia(fit, fit.p))
     if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
-        return Study(fit, account, common, each, 0.0, alike, plain)
+        return study
     if first != "torque-lag" and late < max(others, default=0.0):
-        return Study(fit, account, common, each, 0.0, alike, plain, hidden=True)
-    lag = common if alike else each
-    record = record.shifted(lag.values)
+        return replace(study, hidden=True)
+    record = record.shifted((common if alike else each).values)
     Y = record.regressor(beside)
-    put_back = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
-    return Study(*put_back, common, each, late, alike, plain)
-
-
-def _span(dynamics: Dynamics, Y: Float[np.ndarray, "dof samples columns"], rows: DriveRows) -> Span:
-    """What parameters explain, and additions, whose columns follow those of the robot in Y."""
-    own = len(active_columns(dynamics))
-    span = Span.of(rows.stack(Y[:, :, :own]))
-    return span.with_columns(rows.stack(Y[:, :, own:])) if Y.shape[2] > own else span
+    fit, account = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
+    return replace(study, fit=fit, account=account, late=late)
 
 
 def _accounted(
@@ -142,22 +134,21 @@ def _accounted(
     """The effects of a recording.
 
     Args:
-        Y: what parameters and additions explain.
-        lag: whether torques have been put back by one, which is no pattern then.
+        Y: what parameters and additions explain, columns of additions behind the robot's.
+        lag: whether torques have been put back by one, which is no effect then.
     """
-    span, tau = _span(record.dynamics, Y, rows), rows.stack(record.torques())
-    own = Y[:, :, : len(active_columns(record.dynamics))]
+    own, further = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
+    span, tau = Span.of(rows.stack(own)), rows.stack(record.torques())
+    if further.size:
+        span = span.with_columns(rows.stack(further))
     fit = RigidFit(record, own, rows, span, tau)
-
-    known = [candidate for one in EFFECTS for candidate in one.candidates(fit)]
+    known = [candidate for effect in EFFECTS for candidate in effect.candidates(fit)]
     if lag:
-        known = [one for one in known if one.kind != "torque-lag"]
+        known = [candidate for candidate in known if candidate.kind != "torque-lag"]
+    searches = [effect.search(fit) for effect in EFFECTS]
 
-    searches = [one.search(fit) for one in EFFECTS]
-
-    def searched(left: Rows) -> Iterator[Candidate]:
-        for search in searches:
-            yield from search(left)
+    def searched(left: Rows) -> chain[Candidate]:
+        return chain.from_iterable(search(left) for search in searches)
 
     return fit, account(known, searched, rows.groups, span, span.without(tau))
 

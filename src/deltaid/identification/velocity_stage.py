@@ -10,15 +10,16 @@ friction change by less than 0.003 % on six kinds of robot), and 2 ms of lag cos
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from deltaid.effects.lags import Lag
 from deltaid.errors import RecordingError
-from deltaid.estimation.drive_rows import stretch_starts
-from deltaid.estimation.scatter import quantile
+from deltaid.estimation.drive_rows import stretch_numbers
+from deltaid.estimation.problem import group_sums
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
@@ -30,44 +31,19 @@ _WINDOWS = 8
 _HARMLESS, _CLEAR = 2e-5, 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class RateLag:
-    """By how much a recorded rate of each drive is late.
-
-    Attributes:
-        values: [s].
-        interval: half widths of their 95 % intervals [s].
-    """
-
-    values: Float[np.ndarray, " dof"]
-    interval: Float[np.ndarray, " dof"]
-
-    @property
-    def shows(self) -> bool:
-        """Whether any is too large to be left alone, and certain."""
-        clear = np.abs(self.values) > np.maximum(_CLEAR * self.interval, _HARMLESS)
-        return bool(np.any(clear))
-
-    @property
-    def alike(self) -> bool:
-        """Whether all may be the same."""
-        apart = np.ptp(self.values)
-        return bool(apart < max(_HARMLESS, 0.05 * np.abs(self.values).max(), self.interval.max()))
-
-
 def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
     """Recordings without velocities and accelerations that lag behind their positions."""
     if setup.settings.lag == "none":
         return setup
     told, recordings = list[Correction](), list[Recording]()
-    for one in setup.recordings:
-        if one.log.columns.velocity or one.log.columns.acceleration:
-            progress(f"comparing velocities of {one.path} with positions")
-        rate = late_rate(one, setup.dynamics.kinematics)
-        if rate is not None:
-            one = without_rates(one, setup.settings.cutoff)
-            told += _told(rate, one, setup.robot.drives)
-        recordings.append(one)
+    for recording in setup.recordings:
+        if recording.log.columns.velocity or recording.log.columns.acceleration:
+            progress(f"comparing velocities of {recording.path} with positions")
+        lag = late_rate(recording, setup.dynamics.kinematics)
+        if lag is not None:
+            told += _told(lag, recording, setup.robot.drives)
+            recording = without_rates(recording, setup.settings.cutoff)
+        recordings.append(recording)
     return setup.changed(recordings=tuple(recordings)).told(told, "velocity")
 
 
@@ -77,40 +53,35 @@ def without_rates(recording: Recording, cutoff: float | None) -> Recording:
     return recording.changed(recording.cutoff or cutoff, columns=columns)
 
 
-def late_rate(recording: Recording, kinematics: Kinematics) -> RateLag | None:
+def late_rate(recording: Recording, kinematics: Kinematics) -> Lag | None:
     """The lag of recorded velocities, or else of accelerations; None where none shows."""
     columns = recording.log.columns
-    if not columns.velocity and not columns.acceleration:
-        return None
     cutoff = recording.cutoff or recording.log.suggested_cutoff
-    if cutoff is None:
+    if not (columns.velocity or columns.acceleration) or cutoff is None:
         return None
-    recording = recording.brief
+    recording, rate = recording.brief, recording.log.rate
     try:
         recorded, derived = recording.changed(cutoff), without_rates(recording, cutoff)
     except RecordingError:
         return None  # too short to be differentiated
+    windows = zip(recorded.windows(kinematics), derived.windows(kinematics), strict=True)
     rows = [
         (x.own.qd, x.own.qdd, y.own.qd, y.own.qdd, y.own.weights)
-        for x, y in islice(
-            zip(recorded.windows(kinematics), derived.windows(kinematics), strict=True), _WINDOWS
-        )
+        for x, y in islice(windows, _WINDOWS)
     ]
-    qd, qdd, qd_derived, qdd_derived, weights = (
-        np.concatenate(part) for part in zip(*rows, strict=True)
-    )
-    counts = weights.min(axis=1) > 0
-    rate = recording.log.rate
-    if columns.velocity:
-        found = _lag(qd, qd_derived, 0.5 * (qdd + qdd_derived), counts)
-        if found.shows:
-            return found
-    if columns.acceleration:
-        jerk = 0.5 * rate * np.gradient(qdd + qdd_derived, axis=0)
-        found = _lag(qdd, qdd_derived, jerk, counts)
-        if found.shows:
-            return found
+    qd, qdd, qd_derived, qdd_derived, weights = map(np.concatenate, zip(*rows, strict=True))
+    counts, acceleration = weights.min(axis=1) > 0, 0.5 * (qdd + qdd_derived)
+    if columns.velocity and _shows(lag := _lag(qd, qd_derived, acceleration, counts)):
+        return lag
+    jerk = rate * np.gradient(acceleration, axis=0)
+    if columns.acceleration and _shows(lag := _lag(qdd, qdd_derived, jerk, counts)):
+        return lag
     return None
+
+
+def _shows(lag: Lag) -> bool:
+    """Whether any is too large to be left alone, and certain."""
+    return bool(np.any(np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, _HARMLESS)))
 
 
 def _lag(
@@ -118,40 +89,36 @@ def _lag(
     derived: Float[np.ndarray, "samples dof"],
     slope: Float[np.ndarray, "samples dof"],
     counts: Bool[np.ndarray, " samples"],
-) -> RateLag:
+) -> Lag:
     """δ of every drive by least squares, its deviation by scatter between stretches of time."""
-    starts = stretch_starts(len(slope))
-
-    def sums(x: np.ndarray) -> np.ndarray:
-        return np.add.reduceat(np.where(counts[:, None], x, 0.0), starts, axis=0)
-
-    power, moments = sums(slope**2), sums(slope * (derived - recorded))
-    total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
+    groups = stretch_numbers(len(slope))
+    power, moments = (
+        group_sums(np.where(counts[:, None], x, 0.0), groups)
+        for x in (slope**2, slope * (derived - recorded))
+    )
+    total, n = np.maximum(power.sum(axis=0), np.finfo(float).tiny), len(power)
     values = moments.sum(axis=0) / total
     left = moments - values * power
-    deviation = np.sqrt(np.sum(left**2, axis=0) * len(starts) / max(len(starts) - 1, 1)) / total
-    return RateLag(values, float(quantile(np.array([len(starts) - 1.0]))[0]) * deviation)
+    return Lag(values, np.sqrt(np.sum(left**2, axis=0) * n / max(n - 1, 1)) / total)
 
 
-def _told(rate: RateLag, recording: Recording, drives: Sequence[str]) -> list[Correction]:
-    """One for all drives, or one a drive."""
-    shown = [""] if rate.alike else list(drives)
-    values, halves = rate.values, rate.interval
-    if rate.alike:
-        weights = 1.0 / np.maximum(halves, 1e-9) ** 2
-        values = np.array([float(weights @ values / weights.sum())])
-        halves = np.array([float(halves.max())])
+def _told(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[Correction]:
+    """One for all drives if all may be late alike, or one a drive."""
+    values, halves, shown = lag.values, lag.interval, list(drives)
+    if np.ptp(values) < max(_HARMLESS, 0.05 * np.abs(values).max(), halves.max()):
+        weights, shown = 1.0 / np.maximum(halves, 1e-9) ** 2, [""]
+        values, halves = np.array([weights @ values / weights.sum()]), halves.max(keepdims=True)
     return [
         Correction(
             kind="velocity",
             subject=name,
             log=recording.path.name,
-            value=float(value),
-            low=float(value - half),
-            high=float(value + half),
+            value=value,
+            low=value - half,
+            high=value + half,
             unit="s",
             text=f"recorded velocities come {'late' if value > 0 else 'early'} against positions: "
             "they are left out, and positions differentiated",
         )
-        for name, value, half in zip(shown, values, halves, strict=True)
+        for name, value, half in zip(shown, values.tolist(), halves.tolist(), strict=True)
     ]

@@ -1,0 +1,336 @@
+"""Compliances of gears by Gauss and Newton, beside parameters and all that might look like them.
+
+What a motor turns ahead of its link, s τ_g, changes what a model predicts by
+
+    Δτ = ∂(Y p)/∂s · s,
+
+to first order one more column of the regression for each s: torques of a motion turned back by a
+little less those of the motion, by the little. How far it is turned back follows from measured
+torques, the column from the model's: noise of the torques would stand on both sides and be taken
+for a compliance. That noise is in the links' motion as well, times M s ω², more than the torques'
+own above the frequency at which gear and inertia resonate; so rows are filtered down to the band of
+the motion, half of that which a fit has.
+
+Beside them stand the lag of every drive, and its friction as a free curve over its speed and what
+it carries: a law that the description lacks would be taken for a compliance, and is none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from threadpoolctl import threadpool_limits
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.lags import agree, common_lag
+from deltaid.effects.windings import (
+    Compliance,
+    Windings,
+    fitted,
+    late,
+    motors_of,
+    parameters,
+    rows_of,
+)
+from deltaid.estimation.drive_rows import STRETCHES, OfDrives, stretch_starts
+from deltaid.estimation.scatter import quantile
+from deltaid.estimation.trace_rows import RecordingRows, TraceRows
+from deltaid.estimation.traces import Trace
+from deltaid.model.corrections import Correction
+from deltaid.robot.description import RobotDescription
+
+# Sweeps at most, and steps that are small enough, in standard deviations. A compliance counts that
+# is so many of them, and that makes the rows of most stretches of time better by so many: for one
+# that is there, these are half as many.
+_SWEEPS, _SETTLED, _SIGNIFICANT, _BETTER = 8, 0.3, 5.0, 2.5
+# One that is not so many of them after a first step, with rows by so many better, is not gone on
+# with.
+_HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
+# How far gears wind up at most, as a share of a drive's range, to begin with.
+_SHARES = 2e-3 * 2.0 ** np.arange(6)
+# The same for any gear: beyond that the linearised winding means nothing.
+_SOFTEST = 4.0 * _SHARES[-1]
+# A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
+_LITTLE = 1e-4
+# Correlation from which a compliance is said to look like a lag.
+_ALIKE = 0.9
+
+Groups = Float[np.ndarray, "dof groups"]
+Sizes = Float[np.ndarray, " groups"]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Compliances of all gears.
+
+    Attributes:
+        values: s of every drive [rad/(N m) or m/N].
+        groups: which drives have each of the sizes that were searched, ones and zeros.
+        sizes, covariance: of these.
+        like_lag: how far the size of each correlates with its drives' lags, between 0 and 1.
+        p: parameters of the robot that go with them.
+    """
+
+    values: Compliance
+    groups: Groups
+    sizes: Sizes
+    covariance: Float[np.ndarray, "groups groups"]
+    like_lag: Sizes
+    p: Parameters
+
+    @property
+    def deviation(self) -> Sizes:
+        """Standard deviations of the sizes."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def significant(self) -> Bool[np.ndarray, " groups"]:
+        """Which sizes are none by chance."""
+        return self.sizes > _SIGNIFICANT * self.deviation
+
+    def corrections(self, robot: RobotDescription) -> list[Correction]:
+        """One a drive whose gear winds up."""
+        corrections = list[Correction]()
+        wide = float(quantile(np.array([STRETCHES - 1.0]))[0])
+        for i in np.flatnonzero(self.values):
+            s, drive = float(self.values[i]), robot.drives[i]
+            slides = robot.is_linear(drive)
+            text = f"its gear winds up by what it carries over {1 / s:.3g} "
+            text += "N/m" if slides else "N m/rad"
+            low = high = None
+            for k in np.flatnonzero(self.groups[i]):
+                half = wide * float(self.deviation[k])
+                low, high = s - half, s + half
+                text += self._evidence(int(k))
+            text += ", as stated" if low is None else ""
+            corrections.append(
+                Correction(
+                    kind="compliance",
+                    subject=drive,
+                    value=s,
+                    low=low,
+                    high=high,
+                    unit="m/N" if slides else "rad/(N m)",
+                    text=f"{text}; positions are those of the link",
+                )
+            )
+        return corrections
+
+    def _evidence(self, k: int) -> str:
+        """How the k-th size is known."""
+        text = f", {self.sizes[k] / self.deviation[k]:.0f} standard deviations beside a free lag"
+        if self.groups[:, k].sum() > 1:
+            text += ", one for all limbs"
+        if self.like_lag[k] > _ALIKE:
+            text += (
+                f"; this motion hardly tells it from a lag of the torques (correlation "
+                f"{self.like_lag[k]:.2f})"
+            )
+        return text
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def compliances(
+    traces: Sequence[Trace], wide: Sequence[Trace], rows: TraceRows, stated: Compliance
+) -> Found:
+    """Those of gears that show that they wind up, and those that are stated.
+
+    Noise of the torques is in the links' motion with the opposite sign: rows lose it where M s ω²
+    is about one, whatever the gear. Of few rows that is all that is found; in the whole band of a
+    fit, where M s ω² is more, such gears make all rows worse.
+
+    Args:
+        traces: of recordings of the same machine, in the band of the motion.
+        wide: the same in the whole band of a fit.
+        rows: of the fit that they are meant for.
+        stated: s where it is known, NaN where it is to be found.
+    """
+    fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
+    left, p = fit.at(fit.known)
+    none = np.zeros(0)
+    nothing = Found(fit.known, np.zeros((len(stated), 0)), none, np.zeros((0, 0)), none, p)
+    free = np.isnan(stated) & np.all([one.loaded for one in fit.windings(p)], axis=0)
+    if not free.any():
+        return nothing
+    start, p = fit.start(free, left, p)
+    S = np.eye(len(stated))[:, free]
+    if np.array_equal(start, fit.known) and not _hopeful(fit, S, p):
+        return nothing
+    found = _searched(fit, S, start, p)
+    whole = replace(fit, traces=tuple(wide))
+    if found is None or not fit.better(found) or not whole.nearer(found):
+        return nothing
+    return found
+
+
+def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Found | None:
+    """What shows from a start on; None if nothing does."""
+    found = _pooled(fit, fit.swept(S, start, p))
+    while not (seen := found.significant).all():
+        if not seen.any():
+            return None
+        S = found.groups[:, seen]
+        found = fit.swept(S, S @ found.sizes[seen], found.p)
+    return found
+
+
+def _hopeful(fit: "_Fit", S: Groups, p: Parameters) -> bool:
+    """Whether one step away from stiff gears, those of identical limbs alike, may come to count."""
+    S = _together(S, fit.of_limbs(S))
+    found = fit.swept(S, fit.known, p, 1)
+    likely = bool(np.any(found.sizes > _HOPEFUL * found.deviation))
+    return likely and fit.better(found, _HOPEFULLY_BETTER)
+
+
+def _pooled(fit: "_Fit", found: Found) -> Found:
+    """One size for the drives of identical limbs, unless each shows by itself that it has its own:
+    a fault of one drive's torques may look like a compliance that the others lack."""
+    alike = fit.of_limbs(found.groups)
+    sizes, covariance = found.sizes[alike], found.covariance[np.ix_(alike, alike)]
+    if len(sizes) < 2 or (found.significant[alike].all() and not agree(sizes, covariance)):
+        return found
+    common, together = max(common_lag(sizes, covariance)[0], 0.0), _together(found.groups, alike)
+    return fit.swept(together, together @ np.append(common, found.sizes[~alike]), found.p)
+
+
+def _together(S: Groups, alike: Bool[np.ndarray, " groups"]) -> Groups:
+    """Groups of which some are made one, the first."""
+    return np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]]) if alike.any() else S
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Least squares over traces of motors, with gears that wind up.
+
+    Attributes:
+        known: s of gears whose is stated, else 0.
+    """
+
+    traces: tuple[Trace, ...]
+    rows: TraceRows
+    known: Compliance
+
+    def windings(self, p: Parameters) -> list[Windings]:
+        """What gears carry in each trace, with the motors of p."""
+        robot, filters = self.rows.dynamics.robot, [trace.low_pass for trace in self.traces]
+        motors = [motors_of(robot, p, one.cutoff, one.rate) for one in filters]
+        return [Windings.measured(*both) for both in zip(self.traces, motors, strict=True)]
+
+    def of_limbs(self, S: Groups) -> Bool[np.ndarray, " groups"]:
+        """Which groups are of drives of identical limbs."""
+        limbs = self.rows.dynamics.robot.limbs
+        count = limbs.count if limbs is not None and limbs.identical else 0
+        return np.asarray(S[:count].any(axis=0))
+
+    def at(self, s: Compliance, p: Parameters | None = None) -> tuple[list[OfDrives], Parameters]:
+        """What is left of each trace's rows with compliances, and p beside lags and friction.
+
+        Args:
+            p: by which it is known what motors take; of stiff gears if not given.
+        """
+        if p is None:
+            _, p = fitted(self.rows, self.traces)
+        return fitted(self.rows, [one.turned(s) for one in self.windings(p)])
+
+    def start(
+        self, free: Bool[np.ndarray, " dof"], left: list[OfDrives], p: Parameters
+    ) -> tuple[Compliance, Parameters]:
+        """Compliances to begin with: gears that wind up alike, as a share of their drives' range,
+        for rows have several minima over it.
+
+        Args:
+            left: of gears as they are known.
+        """
+        best, value = self.known, _size(left)
+        for share in _SHARES:
+            s = self.known + share * np.where(free, self._softer, 0.0)
+            left, own = self.at(s, p)
+            if _size(left) >= value:
+                break
+            best, value, p = s, _size(left), own
+        return best, p
+
+    def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Found:
+        """s = known + S ε with the best ε, from a start on, in so many sweeps at most."""
+        dof, count = S.shape
+        sizes = np.linalg.lstsq(S, np.where(S.any(axis=1), start - self.known, 0.0), rcond=None)[0]
+        little, first = _LITTLE / (S.T @ self._largest), self.rows.size
+        softest = _SOFTEST * np.min(np.where(S > 0, self._softer[:, None], np.inf), axis=0)
+        covariance = np.zeros((count + dof, count + dof))
+        for _ in range(most):
+            s = self.known + S @ sizes
+            parts = [self._of_links(one, s, S * little, p) for one in self.windings(p)]
+            problem = self.rows.problem(parts)
+            moved = np.clip(sizes + problem.x[first : first + count], 0.0, softest) - sizes
+            sizes, p = sizes + moved, parameters(self.rows, parts)
+            covariance = problem.covariance(slice(first, first + count + dof))
+            if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
+                break
+        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        correlation = np.abs(covariance / np.outer(scale, scale))[:count, count:]
+        like_lag = np.max(correlation * S.T, axis=1)
+        own = covariance[:count, :count]
+        return Found(self.known + S @ sizes, S, sizes, own, like_lag, p)
+
+    def _of_links(
+        self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
+    ) -> RecordingRows:
+        """Rows of the links' motion by measured torques, beside slopes over each size.
+
+        Instruments are the same columns by torques of the model, without the noise that measured
+        ones bring into the links' motion: along that of the motors, and along this turned back by
+        the model's torques, which is that of the links below the frequency at which gear and
+        inertia resonate.
+        """
+        motor = winding.by_model(p)
+        link = replace(motor, trace=motor.turned(s)).by_model(p)
+        clean = tuple(self._sloped(one, 0 * s, steps, p).A for one in (motor.inner(1), link))
+        return replace(self._sloped(winding.inner(2), s, steps, p), instruments=clean)
+
+    def _sloped(
+        self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
+    ) -> RecordingRows:
+        """Rows beside how much what a model predicts less what is measured grows with each size."""
+        now, *softer = (winding.turned(s + step) for step in (0 * s, *steps.T))
+        before, *after = (one.model(p) - one.torques() for one in (now, *softer))
+        columns = np.stack([one - before for one in after], axis=2) / steps.max(axis=0)
+        return rows_of(self.rows, now, p, columns, late(now, p))
+
+    def better(self, found: Found, least: float = _BETTER) -> bool:
+        """Whether rows of most stretches of time are nearer with what was found than without, by
+        at least so many standard deviations."""
+        gains = list[np.ndarray]()
+        for ours, theirs in zip(*self._compared(found), strict=True):
+            noise = np.mean(ours**2, axis=1, keepdims=True)
+            gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
+            gains.append(np.add.reduceat(gain, stretch_starts(len(gain))))
+        each = np.concatenate(gains)
+        return bool(each.mean() > least * each.std(ddof=1) / np.sqrt(len(each)))
+
+    def nearer(self, found: Found) -> bool:
+        """Whether less is left of rows with what was found than without."""
+        with_it, without = self._compared(found)
+        return _size(with_it) < _size(without)
+
+    def _compared(self, found: Found) -> tuple[list[OfDrives], list[OfDrives]]:
+        """What is left of rows with what was found, and without."""
+        return self.at(found.values, found.p)[0], self.at(self.known, found.p)[0]
+
+    @cached_property
+    def _largest(self) -> Float[np.ndarray, " dof"]:
+        return np.max([trace.recording.log.torque_max for trace in self.traces], axis=0)
+
+    @cached_property
+    def _softer(self) -> Compliance:
+        """That of gears that wind up by a drive's whole range at its largest torque."""
+        inverse = self.rows.dynamics.kinematics.inverse
+        parts = [inverse(w.z) for trace in self.traces for w in trace.stretches]
+        return np.max([np.ptp(q, axis=0) for q in parts], axis=0) / self._largest
+
+
+def _size(left: Sequence[OfDrives]) -> float:
+    """Logarithm of what is left, all drives counting alike."""
+    together = np.concatenate(left, axis=1)
+    return float(np.sum(np.log(np.maximum(together.std(axis=1), np.finfo(float).tiny))))

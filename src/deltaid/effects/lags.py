@@ -1,0 +1,308 @@
+"""Lags of all torque channels of several recordings, estimated together with the parameters.
+
+About lags δ that are known so far, p and what is left of the lags, ε, come from one linear least
+squares with the prior of the parameters, as the fit has it but without cones; torques are read
+δ + ε later and it is repeated until ε is small. Rows at reversals do not count in this; what they
+show, they show by themselves (`reversals`).
+
+The prior is what makes it sharp. A drive's own columns, of a wrist above all, are nearly dependent;
+without a prior they take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against
+±0.04 ms).
+
+Drives have as few lags as their estimates allow: none, if that is not contradicted, then one that
+all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that says whose lags are
+alike and whose are zero; ε by generalised least squares, what S cannot follow by Hotelling's T².
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import fdtri
+from threadpoolctl import threadpool_limits
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.delay import slopes
+from deltaid.effects.lag_columns import LagGroup
+from deltaid.effects.reversals import lags_of_reversals
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
+from deltaid.estimation.scatter import quantile
+from deltaid.estimation.trace_rows import TraceRows
+from deltaid.estimation.traces import Delay, Trace
+
+# Lags that can be found [s].
+REACH = 0.02
+# Sweeps at most, and the step [s] below which what is left is linear enough.
+_SWEEPS, _SETTLED = 12, 1e-4
+# Standard deviation of what a lag may be, and of one that reversals show and other rows contradict
+# [s], and how many standard deviations a contradiction is.
+_PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
+# What is added to the deviation of a lag by rows that do not follow the law of friction [s].
+_DOUBTFUL = 3e-3
+# How often it is rejected, if true, that there is no lag or that all drives have the same; and what
+# else is alike or zero by chance only.
+_REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
+# Lags [s] that do no harm, and need not be corrected.
+_HARMLESS = 2e-5
+# Drives beyond which only common lags and lags of single drives are told apart.
+_MANY = 6
+
+Delays = Float[np.ndarray, "recordings dof"]
+Covariances = Float[np.ndarray, "recordings dof dof"]
+Covariance = Float[np.ndarray, "dof dof"]
+
+
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """Lags of one recording, of torques or rates behind its positions.
+
+    Attributes:
+        values: of each drive [s]; positive where torques come late.
+        deviation: their standard deviations [s].
+    """
+
+    values: Delay
+    deviation: Delay
+
+    @property
+    def interval(self) -> Delay:
+        """Half widths of their 95 % intervals [s]."""
+        return quantile(np.full(len(self.deviation), STRETCHES - 1.0)) * self.deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Lags:
+    """The lag of every drive in every recording.
+
+    Attributes:
+        values: (recordings, drives) [s]; positive where torques come late.
+        covariance: of each recording's (recordings, drives, drives) [s²].
+        steps, told: those that reversals show, and standard deviations, infinite for others [s].
+        agrees: whether the other rows say the same; where they do not, something else is wrong.
+        p: the parameters that go with them, of the robot and of additions.
+    """
+
+    values: Delays
+    covariance: Covariances
+    steps: Delays
+    told: Delays
+    agrees: Bool[np.ndarray, "recordings dof"]
+    p: Parameters
+
+    def each(self, k: int) -> Lag:
+        """Those of the k-th recording."""
+        return Lag(self.values[k], np.sqrt(np.diag(self.covariance[k])))
+
+    def common(self, k: int) -> Lag:
+        """The lag that all its drives have, (1ᵀC⁻¹δ)/(1ᵀC⁻¹1), for every drive."""
+        value, deviation = common_lag(self.values[k], self.covariance[k])
+        return Lag(np.full(len(self.values[k]), value), np.full(len(self.values[k]), deviation))
+
+    def groups(self, k: int) -> tuple[LagGroup, ...]:
+        """Which drives of the k-th recording lag, by how much."""
+        choice, groups = chosen_groups(self.values[k], self.covariance[k]), list[LagGroup]()
+        for members in choice.groups:
+            drives, delay = list(members), choice.delay[members[0]]
+            weights = self.told[k, drives] ** -2.0
+            if not weights.any():
+                groups.append(LagGroup(members, delay))
+                continue
+            known = float(weights @ self.steps[k, drives] / weights.sum())
+            free, deviation = bool(np.all(self.agrees[k, drives])), float(weights.sum() ** -0.5)
+            delay = delay if free else known
+            groups.append(LagGroup(members, delay, known - delay, deviation, free))
+        return tuple(groups)
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def estimate_lags(
+    traces: Sequence[Trace],
+    additions: Sequence[Addition] = (),
+    *,
+    spread: float,
+    start: Delays | None = None,
+) -> Lags:
+    """One lag a drive and recording, with what is to be known to judge them.
+
+    Where reversals show a lag it is that of the reversals, which nothing else can imitate.
+
+    Args:
+        traces: of the recordings, without reversals and with torques as they came.
+        additions: columns beside those of the robot.
+        spread: relative standard deviation of the prior.
+        start: lags to begin with [s]; none if not given.
+    """
+    rows = TraceRows.of(traces[0].dynamics, additions, spread)
+    nothing = np.zeros((len(traces), rows.dynamics.dof))
+    start = nothing if start is None else start
+    values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, _PRIOR))
+    found = [
+        lags_of_reversals(trace, additions, p, lags)
+        for trace, lags in zip(traces, values, strict=True)
+    ]
+    steps, told = np.array([(one.values, one.deviation) for one in found]).swapaxes(0, 1)
+    deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    agrees = np.abs(steps - values) < _AGREE * np.hypot(told, deviation)
+    # A filter and friction that yields look alike; one that nothing else bears out does not count.
+    yields = np.array([one.filtered for one in found]) & ~agrees
+    told = np.where(yields, np.inf, told)
+    known = np.isfinite(told)
+    agrees |= ~known
+    if known.any():
+        held = np.where(known, np.where(agrees, told, _HELD), _PRIOR)
+        rest, errors, p = _swept(rows, traces, steps, np.where(known, steps, 0.0), held, p)
+        # Both ways are independent: they share no row.
+        by_steps, by_rows = told**-2.0, agrees * deviation**-2.0
+        weight = by_steps + by_rows
+        values = np.where(known, (by_steps * steps + by_rows * values) / weight, rest)
+        unknown = ~known[:, :, None] & ~known[:, None, :]
+        covariance = errors * unknown + _diagonal(known / weight)
+    # Where steps are seen that are none of a drive's friction law, other rows are not believed.
+    doubtful = (np.array([one.doubtful for one in found]) | yields) & ~known
+    covariance = covariance + _DOUBTFUL**2 * _diagonal(doubtful)
+    return Lags(values, covariance, steps, told, agrees, p)
+
+
+def _diagonal(entries: np.ndarray) -> Covariances:
+    return entries[:, :, None] * np.eye(entries.shape[1])
+
+
+def _swept(
+    rows: TraceRows,
+    traces: Sequence[Trace],
+    delays: Delays,
+    centre: Delays,
+    deviation: Delays,
+    p: Parameters | None = None,
+) -> tuple[Delays, Covariances, Parameters]:
+    """Lags from some on, given that they are `centre` ± `deviation`; covariances, and p."""
+    dof, sweep = rows.dynamics.dof, 0
+    while True:
+        shifted = [
+            trace.shifted(by) if np.any(by) else trace
+            for trace, by in zip(traces, delays, strict=True)
+        ]
+        parts = [rows.of_trace(trace) for trace in shifted]
+        if p is None:
+            p = rows.parameters(rows.problem(parts).x)
+        if rows.dynamics.robot.load_drives:
+            shifted = [replace(trace, load=p[: len(trace.load)]) for trace in shifted]
+            parts = [rows.of_trace(trace) for trace in shifted]
+        for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
+            own = slopes(trace, p, rows.additions)[:, :, None]
+            lags = np.zeros((*own.shape[:2], delays.size))
+            lags[:, :, k * dof : (k + 1) * dof] = of_own_drives(own)
+            parts[k] = replace(part, A=np.concatenate([part.A, lags], axis=2))
+        problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
+        p, step = rows.parameters(problem.x), problem.x[rows.size :].reshape(delays.shape)
+        delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1
+        if np.abs(step).max() < _SETTLED or sweep == _SWEEPS:
+            all_of_them = problem.covariance(slice(rows.size, None))
+            each = all_of_them.reshape(*delays.shape, *delays.shape)
+            return delays, np.array([each[k, :, k] for k in range(len(traces))]), p
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Groups of drives that have the same lag, and the lag of every drive [s]."""
+
+    groups: tuple[tuple[int, ...], ...]
+    delay: tuple[float, ...]
+
+
+def chosen_groups(values: Delay, covariance: Covariance) -> Choice:
+    """The simplest hypothesis on lags that their estimates do not contradict.
+
+    Of several that are as simple, the one with fewer drives without a lag is taken, then the one
+    that is contradicted least: a drive that hardly moves has the lag of the others.
+
+    Args:
+        values: estimate of each drive's lag [s].
+        covariance: of these, by scatter between `STRETCHES` stretches.
+    """
+    dof = len(values)
+    _, together = _fitted(values, covariance, np.ones((dof, 1)))
+    for (count, _), hypotheses in groupby(_hypotheses(dof), key=_complexity):
+        kept = list[tuple[float, tuple[int, ...], Delay]]()
+        for labels in hypotheses:
+            S = np.equal.outer(labels, np.arange(1, count + 1)).astype(float)
+            delay, distance = _fitted(values, covariance, S)
+            harmless = np.abs(values - delay).max() < _HARMLESS
+            if harmless or not _contradicted(labels, distance, together):
+                kept.append((distance, labels, delay))
+        if kept:
+            _, labels, delay = min(kept, key=lambda one: one[0])
+            members = (np.flatnonzero(np.equal(labels, k + 1)).tolist() for k in range(count))
+            return Choice(tuple(map(tuple, members)), tuple(delay.tolist()))
+    raise AssertionError  # a lag for every drive is never contradicted
+
+
+def agree(values: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
+    """Whether estimates do not contradict that all are of the same size."""
+    _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
+    return distance <= _limit(len(values) - 1, _SELDOM)
+
+
+def common_lag(values: Delay, covariance: Covariance) -> tuple[float, float]:
+    """The lag that all drives have by generalised least squares, and its standard deviation [s]."""
+    b, A = _whitened(values, covariance, np.ones((len(values), 1)))
+    size = float(np.sum(A**2))
+    return float(A[:, 0] @ b) / size, size**-0.5
+
+
+def _whitened(
+    values: Delay, covariance: Covariance, S: Float[np.ndarray, "dof groups"]
+) -> tuple[Delay, Float[np.ndarray, "dof groups"]]:
+    """Estimates, and the columns of a hypothesis, in units in which estimates err as 1."""
+    scale = np.sqrt(np.diag(covariance))
+    root = np.linalg.cholesky(covariance / np.outer(scale, scale))
+    white = np.linalg.solve(root, np.column_stack([values, S]) / scale[:, None])
+    return white[:, 0], white[:, 1:]
+
+
+def _fitted(
+    values: Delay, covariance: Covariance, S: Float[np.ndarray, "dof groups"]
+) -> tuple[Delay, float]:
+    """S ε by generalised least squares, and T² of what it leaves."""
+    b, A = _whitened(values, covariance, S)
+    free = np.linalg.lstsq(A, b, rcond=None)[0]
+    return S @ free, float(np.sum((b - A @ free) ** 2))
+
+
+def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> bool:
+    """Whether T² says that a hypothesis is wrong.
+
+    Args:
+        distance, together: T² of what it leaves, and of what one lag for all leaves.
+    """
+    free = len(labels) - max(labels)
+    if not free:
+        return False
+    if not any(labels):
+        common = distance - together > _limit(1, 0.5 * _REJECTED)
+        return common or distance > _limit(free, 0.5 * _REJECTED)
+    return distance > _limit(free, _REJECTED if len(set(labels)) == 1 else _UNLIKELY)
+
+
+def _limit(free: int, rejected: float) -> float:
+    """What T² with so many directions exceeds by chance in this share of cases."""
+    nu = STRETCHES - 1
+    return free * nu / (nu - free + 1) * float(fdtri(free, nu - free + 1, 1 - rejected))
+
+
+def _hypotheses(dof: int) -> list[tuple[int, ...]]:
+    """For each drive 0, no lag, or the number of its group; the simplest first."""
+    if dof > _MANY:
+        return [(0,) * dof, (1,) * dof, tuple(range(1, dof + 1))]
+    labels: list[tuple[int, ...]] = [()]
+    for _ in range(dof):
+        labels = [(*one, k) for one in labels for k in range(max(one, default=0) + 2)]
+    return sorted(labels, key=_complexity)
+
+
+def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
+    """How many lags there are, and how many drives have none."""
+    return max(labels), labels.count(0)

@@ -1,0 +1,297 @@
+"""The lag of a torque as its steps show it, which friction makes where a drive turns round.
+
+A reversal at t_k shows in a torque that is δ late as a step at t_k + δ. With u = t_n − t_k and what
+the model makes of the samples about it but for that step, what is left of them is
+
+    r_n = o_k + J_k (α s(u − δ) + β u) + noise of level σ,
+
+J_k the model's step and s = ½ sgn; α and β, the same for all reversals of a drive, and o_k are what
+a wrong friction law would leave here. Given these,
+
+    log L(δ) = Σ_k Σ_{u > δ} α J_k (r_n − o_k − β J_k u) / σ² + const
+
+is a staircase whose stairs lie at other phases between two samples for each reversal, so δ is known
+far better than to a sample, and to a part of what other rows say. And nothing that varies smoothly
+gets in: a wrong friction law, load or gain, which all look like a lag elsewhere, do not here. A fit
+excludes these rows, so what they say is added to it as the prior of the lag.
+
+Behind a first-order filter of time constant T, s is ½ − exp(−(u − δ)/T) after the step, and the lag
+is δ + T; that is tried where the samples next to reversals are farther from a step than others, or
+show none. Where they still are, as where friction yields before it slips, nothing is said.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.delay import slope
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.span import lengths
+from deltaid.estimation.traces import Delay, Trace
+from deltaid.recording.windows import WINDOW, Samples
+
+# Samples to either side of a reversal that are used beyond what may be lagged by; those nearer
+# than the second number may not count because the joint turns round.
+_AROUND, _MASKED = 8, 3
+# A lag is searched so far around the known one, and then around the one that is found [s].
+_FAR, _NEAR = 0.012, 1.5e-3
+# How far samples next to a step, and to one behind a filter, may be from the model, in steps.
+_SHARP, _ROUGH = 0.08, 0.15
+# Share of a sample by which torque and position of a row may be apart, whatever is recorded.
+_APART = 0.1
+# Steps at least, and the least part of their size that must be seen.
+_LEAST, _SEEN = 4, 0.3
+# Samples next to a step, and how many standard deviations their scatter may exceed others'.
+_NEXT, _EXCESS = 3, 4.0
+# Time constants of filters in samples, and how many of these and of lags are tried.
+_CONSTANTS, _GRID = (0.1, 4.0), (8, 61)
+# How much of a step may be missing next to it, beside so many standard deviations; sum of squares
+# of a step of 1 over these samples that is none of a slope.
+_MOSTLY, _SURE, _OWN = 0.5, 3.0, 0.35
+_TINY = np.finfo(float).tiny
+
+Around = Float[np.ndarray, "reversals around"]
+Torques = Float[np.ndarray, "_ dof"]  # each stretch as long as it is
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Lags of the drives of one recording as their reversals show them.
+
+    Attributes:
+        values: [s].
+        deviation: their standard deviations; infinite where reversals show none [s].
+        filtered: whether the steps went through a filter.
+        doubtful: whether steps are seen, but none that friction and a filter explain.
+    """
+
+    values: Delay
+    deviation: Delay
+    filtered: Bool[np.ndarray, " dof"]
+    doubtful: Bool[np.ndarray, " dof"]
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Samples about the steps of one drive.
+
+    Attributes:
+        after: u, the time of each sample after its reversal [s].
+        left: r, torques less those of the model without its step.
+        jump: J of each reversal.
+    """
+
+    after: Around
+    left: Around
+    jump: Float[np.ndarray, " reversals"]
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """What remains of steps without o_k, α and β; and α."""
+
+    left: Around
+    seen: float
+
+
+def lags_of_reversals(
+    trace: Trace, additions: Sequence[Addition], p: Parameters, known: Delay
+) -> Told:
+    """The lag of every drive by its reversals.
+
+    Args:
+        trace: a recording, reversals excluded.
+        additions: columns beside those of the robot.
+        p: parameters of both, which go with the known lags.
+        known: lags by the other rows [s].
+    """
+    period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
+    found = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
+    far, near = _FAR + period, _NEAR + period
+    modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]
+    for i, start in enumerate(known.tolist()):
+        rough = located(_about_reversals(trace, modelled, i, start, far), start, far)
+        if rough is None:
+            continue
+        steps = _about_reversals(trace, modelled, i, rough[0], near)
+        place = located(steps, rough[0], near)
+        if place is None:
+            continue
+        local = locally(steps, sharp(steps.after, place[0]))
+        off = misfit(local, steps, place[0])
+        at_once = off < _SHARP and is_abrupt(local, steps, place[0])
+        if not at_once and (place := behind_filter(steps, rough[0], period)) is None:
+            found.doubtful[i] = True
+            continue
+        apart = period * max(_APART / np.sqrt(len(steps.jump)), off * at_once)
+        found.values[i], found.deviation[i] = place[0], float(np.hypot(place[1], apart))
+        found.filtered[i] = not at_once
+    return found
+
+
+def _modelled(
+    trace: Trace, additions: Sequence[Addition], p: Parameters, stretch: Samples
+) -> tuple[Torques, Torques]:
+    """Torques of the model along a stretch, and what of them is friction of the drive itself."""
+    dynamics, (drives, columns) = trace.dynamics, trace.pattern(additions)
+    owners = {
+        k: one.owner for k, one in enumerate(dynamics.layout.parameters) if one.kind == "friction"
+    }
+    names = dynamics.robot.drives
+    own = np.array([owners.get(k) == names[i] for i, k in zip(drives, columns, strict=True)])
+    tau, friction = np.zeros_like(stretch.tau), np.zeros_like(stretch.tau)
+    for first in range(0, len(stretch.time), WINDOW):
+        part = slice(first, first + WINDOW)
+        values = trace.entries(stretch.part(part), additions) * p[columns, None]
+        for i in range(dynamics.dof):
+            tau[part, i] = values[drives == i].sum(axis=0)
+            friction[part, i] = values[(drives == i) & own].sum(axis=0)
+    return tau, friction
+
+
+def _about_reversals(
+    trace: Trace,
+    modelled: Sequence[tuple[Torques, Torques]],
+    drive: int,
+    known: float,
+    reach: float,
+) -> Steps:
+    """What is seen of a drive near those of its reversals that lie well apart from others."""
+    rate, parts = trace.low_pass.rate, list[tuple[np.ndarray, ...]]()
+    late, width = round(known * rate), int(np.ceil(reach * rate)) + _AROUND
+    at = np.arange(-width + 1, width + 1)
+    for stretch, (tau, friction) in zip(trace.stretches, modelled, strict=True):
+        speed, counts = stretch.qd[:, drive], stretch.weights[:, drive] > 0
+        before = np.flatnonzero(speed[:-1] * speed[1:] < 0)
+        first, last = width + max(0, -late), len(speed) - 1 - width - max(0, late)
+        sure = (before >= first) & (before <= last)
+        sure &= np.diff(before, prepend=-np.inf) > 2 * width
+        sure &= np.diff(before, append=np.inf) > 2 * width
+        before = before[sure]
+        sure = np.ones(len(before), dtype=bool)
+        for by in (0, late):  # where the motion, and where the torque is read
+            off = (at + by <= -_MASKED) | (at + by > _MASKED)
+            sure &= np.all(counts[before[:, None] + at + by][:, off], axis=1)
+        before = before[sure]
+        rows = before[:, None] + at
+        share = speed[before] / (speed[before] - speed[before + 1])
+        jump = friction[before + 1, drive] - friction[before, drive]
+        smooth = tau[rows, drive] - 0.5 * jump[:, None] * np.where(at > 0, 1.0, -1.0)
+        smooth += slope(smooth) * (late - known * rate)  # at the instant of each torque
+        left = stretch.tau[rows + late, drive] - smooth
+        parts.append(((at + late - share[:, None]) / rate, left, jump))
+    return Steps(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def located(steps: Steps, known: float, reach: float) -> tuple[float, float] | None:
+    """Mean and standard deviation of where steps are, equally likely within reach before.
+
+    Twice, since α, β and o_k follow from the place. None where too little of a step is seen.
+    """
+    if len(steps.jump) < _LEAST:
+        return None
+    left, jump = steps.left - steps.left.mean(axis=1, keepdims=True), steps.jump
+    place = _posterior(steps.after, left, jump, float(np.var(left)), known, reach)
+    for _ in range(2):
+        shape = sharp(steps.after, place[0])
+        local = locally(steps, shape)
+        if local.seen < _SEEN:
+            return None
+        left = local.left + local.seen * jump[:, None] * shape
+        variance = float(np.mean(local.left**2))
+        place = _posterior(steps.after, left, local.seen * jump, variance, known, reach)
+    return place
+
+
+def sharp(after: Around, place: float) -> Around:
+    """A step of size 1."""
+    return np.where(after > place, 0.5, -0.5)
+
+
+def rounded(after: Around, place: float, constant: float) -> Around:
+    """A step of size 1 behind a filter; `place` counts its time constant in."""
+    return 0.5 - np.exp(-np.maximum(after - (place - constant), 0.0) / constant)
+
+
+def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, float] | None:
+    """Mean and standard deviation of the lag where a first-order filter rounds the steps.
+
+    Over a grid of lags and time constants, all as likely before.
+    """
+    constants = period * np.geomspace(*_CONSTANTS, _GRID[0])
+    places = known + np.linspace(-_NEAR, _NEAR + constants[-1], _GRID[1])
+    trials = [[locally(steps, rounded(steps.after, x, T)) for T in constants] for x in places]
+    misses = np.array([[np.sum(trial.left**2) for trial in row] for row in trials])
+    k, m = np.unravel_index(np.argmin(misses), misses.shape)
+    best = trials[k][m]
+    off = misfit(best, steps, float(places[k] - constants[m]))
+    if best.seen < _SEEN or off > _ROUGH:
+        return None
+    variance = max(float(misses[k, m]) / steps.left.size, _TINY)
+    share = np.exp((misses[k, m] - misses) / (2 * variance)).sum(axis=1)
+    share /= share.sum()
+    mean = float(share @ places)
+    scatter = np.sqrt(share @ (places - mean) ** 2)
+    return mean, float(np.linalg.norm([scatter, places[1] - places[0], off * period]))
+
+
+def misfit(local: Local, steps: Steps, place: float) -> float:
+    """By how much samples next to steps are farther from the model than others, in steps.
+
+    Zero where that may be chance.
+    """
+    period = float(np.median(np.diff(steps.after, axis=1)))
+    beside = np.abs(steps.after - place) < _NEXT * period
+    near, far = np.mean(local.left[beside] ** 2), np.mean(local.left[~beside] ** 2)
+    if near <= (1 + _EXCESS * np.sqrt(2 / max(np.count_nonzero(beside), 1))) * far:
+        return 0.0
+    return float(np.sqrt((near - far) / np.mean(steps.jump**2)) / local.seen)
+
+
+def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
+    """Whether a step is still seen in the few samples next to it, beside a slope of their own.
+
+    Friction that yields before it slips turns over many samples. A step found far and wide is then
+    a slope nearby.
+    """
+    at = int(np.argmin(np.abs(steps.after.mean(axis=0) - place)))
+    part = slice(max(0, at - _NEXT), at + _NEXT + 1)
+    few = Steps(steps.after[:, part], steps.left[:, part], steps.jump)
+    near = locally(few, sharp(few.after, place))
+    # Of a step and a slope: so much of a step is none of the slope's.
+    scatter = np.sqrt(np.mean(near.left**2) / (_OWN * np.sum(steps.jump**2)))
+    return local.seen - near.seen < max(_MOSTLY * local.seen, _SURE * float(scatter))
+
+
+def locally(steps: Steps, shape: Around) -> Local:
+    """Least squares of o_k, α and β for some shape of the step."""
+    A = np.stack([shape, steps.after], axis=2) * steps.jump[:, None, None]
+    A, b = (x - x.mean(axis=1, keepdims=True) for x in (A, steps.left))
+    size = lengths(A.reshape(-1, 2))
+    x = np.linalg.lstsq(A.reshape(-1, 2) / size, b.ravel(), rcond=None)[0] / size
+    return Local(b - A @ x, float(x[0]))
+
+
+def _posterior(
+    after: Around,
+    left: Around,
+    jump: Float[np.ndarray, " reversals"],
+    variance: float,
+    known: float,
+    reach: float,
+) -> tuple[float, float]:
+    """Mean and standard deviation of the place of the step, equally likely within reach before."""
+    order = np.argsort(after.ravel())
+    times, gain = after.ravel()[order], (jump[:, None] * left / max(variance, _TINY)).ravel()[order]
+    inner = np.abs(times - known) < reach
+    edges = np.concatenate([[known - reach], times[inner], [known + reach]])
+    # Beyond the last sample within reach the sum is the same for all.
+    log = np.append(np.cumsum(gain[inner][::-1])[::-1], 0.0)
+    width, middle = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
+    share = width * np.exp(log - log.max())
+    share /= share.sum()
+    mean = float(share @ middle)
+    return mean, float(np.sqrt(share @ ((middle - mean) ** 2 + width**2 / 12)))

@@ -1,0 +1,178 @@
+"""Recordings in memory whose gears wind up: what they carry, the links' motion behind them, and
+rows of it beside lags and friction as a free curve, of which nothing is known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.effects.delay import slopes
+from deltaid.effects.friction import SHAPES
+from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
+from deltaid.estimation.trace_rows import RecordingRows, TraceRows
+from deltaid.estimation.traces import Trace
+from deltaid.recording.filter import HIGHEST
+from deltaid.recording.gears import Gears, convolved
+from deltaid.recording.windows import Samples
+from deltaid.robot.description import RobotDescription
+
+# The low-pass over what gears carry, as a multiple of that over rows.
+_WIDER = 2.5
+# What a gear carries counts as known from this share of what its motor takes by itself.
+_LOADED = 0.2
+# Columns of a drive's friction: shapes over its speed, an offset, what differs by direction, one
+# that grows with the load and two with time.
+_FREE = len(SHAPES) + 5
+
+Compliance = Float[np.ndarray, " dof"]
+
+
+def motors_of(robot: RobotDescription, p: Parameters, cutoff: float, rate: float) -> Gears:
+    """Stiff gears between links and motors with the friction and rotors of p.
+
+    Args:
+        cutoff: of the low-pass over rows [Hz], which that over what gears carry must not bend.
+        rate: samples per second.
+    """
+    names = (parameter.name for parameter in parameter_layout(robot).parameters)
+    named = dict(zip(names, p.tolist(), strict=True))
+    viscous, coulomb, rotor = (
+        tuple(named.get(f"{kind}.{drive}", 0.0) for drive in robot.drives)
+        for kind in ("viscous", "coulomb", "rotor")
+    )
+    stiff = (0.0,) * len(robot.drives)
+    return Gears(stiff, viscous, coulomb, rotor, min(_WIDER * cutoff, HIGHEST * rate))
+
+
+@dataclass(frozen=True, eq=False)
+class Windings:
+    """A trace of the motors' motion, and what gears carry along it: τ_g, its rate, and the next.
+
+    Attributes:
+        trace: without the ends for which τ_g is not known.
+        motors: with their friction and rotors.
+        carried: for each stretch (3, samples, drives).
+    """
+
+    trace: Trace
+    motors: Gears
+    carried: tuple[Float[np.ndarray, "3 _ dof"], ...]
+
+    @classmethod
+    def measured(cls, trace: Trace, motors: Gears) -> "Windings":
+        """By the torques measured along a trace."""
+        return cls._along(trace, motors, lambda w: w.tau + w.carried - motors.of_motor(w.qd, w.qdd))
+
+    def by_model(self, p: Parameters) -> "Windings":
+        """The same with what gears carry by the torques of p along this motion."""
+        carried = self.trace.dynamics.carried
+        return self._along(
+            self.trace, self.motors, lambda w: carried(w.z, w.qd, w.qdd, p) + w.carried
+        )
+
+    @classmethod
+    def _along(
+        cls, trace: Trace, motors: Gears, torque: Callable[[Samples], np.ndarray]
+    ) -> "Windings":
+        """A torque that gears carry and its derivatives, without the ends that filters take."""
+        low_pass = motors.low_pass(trace.low_pass.rate)
+        taps, lost = (low_pass.level, low_pass.first, low_pass.second), low_pass.margin
+        stretches, carried = list[Samples](), list[np.ndarray]()
+        for w in trace.stretches:
+            along = torque(w)
+            parts = np.array([convolved(each, along) for each in taps])
+            if parts.shape[1] > 0:
+                stretches.append(w.part(slice(lost, lost + parts.shape[1])))
+                carried.append(parts)
+        return cls(replace(trace, stretches=tuple(stretches)), motors, tuple(carried))
+
+    def inner(self, times: int) -> "Windings":
+        """The same without the ends that a filter takes which is applied so many times."""
+        lost = times * self.motors.low_pass(self.trace.low_pass.rate).margin
+        pairs = [
+            (w.part(slice(lost, -lost)), along[:, lost:-lost])
+            for w, along in zip(self.trace.stretches, self.carried, strict=True)
+            if len(w.time) > 2 * lost
+        ]
+        stretches, carried = tuple(w for w, _ in pairs), tuple(along for _, along in pairs)
+        return Windings(replace(self.trace, stretches=stretches), self.motors, carried)
+
+    @property
+    def loaded(self) -> Bool[np.ndarray, " dof"]:
+        """Whose gears carry a good share of what their motors take by themselves; of others, how
+        much is carried is hardly known."""
+        carried = np.concatenate([x[0] for x in self.carried])
+        own = [self.motors.of_motor(w.qd, w.qdd) for w in self.trace.stretches]
+        return carried.std(axis=0) > _LOADED * np.concatenate(own).std(axis=0)
+
+    def turned(self, compliance: Compliance) -> Trace:
+        """The links' motion."""
+        kinematics, stretches = self.trace.dynamics.kinematics, list[Samples]()
+        if not np.any(compliance):
+            return self.trace
+        for w, carried in zip(self.trace.stretches, self.carried, strict=True):
+            by = compliance * carried
+            z, _ = kinematics.forward_unchecked(kinematics.inverse(w.z) - by[0])
+            tau = w.tau - self.motors.less(w.qd, w.qdd, by[1], by[2])
+            stretches.append(replace(w, z=z, qd=w.qd - by[1], qdd=w.qdd - by[2], tau=tau))
+        return replace(self.trace, stretches=tuple(stretches))
+
+
+def late(trace: Trace, p: Parameters) -> ColumnsOfDrives:
+    """−τ̇ of each drive, in a column of its own."""
+    return of_own_drives(slopes(trace, p)[:, :, None])
+
+
+def rows_of(
+    rows: TraceRows, trace: Trace, p: Parameters, *columns: ColumnsOfDrives
+) -> RecordingRows:
+    """Rows of a trace, with columns beside the parameters', those of friction behind.
+
+    Args:
+        p: whose torques gears carry, which losses grow with.
+    """
+    part = rows.of_trace(trace)
+    return replace(part, A=np.concatenate([part.A, *columns, _friction(trace, p)], axis=2))
+
+
+def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
+    """What is left of each trace's rows beside lags and friction, and p."""
+    parts = [rows_of(rows, trace, trace.load) for trace in traces]
+    p, first = parameters(rows, parts), rows.size
+    for k, (part, trace) in enumerate(zip(parts, traces, strict=True)):
+        columns = [part.A[..., :first], late(trace, p), part.A[..., first:]]
+        parts[k] = replace(part, A=np.concatenate(columns, axis=2))
+    x = rows.problem(parts).x
+    return [part.tau - part.A @ x for part in parts], parameters(rows, parts)
+
+
+def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
+    """p of the robot, whose friction is viscous and Coulomb's as well as that goes: beside a free
+    curve, hardly anything tells them."""
+    free = slice(-_FREE * len(parts[0].tau))
+    plain = [
+        RecordingRows(part.A[..., free], part.tau, tuple(by[..., free] for by in part.instruments))
+        for part in parts
+    ]
+    p = rows.parameters(rows.problem(plain).x)
+    return p[: len(rows.dynamics.layout.names)]
+
+
+def _friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
+    """Friction of each drive beside Coulomb's and viscous, in columns of its own: a
+    free curve, what grows with what its gear carries, by p, and what changes while it warms up."""
+    fastest = np.max([np.abs(w.qd).max(axis=0) for w in trace.stretches], axis=0)
+    first, last = trace.stretches[0].time[0], trace.stretches[-1].time[-1]
+
+    def shapes(w: Samples) -> np.ndarray:
+        v, carried = w.qd / fastest, trace.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
+        sign, later = np.sign(v), ((w.time - first) / (last - first))[:, None]
+        both = [shape(np.abs(v)) for shape, _ in SHAPES] + [np.abs(carried), later, later**2]
+        return np.hstack([*(sign * one for one in both), np.ones_like(v), np.abs(v)]).T
+
+    dof = trace.dynamics.dof
+    out = trace.filtered(shapes, np.tile(np.arange(dof), _FREE))
+    return of_own_drives(out.reshape(_FREE, dof, -1).transpose(1, 2, 0))
