@@ -10,7 +10,7 @@ from deltaid.check.identified import identify as checked
 from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.delay import slope
+from deltaid.effects.lag_columns import slope
 from deltaid.effects.lags import Lags, agree, chosen_groups, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace

@@ -39,7 +39,7 @@ def lag_verdicts(study: Study, *, unknown: bool = False) -> Iterator[Verdict]:
             unit="ms",
         )
         return
-    harm = spoilt(study, study.fit.p)
+    harm = spoilt(study)
     if not study.late or not _matters(study, harm):
         if unknown:
             yield Verdict(

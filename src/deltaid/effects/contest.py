@@ -27,7 +27,6 @@ class Explained:
     """What a candidate explains of a residual.
 
     Attributes:
-        candidate: which.
         gain: how much of the sum of squares.
         surprise: minus the decimal logarithm of the probability that noise explains as much to one
             of all that were tried.
@@ -78,15 +77,19 @@ def account(
         span: what parameters explain.
         left: what they leave.
     """
-    found = list[Explained]()
-    first = tuple[Explained, ...]()
-    bare = [span.without(_scaled(candidate.columns)) for candidate in candidates]
+    found, first = list[Explained](), tuple[Explained, ...]()
+
+    def of(some: Sequence[Candidate]) -> list[Columns]:
+        """Columns of unit length, without what is explained."""
+        return [span.without(one.columns / lengths(one.columns)) for one in some]
+
+    bare = of(candidates)
     for _ in range(_ROUNDS):
         more = tuple(searched(left))
-        columns = [*bare, *(span.without(_scaled(candidate.columns)) for candidate in more)]
-        tries = float(np.log10(len(columns)))
+        columns = [*bare, *of(more)]
+        tries, freedom = float(np.log10(len(columns))), len(left) - span.rank
         trials = [
-            _Trial(candidate, A, by, left, span.rank, candidate.tries + tries)
+            _Trial(candidate, A, by, left, freedom, candidate.tries + tries)
             for candidate, A in zip([*candidates, *more], columns, strict=True)
             if (by := independent(A)).shape[1]
         ]
@@ -94,9 +97,8 @@ def account(
         first = first or tuple(ranked)
         if not ranked or ranked[0].surprise < SEEN:
             break
-        best = ranked[0]
-        found.append(best)
-        U = best.directions
+        found.append(ranked[0])
+        U = ranked[0].directions
         left = left - U @ (U.T @ left)
         bare = [A - U @ (U.T @ A) for A in bare]
         span = span.with_directions(U)
@@ -108,11 +110,10 @@ class _Trial:
     """A candidate beside what has been explained.
 
     Attributes:
-        candidate: which.
         A: what is left of its columns.
         by: combinations of them that are orthonormal.
         left: what is to be explained.
-        taken: rank of what has been explained.
+        freedom: rows less the rank of what has been explained.
         tries: of how many candidates it is one, as a decimal logarithm.
     """
 
@@ -120,46 +121,37 @@ class _Trial:
     A: Columns
     by: Float[np.ndarray, "columns rank"]
     left: Rows
-    taken: int
+    freedom: int
     tries: float
 
     @cached_property
     def gain(self) -> float:
-        """How much of the sum of squares it explains."""
         return float(np.sum((self.by.T @ (self.A.T @ self.left)) ** 2))
 
     @cached_property
     def total(self) -> float:
-        """The sum of squares."""
         return float(self.left @ self.left)
 
     @property
     def rank(self) -> int:
-        """Number of its columns."""
         return self.by.shape[1]
-
-    @property
-    def freedom(self) -> int:
-        """Rows that are left to tell the noise."""
-        return max(len(self.left) - self.taken - self.rank, 1)
 
     @property
     def noise(self) -> float:
         """Variance of what it leaves."""
-        return max(self.total - self.gain, 1e-12 * self.total, 1e-300) / self.freedom
+        after = max(self.total - self.gain, 1e-12 * self.total, 1e-300)
+        return after / max(self.freedom - self.rank, 1)
 
-    @property
-    def surprise(self) -> float:
-        """For white noise."""
-        return surprise(self.gain / self.noise, self.rank) - self.tries
+    def surprise(self, level: float) -> float:
+        """For noise of some variance."""
+        return surprise(self.gain / level, self.rank) - self.tries
 
     def explained(self, groups: Int[np.ndarray, " rows"]) -> Explained:
         """With the noise by its scatter between stretches of time where that is larger."""
         U = self.A @ self.by
         after = self.left - U @ (U.T @ self.left)
-        level = max(self.noise, level_along(U, after, groups, self.freedom))
-        by_scatter = surprise(self.gain / level, self.rank) - self.tries
-        return Explained(self.candidate, self.gain, by_scatter, U)
+        along = level_along(U, after, groups, max(self.freedom - self.rank, 1))
+        return Explained(self.candidate, self.gain, self.surprise(max(self.noise, along)), U)
 
 
 def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[Explained]:
@@ -169,7 +161,7 @@ def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[
     """
     if not trials:
         return []
-    ranked = sorted(trials, key=lambda trial: -trial.surprise)
+    ranked = sorted(trials, key=lambda trial: -trial.surprise(trial.noise))
     best = ranked[0]
     ranked.sort(key=lambda trial: not _is_taken_before(trial, best))
     close = [trial.explained(groups) for trial in ranked[:_CLOSE]]
@@ -200,10 +192,6 @@ def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained
             if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
                 best = explained
     return best
-
-
-def _scaled(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
-    return columns / lengths(columns)
 
 
 def surprise(x: float, freedom: int) -> float:

@@ -17,6 +17,10 @@ class Drift(Effect):
     """Steadily, or as in warming up."""
 
     kind = "drift"
+    likeliest = (
+        "friction that falls while gears and grease warm up, or a torque channel that drifts"
+    )
+    fix = "move the robot until it is warm before recording, and record shorter"
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         time = fit.motion.time
@@ -42,11 +46,3 @@ class Drift(Effect):
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         changes = f"{percent(share)} of {torque_of(subject)} changes with time"
         return 100 * share, "%", f"{changes}, {cause.first.words}, and is not explained"
-
-    def why(self, cause: Cause) -> str:
-        del cause
-        return "friction that falls while gears and grease warm up, or a torque channel that drifts"
-
-    def cure(self, cause: Cause) -> str:
-        del cause
-        return "move the robot until it is warm before recording, and record shorter"

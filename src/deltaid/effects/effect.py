@@ -24,10 +24,14 @@ class Effect:
     Attributes:
         kind: its name.
         is_described: whether a residual's verdict is about it; others know better of the rest.
+        likeliest: its likeliest cause in words, where that is always the same.
+        fix: what to do about it, where that is always the same.
     """
 
     kind: ClassVar[str]
     is_described: ClassVar[bool] = True
+    likeliest: ClassVar[str] = ""
+    fix: ClassVar[str] = ""
 
     @property
     def key(self) -> str:
@@ -68,11 +72,13 @@ class Effect:
 
     def why(self, cause: Cause) -> str:
         """The likeliest cause in words."""
-        raise NotImplementedError
+        del cause
+        return self.likeliest
 
     def cure(self, cause: Cause) -> str:
         """What to do about it."""
-        raise NotImplementedError
+        del cause
+        return self.fix
 
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
         """Lines of a file that would put it right."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +20,6 @@ class Joint:
     """A joint with friction that moves.
 
     Attributes:
-        name: which.
         drive: its number; None if it is no drive.
         viscous, coulomb: its entries in the regressor.
         drives: whose rows these are.
@@ -52,11 +50,11 @@ class Joint:
 def joints_of(dynamics: Dynamics) -> tuple[Joint, ...]:
     """Joints with friction, their speeds unknown."""
     rows, columns = dynamics.regressor_pattern
-    names, robot = np.array(dynamics.layout.names)[columns], dynamics.robot
-    found = []
+    names, robot, found = np.array(dynamics.layout.names)[columns], dynamics.robot, list[Joint]()
     for joint in robot.friction_joints:
-        viscous = np.flatnonzero(names == f"viscous.{joint}")
-        coulomb = np.flatnonzero(names == f"coulomb.{joint}")
+        viscous, coulomb = (
+            np.flatnonzero(names == f"{term}.{joint}") for term in ("viscous", "coulomb")
+        )
         drive = robot.drives.index(joint) if joint in robot.drives else None
         found.append(Joint(joint, drive, viscous, coulomb, rows[coulomb]))
     return tuple(found)
@@ -70,7 +68,6 @@ def joint_columns(
     Args:
         p: by which it is known what gears carry.
     """
-    counts = np.cumsum([0, *(len(joint.drives) for joint, _ in wanted)])
     drives = np.concatenate([joint.drives for joint, _ in wanted])
 
     def values(w: Samples) -> np.ndarray:
@@ -85,10 +82,10 @@ def joint_columns(
         )
 
     filtered = trace.filtered(values, drives)
-    stacked = np.zeros((trace.dynamics.dof, filtered.shape[1], len(wanted)))
-    for k, (start, stop) in enumerate(pairwise(counts)):
-        stacked[drives[start:stop], :, k] = filtered[start:stop]
-    return stacked
+    columns = np.zeros((trace.dynamics.dof, filtered.shape[1], len(wanted)))
+    of_column = np.repeat(np.arange(len(wanted)), [len(joint.drives) for joint, _ in wanted])
+    columns[drives, :, of_column] = filtered
+    return columns
 
 
 def entry_speeds(
@@ -98,19 +95,16 @@ def entry_speeds(
     return np.abs(viscous).max(axis=0) / np.maximum(np.abs(coulomb).max(axis=0), 1e-300)
 
 
-def one_way(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+def one_way(_v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray:
     """A constant."""
-    del v, load
     return np.ones_like(C)
 
 
-def one_way_speed(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+def one_way_speed(v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray:
     """|v|, whatever the direction."""
-    del load
     return np.broadcast_to(v, C.shape)
 
 
-def of_load(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+def of_load(_v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
     """A share of what the gear carries."""
-    del v
     return C * np.abs(load)

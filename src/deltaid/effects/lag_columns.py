@@ -1,13 +1,25 @@
-"""Lags as columns of a fit, and as corrections in words."""
+"""Lags of torque channels as columns of the regression.
+
+A torque that is recorded δ later than the motion beside it, τ_meas(t) = τ(t − δ), is to first order
+
+    τ_meas,i = Y_i p − δ τ̇_i,
+
+so a lag is one more free coefficient whose column is −τ̇. This is the slope of the *model's* torque:
+noise on a measured one would pull δ towards zero. A first-order filter of time constant T has the
+same first-order term, so what is found is the sum of dead time and time constants. `lags` estimates
+them, `Trace.shifted` applies them exactly.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.effects.delay import slopes_along
-from deltaid.estimation.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values, extended
+from deltaid.estimation.drive_rows import OfDrives
+from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -67,18 +79,11 @@ class LagColumns(Addition):
         """One lag a group that is free."""
         where = f"@{self.recording.path}" if self.several else ""
         return tuple(
-            Parameter(
-                "lag",
-                ("+".join(group.subjects(self._drives)) or "torques") + where,
-                "lag",
-                "s",
-                -np.inf,
-                np.inf,
-                group.beside,
-                min(group.deviation / PRIOR_SPREAD, _SIZE),
-            )
+            Parameter("lag", ("+".join(group.subjects(self._drives)) or "torques") + where,
+                      "lag", "s", -np.inf, np.inf, group.beside,
+                      min(group.deviation / PRIOR_SPREAD, _SIZE))
             for group in self._free
-        )
+        )  # fmt: skip
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +101,12 @@ class LagColumns(Addition):
         drives, _ = self.pattern
         if not self.is_of(recording):
             return np.zeros((len(drives), own.shape[1]))
-        return slopes_along(self.dynamics, self.beside, self.p, w, own, recording)[drives]
+        values = np.vstack([own, *(one.entries(w, own, recording) for one in self.beside)])
+        rows, columns = extended(self.dynamics, self.beside).regressor_pattern
+        tau = w.carried.T.copy()  # of loads, which lag with all else
+        for i in range(len(tau)):
+            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
+        return -recording.log.rate * slope(tau, self._reversals(own))[drives]
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied, and what the fit found beside it."""
@@ -110,21 +120,21 @@ class LagColumns(Addition):
                 beside, half = group.beside, _NORMAL * group.deviation
                 ends = beside - half, beside + half
             low, high = (None if x is None else group.delay + x for x in ends)
-            text = _sentence(group.delay + beside, spread, held=not group.free)
-            found += (
-                Correction(
-                    kind="lag",
-                    subject=name,
-                    log=self.recording.path.name,
-                    value=group.delay + beside,
-                    low=low,
-                    high=high,
-                    unit="s",
-                    text=text,
-                )
-                for name in group.subjects(self._drives)
-            )
+            value = group.delay + beside
+            common = Correction(
+                kind="lag", log=self.recording.path.name, value=value, low=low, high=high, unit="s",
+                text=_sentence(value, spread, held=not group.free),
+            )  # fmt: skip
+            found += (common.changed(subject=name) for name in group.subjects(self._drives))
         return tuple(found)
+
+    def _reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
+        """Whether a joint with friction turns round between a sample and the next, in whose row."""
+        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
+        turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
+        for k in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
+            turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
+        return turned
 
     @property
     def _free(self) -> tuple[LagGroup, ...]:
@@ -152,6 +162,37 @@ class UnknownLag(LagColumns):
 def alone(dof: int) -> tuple[LagGroup, ...]:
     """A lag for every drive, of which nothing is known."""
     return tuple(LagGroup((i,), 0.0) for i in range(dof))
+
+
+def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> OfDrives:
+    """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that it
+    comes late.
+
+    Args:
+        p: parameters of the robot, then those of additions.
+    """
+    dof, by_p = trace.dynamics.dof, replace(trace, load=p[: len(trace.dynamics.layout.names)])
+    lags = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(dof))
+    return trace.filtered(
+        lambda w: lags.entries(w, by_p.entries(w), trace.recording), np.arange(dof), 1
+    )
+
+
+def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
+    """The rise of torques from sample to sample, without the steps of friction.
+
+    Central differences; beside a reversal the difference of the side that has no step.
+
+    Args:
+        tau: at least two samples.
+        turned: between which samples and the next a joint turns round.
+    """
+    steps = np.diff(tau, axis=1)
+    total, number = (
+        np.pad(x, ((0, 0), (0, 1))) + np.pad(x, ((0, 0), (1, 0)))
+        for x in (np.where(turned, 0.0, steps), np.where(turned, 0.0, np.ones_like(steps)))
+    )
+    return total / np.maximum(number, 1.0)
 
 
 def _sentence(value: float, spread: float, *, held: bool) -> str:

@@ -24,8 +24,7 @@ from scipy.special import fdtri
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.delay import slopes
-from deltaid.effects.lag_columns import LagGroup
+from deltaid.effects.lag_columns import LagGroup, slopes
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
@@ -279,12 +278,11 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
         distance, together: T² of what it leaves, and of what one lag for all leaves.
     """
     free = len(labels) - max(labels)
-    if not free:
-        return False
     if not any(labels):
         common = distance - together > _limit(1, 0.5 * _REJECTED)
         return common or distance > _limit(free, 0.5 * _REJECTED)
-    return distance > _limit(free, _REJECTED if len(set(labels)) == 1 else _UNLIKELY)
+    share = _REJECTED if len(set(labels)) == 1 else _UNLIKELY
+    return free > 0 and distance > _limit(free, share)
 
 
 def _limit(free: int, rejected: float) -> float:

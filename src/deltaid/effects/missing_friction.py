@@ -6,7 +6,6 @@ import numpy as np
 
 from deltaid.effects.effect import Effect
 from deltaid.effects.rigid_fit import Candidate, RigidFit
-from deltaid.recording.windows import Samples
 
 
 class MissingFriction(Effect):
@@ -21,14 +20,7 @@ class MissingFriction(Effect):
         if not without:
             return
         drives = np.arange(len(fit.drives))
-        filtered = [fit.trace.filtered(of, drives) for of in (_signs, _speeds)]
-        columns = np.hstack([fit.rows.own(x)[:, without] for x in filtered])
+        signs = fit.trace.filtered(lambda w: np.sign(w.qd).T, drives)
+        speeds = fit.trace.filtered(lambda w: w.qd.T, drives)
+        columns = np.hstack([fit.rows.own(x)[:, without] for x in (signs, speeds)])
         yield Candidate(self.kind, "", columns, is_preferred=True)
-
-
-def _signs(w: Samples) -> np.ndarray:
-    return np.sign(w.qd).T
-
-
-def _speeds(w: Samples) -> np.ndarray:
-    return w.qd.T

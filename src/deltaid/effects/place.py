@@ -18,6 +18,11 @@ class Place(Effect):
     """Squares of the task coordinates, alone and times what the drive gives."""
 
     kind = "geometry-or-cogging"
+    likeliest = (
+        "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears have "
+        "play"
+    )
+    fix = "measure arms, struts and radii, set the drives' zeros anew, and look for play"
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         w = fit.motion
@@ -28,27 +33,12 @@ class Place(Effect):
         shapes += [x[:, i] * x[:, j] for i in range(dof) for j in range(i, dof)]
         alone = [fit.rows.own(w.weights.T * shape) for shape in shapes]
         times = [fit.rows.own(fit.model * shape) for shape in shapes[:dof]]
+        words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
             columns = np.stack([one[:, i] for one in (*alone, *times)], axis=1)
-            yield self._candidate(drive, columns, _BENDS / dof)
-        yield self._candidate("", np.hstack(alone + times), _BENDS)
-
-    def _candidate(self, drive: str, columns: np.ndarray, tries: float) -> Candidate:
-        words = "the place of the platform"
-        return Candidate(self.kind, drive, columns, words, tries, bends=True)
+            yield Candidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
+        yield Candidate(self.kind, "", np.hstack(alone + times), words, _BENDS, bends=True)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         follows = f"{percent(share)} of {torque_of(subject)} follows the position"
-        words = "it bends with the place of the platform"
-        return 100 * share, "%", f"{follows} and is not explained: {words}"
-
-    def why(self, cause: Cause) -> str:
-        del cause
-        return (
-            "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears "
-            "have play"
-        )
-
-    def cure(self, cause: Cause) -> str:
-        del cause
-        return "measure arms, struts and radii, set the drives' zeros anew, and look for play"
+        return 100 * share, "%", f"{follows} and is not explained: {cause.first.words}"

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.delay import slope
+from deltaid.effects.lag_columns import slope
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.span import lengths
 from deltaid.estimation.traces import Delay, Trace

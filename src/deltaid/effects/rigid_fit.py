@@ -27,7 +27,7 @@ class Candidate:
     """Columns that one effect would add, to first order in its size.
 
     Attributes:
-        kind: of the cause.
+        kind: of the effect.
         subject: the drive or joint; empty for all together.
         columns: as rows of all drives.
         words: what the torque follows, for messages.
@@ -53,7 +53,6 @@ class RigidFit:
     """A recording, what parameters explain of it, and the fitted parameters.
 
     Attributes:
-        trace: the recording.
         Y: the active columns of its regressor, filtered.
         rows, span: its samples as rows, and what these columns explain of them.
         tau: its torques as rows.
@@ -72,7 +71,6 @@ class RigidFit:
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Names."""
         return self.trace.dynamics.robot.drives
 
     @cached_property
@@ -100,25 +98,25 @@ class RigidFit:
         model = self.model
         for _ in range(_SWEEPS):
             own = self.rows.own(model)
-            bare = self.span.without(own)
-            gain = np.linalg.lstsq(bare, self.span.without(self.tau), rcond=_SHOWN)[0]
+            left = self.span.without(self.tau)
+            gain = np.linalg.lstsq(self.span.without(own), left, rcond=_SHOWN)[0]
             model = self.Y @ self.span.coefficients(self.tau - own @ gain)
         return model
 
     def column(self, name: str) -> Stack:
         """One parameter's column of Y."""
-        dynamics = self.trace.dynamics
-        at = np.searchsorted(active_columns(dynamics), dynamics.layout.names.index(name))
-        return self.Y[:, :, at]
+        return self.Y[:, :, np.searchsorted(active_columns(self.trace.dynamics), self._at(name))]
 
     def shows(self, name: str) -> bool:
         """Whether a parameter has a column."""
-        dynamics = self.trace.dynamics
-        return dynamics.layout.names.index(name) in active_columns(dynamics)
+        return self._at(name) in active_columns(self.trace.dynamics)
 
     def size(self, name: str) -> float:
         """One of the fitted parameters."""
-        return float(self.p[self.trace.dynamics.layout.names.index(name)])
+        return float(self.p[self._at(name)])
+
+    def _at(self, name: str) -> int:
+        return self.trace.dynamics.layout.names.index(name)
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

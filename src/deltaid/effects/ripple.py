@@ -25,18 +25,20 @@ class Ripple(Effect):
     """
 
     kind = "ripple"
+    likeliest = "cogging of the motor, or teeth of the gear"
+    fix = "let the drive compensate it, or take a lower --cutoff"
 
     @property
     def key(self) -> str:
         return "geometry-or-cogging"
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
-        waves = [_waves(fit, i) for i in range(len(fit.drives))]
+        every = ((i, _waves(fit, i)) for i in range(len(fit.drives)))
+        waves = {i: pair for i, pair in every if pair is not None}
 
         def found(left: Rows) -> Iterable[Candidate]:
-            for i, residual in enumerate(fit.rows.of_drives(left)):
-                if (pair := waves[i]) is not None:
-                    yield self._best(fit, i, pair, residual)
+            residuals = fit.rows.of_drives(left)
+            return [self._best(fit, i, pair, residuals[i]) for i, pair in waves.items()]
 
         return found
 
@@ -54,7 +56,6 @@ class Ripple(Effect):
             fit.rows.stack(columns),
             f"a ripple of {_COUNTS[k]:.3g} waves over the stroke",
             float(np.log10(len(_COUNTS))),
-            (float(_stroke(fit, i) / _COUNTS[k]),),
             bends=True,
         )
 
@@ -62,28 +63,15 @@ class Ripple(Effect):
         follows = f"{percent(share)} of {torque_of(subject)} follows the position"
         return 100 * share, "%", f"{follows} and is not explained: {cause.first.words}"
 
-    def why(self, cause: Cause) -> str:
-        del cause
-        return "cogging of the motor, or teeth of the gear"
-
-    def cure(self, cause: Cause) -> str:
-        del cause
-        return "let the drive compensate it, or take a lower --cutoff"
-
 
 def _waves(fit: RigidFit, i: int) -> Waves | None:
     """Ripples of a drive as they pass the filter; None where it stands still."""
-    w, low_pass, stroke = fit.motion, fit.trace.low_pass, _stroke(fit, i)
-    if stroke == 0:
+    w, low_pass, q = fit.motion, fit.trace.low_pass, fit.q[:, i]
+    if (stroke := np.ptp(q)) == 0:
         return None
     frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
     passed = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
-    q = fit.q[:, i]
     turns = 2 * np.pi * np.outer(_COUNTS, (q - q.min()) / stroke)
     speeds = np.abs(np.outer(_COUNTS, w.qd[:, i] / stroke))
     size = np.interp(speeds, frequency, passed) * w.weights[:, i]
     return np.stack([size * np.sin(turns), size * np.cos(turns)])
-
-
-def _stroke(fit: RigidFit, i: int) -> float:
-    return float(np.ptp(fit.q[:, i]))

@@ -5,20 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
 from deltaid.effects.windings import motors_of
-from deltaid.errors import RecordingError
 from deltaid.estimation.trace_rows import TraceRows
-from deltaid.estimation.traces import Trace, trace
-from deltaid.identification.lag_stage import lags_put_right, without_lags
+from deltaid.estimation.traces import Trace
+from deltaid.identification.lag_stage import lags_put_right, traced, without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study, studied
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import WINDOW
 
-# Windows of a recording that are used, and seconds.
-_WINDOWS, _SECONDS = 2, 12.0
+# Windows of a recording at least that are used.
+_WINDOWS = 2
 # The low-pass over rows, as a share of that which a fit has.
 _BAND = 0.5
 
@@ -85,13 +82,6 @@ def _traced(setup: Setup, recording: Recording) -> tuple[Trace, Trace] | None:
     filter or nothing can be differentiated."""
     if recording.low_pass is None:
         return None
-    windows = max(_WINDOWS, round(_SECONDS * recording.log.rate / WINDOW))
-    load, cutoff = prior_parameters(setup.robot), recording.low_pass.cutoff
-    try:
-        narrow, wide = (
-            trace(setup.dynamics, recording, load, cutoff=share * cutoff, windows=windows)
-            for share in (_BAND, 1.0)
-        )
-    except RecordingError:
-        return None
-    return narrow, wide
+    cutoff = recording.low_pass.cutoff
+    narrow, wide = (traced(setup, recording, by * cutoff, _WINDOWS) for by in (_BAND, 1.0))
+    return None if narrow is None or wide is None else (narrow, wide)

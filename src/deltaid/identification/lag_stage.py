@@ -20,7 +20,7 @@ from deltaid.recording.windows import WINDOW
 
 # Lags known to no better than this (half a 95 % interval) are none that can be corrected [s].
 _UNKNOWN = 1e-3
-# Windows of a recording that are used, and seconds; more hardly say more.
+# Windows of a recording at least, and seconds, that are used; more hardly say more.
 _WINDOWS, _SECONDS = 8, 12.0
 # Standard deviation beyond which intervals allow for a lag that may be none [s]: twice as much does
 # harm. It is 5 to 20 µs in good recordings of 15 s, and up to 0.1 ms in those of a few seconds.
@@ -41,7 +41,9 @@ def lags_put_right(setup: Setup, progress: Progress) -> Setup:
     progress("looking for lags")
     traces = list[tuple[Recording, Trace]]()
     for k, recording in enumerate(setup.recordings):
-        found = None if setup.is_disturbed(k) else _traced(setup, recording)
+        as_it_came = replace(recording, repairs=replace(recording.repairs, delay=()))
+        disturbed, cutoff = setup.is_disturbed(k), recording.cutoff
+        found = None if disturbed else traced(setup, as_it_came, cutoff, _WINDOWS)
         if found is not None:
             traces.append((recording, found))
         else:  # what other stages took for a beginning is no estimate
@@ -100,13 +102,12 @@ def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
     return tuple(one for one in additions if not isinstance(one, LagColumns))
 
 
-def _traced(setup: Setup, recording: Recording) -> Trace | None:
-    """A recording in memory, with torques as they came; None where it cannot be differentiated."""
-    as_they_came = replace(recording, repairs=replace(recording.repairs, delay=()))
-    windows = max(_WINDOWS, round(_SECONDS * recording.log.rate / WINDOW))
+def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int) -> Trace | None:
+    """So many windows at least of a recording; None where it cannot be differentiated."""
+    windows = max(least, round(_SECONDS * recording.log.rate / WINDOW))
     load = prior_parameters(setup.robot)
     try:
-        return trace(setup.dynamics, as_they_came, load, cutoff=recording.cutoff, windows=windows)
+        return trace(setup.dynamics, recording, load, cutoff=cutoff, windows=windows)
     except RecordingError:
         return None  # with recorded velocities and accelerations it can still be fitted
 

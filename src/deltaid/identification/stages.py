@@ -22,13 +22,10 @@ def recordings_studied(setup: Setup, progress: Progress) -> Setup:
 
 
 def sharpened(setup: Setup, progress: Progress) -> Setup:
-    """Rows that keep what friction near rest does, where a law has a term for it, as those that
-    friction laws were chosen by.
+    """Rows that friction laws were chosen by, where a law has a term for friction near rest.
 
-    Stribeck's term is gone at a few per cent of a drive's speed, some milliseconds at each
-    reversal. Rows that keep no more than the motion asks for hardly show it, and what they show
-    they confuse with Coulomb's. The last stage: lags, gears and events are judged by the rows
-    before.
+    Stribeck's lasts some milliseconds at each reversal; rows that keep no more than the motion asks
+    for confuse it with Coulomb's. The last stage: all others judge by the rows before.
     """
     laws = setup.robot.friction.values()
     if setup.settings.cutoff is not None or not any(x.stribeck or x.hess_soom for x in laws):

@@ -15,7 +15,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.contest import SEEN, Account, account, surprise
-from deltaid.effects.delay import slopes
+from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.errors import RecordingError
@@ -117,7 +117,7 @@ def studied(
     off = float(np.sum((apart / np.maximum(each.deviation, 1e-12)) ** 2))
     apart_by = float(apart.max()) / _AT_ONCE
     alike = surprise(off, dynamics.dof) < SEEN or apart_by < _SMALL
-    study = Study(fit, account, common, each, 0.0, alike, _inertia(fit, fit.p))
+    study = Study(fit, account, common, each, 0.0, alike, _inertia(fit))
     if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
         return study
     if first != "torque-lag" and late < max(others, default=0.0):
@@ -161,16 +161,16 @@ def _surprise_of_lag(common: Lag, each: Lag) -> float:
     return max(surprise(together, 1), surprise(apart, len(each.values))) - tries
 
 
-def _inertia(fit: RigidFit, p: Parameters) -> Float[np.ndarray, " dof"]:
+def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
     """M_ii at home."""
     dynamics = fit.trace.dynamics
     dof, home = dynamics.dof, dynamics.kinematics.home
     z, rest = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
-    tau = dynamics.torque(z, rest, np.vstack([np.eye(dof), np.zeros(dof)]), p)
+    tau = dynamics.torque(z, rest, np.vstack([np.eye(dof), np.zeros(dof)]), fit.p)
     return np.diag(tau[:-1] - tau[-1])
 
 
-def spoilt(study: Study, p: Parameters) -> Float[np.ndarray, " dof"]:
+def spoilt(study: Study) -> Float[np.ndarray, " dof"]:
     """By which share M_ii at home changes when causes are left alone."""
-    right = _inertia(study.fit, p)
+    right = _inertia(study.fit)
     return study.plain / np.where(right == 0, 1.0, right) - 1.0

@@ -95,26 +95,20 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
 
 
 def _predicted(dynamics: Dynamics, p: Parameters, w: Samples) -> Float[np.ndarray, "samples dof"]:
-    return dynamics.torque(w.z, w.qd, w.qdd, p) + _lost_to_loads(dynamics, p, w)
-
-
-def _lost_to_loads(
-    dynamics: Dynamics, p: Parameters, w: Samples
-) -> Float[np.ndarray, "samples dof"]:
-    """What held loads add to friction that depends on load, Σ μ sign(q̇) (|x + x_L| − |x|).
+    """Y p, and what held loads add to friction that depends on load, Σ μ sign(q̇)(|x + x_L| − |x|).
 
     What loads take of the torques otherwise has been taken out of them.
     """
-    lost, robot = np.zeros_like(w.carried), dynamics.robot
+    tau, robot = dynamics.torque(w.z, w.qd, w.qdd, p), dynamics.robot
     if not w.carried.any() or not robot.load_drives:
-        return lost
-    x, first = dynamics.carried(w.z, w.qd, w.qdd, p), dynamics.layout.friction.start
-    for k, term in enumerate(robot.friction_terms):
+        return tau
+    x, friction = dynamics.carried(w.z, w.qd, w.qdd, p), p[dynamics.layout.friction]
+    for term, mu in zip(robot.friction_terms, friction, strict=True):
         if term.of_load:
             i = robot.drives.index(term.joint)
             more = np.abs(x[:, i] + w.carried[:, i]) - np.abs(x[:, i])
-            lost[:, i] += p[first + k] * np.sign(w.qd[:, i]) * more
-    return lost
+            tau[:, i] += mu * np.sign(w.qd[:, i]) * more
+    return tau
 
 
 def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueError:
