@@ -18,7 +18,6 @@ class Cause:
     """An effect that was detected, with all that it explains.
 
     Attributes:
-        kind: of the effect.
         fit, account: where, and beside what else.
         found: its candidates, the first found first.
         rms: of what it explains in each drive's torque [N m or N].

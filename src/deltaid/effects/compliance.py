@@ -96,26 +96,19 @@ class Found:
         wide = float(quantile(np.array([STRETCHES - 1.0]))[0])
         for i in np.flatnonzero(self.values):
             s, drive = float(self.values[i]), robot.drives[i]
-            slides = robot.is_linear(drive)
-            text = f"its gear winds up by what it carries over {1 / s:.3g} "
-            text += "N/m" if slides else "N m/rad"
-            low = high = None
-            for k in np.flatnonzero(self.groups[i]):
+            unit, inverse = ("m/N", "N/m") if robot.is_linear(drive) else ("rad/(N m)", "N m/rad")
+            evidence, low, high = ", as stated", None, None
+            for k in np.flatnonzero(self.groups[i]).tolist():
                 half = wide * float(self.deviation[k])
-                low, high = s - half, s + half
-                text += self._evidence(int(k))
-            text += ", as stated" if low is None else ""
-            corrections.append(
-                Correction(
-                    kind="compliance",
-                    subject=drive,
-                    value=s,
-                    low=low,
-                    high=high,
-                    unit="m/N" if slides else "rad/(N m)",
-                    text=f"{text}; positions are those of the link",
-                )
+                evidence, low, high = self._evidence(k), s - half, s + half
+            text = (
+                f"its gear winds up by what it carries over {1 / s:.3g} {inverse}{evidence}; "
+                "positions are those of the link"
             )
+            corrections.append(
+                Correction(kind="compliance", subject=drive, value=s, low=low, high=high, unit=unit,
+                           text=text)
+            )  # fmt: skip
         return corrections
 
     def _evidence(self, k: int) -> str:
@@ -124,10 +117,8 @@ class Found:
         if self.groups[:, k].sum() > 1:
             text += ", one for all limbs"
         if self.like_lag[k] > _ALIKE:
-            text += (
-                f"; this motion hardly tells it from a lag of the torques (correlation "
-                f"{self.like_lag[k]:.2f})"
-            )
+            text += "; this motion hardly tells it from a lag of the torques "
+            text += f"(correlation {self.like_lag[k]:.2f})"
         return text
 
 

@@ -40,7 +40,6 @@ class Explained:
 
     @property
     def rank(self) -> int:
-        """Number of its columns."""
         return self.directions.shape[1]
 
 

@@ -50,9 +50,10 @@ class LagGroup:
     deviation: float = np.inf
     free: bool = True
 
-    def subjects(self, drives: Sequence[str]) -> tuple[str, ...]:
+    def subjects(self, dynamics: Dynamics) -> tuple[str, ...]:
         """Names of these drives; one that is empty for all of the robot's."""
-        return ("",) if len(self.drives) == len(drives) else tuple(drives[i] for i in self.drives)
+        names = dynamics.robot.drives
+        return ("",) if len(self.drives) == len(names) else tuple(names[i] for i in self.drives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ class LagColumns(Addition):
         """One lag a group that is free."""
         where = f"@{self.recording.path}" if self.several else ""
         return tuple(
-            Parameter("lag", ("+".join(group.subjects(self._drives)) or "torques") + where,
+            Parameter("lag", ("+".join(group.subjects(self.dynamics)) or "torques") + where,
                       "lag", "s", -np.inf, np.inf, group.beside,
                       min(group.deviation / PRIOR_SPREAD, _SIZE))
             for group in self._free
@@ -125,7 +126,7 @@ class LagColumns(Addition):
                 kind="lag", log=self.recording.path.name, value=value, low=low, high=high, unit="s",
                 text=_sentence(value, spread, held=not group.free),
             )  # fmt: skip
-            found += (common.changed(subject=name) for name in group.subjects(self._drives))
+            found += (common.changed(subject=name) for name in group.subjects(self.dynamics))
         return tuple(found)
 
     def _reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
@@ -139,10 +140,6 @@ class LagColumns(Addition):
     @property
     def _free(self) -> tuple[LagGroup, ...]:
         return tuple(group for group in self.groups if group.free)
-
-    @property
-    def _drives(self) -> tuple[str, ...]:
-        return self.dynamics.robot.drives
 
 
 @dataclass(frozen=True, eq=False)

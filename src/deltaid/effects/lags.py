@@ -5,9 +5,8 @@ squares with the prior of the parameters, as the fit has it but without cones; t
 δ + ε later and it is repeated until ε is small. Rows at reversals do not count in this; what they
 show, they show by themselves (`reversals`).
 
-The prior is what makes it sharp. A drive's own columns, of a wrist above all, are nearly dependent;
-without a prior they take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against
-±0.04 ms).
+The prior makes it sharp: a drive's own columns, of a wrist above all, are nearly dependent and
+would take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against ±0.04 ms).
 
 Drives have as few lags as their estimates allow: none, if that is not contradicted, then one that
 all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that says whose lags are
@@ -56,12 +55,7 @@ Covariance = Float[np.ndarray, "dof dof"]
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """Lags of one recording, of torques or rates behind its positions.
-
-    Attributes:
-        values: of each drive [s]; positive where torques come late.
-        deviation: their standard deviations [s].
-    """
+    """By how much each drive's torque or rate comes late in a recording, and its deviation [s]."""
 
     values: Delay
     deviation: Delay
@@ -77,8 +71,8 @@ class Lags:
     """The lag of every drive in every recording.
 
     Attributes:
-        values: (recordings, drives) [s]; positive where torques come late.
-        covariance: of each recording's (recordings, drives, drives) [s²].
+        values: [s]; positive where torques come late.
+        covariance: of each recording's [s²].
         steps, told: those that reversals show, and standard deviations, infinite for others [s].
         agrees: whether the other rows say the same; where they do not, something else is wrong.
         p: the parameters that go with them, of the robot and of additions.

@@ -9,9 +9,9 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
-from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.span import Rows, Span
+from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
@@ -19,15 +19,12 @@ from deltaid.recording.windows import Samples
 # Sweeps of a fit with a factor for each drive; directions that show less are left out.
 _SWEEPS, _SHOWN = 3, 0.05
 
-Stack = Float[np.ndarray, "dof samples"]
-
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """Columns that one effect would add, to first order in its size.
 
     Attributes:
-        kind: of the effect.
         subject: the drive or joint; empty for all together.
         columns: as rows of all drives.
         words: what the torque follows, for messages.
@@ -40,7 +37,7 @@ class Candidate:
 
     kind: str
     subject: str
-    columns: Float[np.ndarray, "rows columns"]
+    columns: Columns
     words: str = ""
     tries: float = 0.0
     detail: tuple[float, ...] = ()
@@ -59,7 +56,7 @@ class RigidFit:
     """
 
     trace: Trace
-    Y: Float[np.ndarray, "dof samples columns"]
+    Y: ColumnsOfDrives
     rows: DriveRows
     span: Span
     tau: Rows
@@ -84,12 +81,12 @@ class RigidFit:
         return self.trace.dynamics.kinematics.inverse(self.motion.z)
 
     @cached_property
-    def model(self) -> Stack:
+    def model(self) -> OfDrives:
         """Torques of p."""
         return self.trace.model(self.p)
 
     @cached_property
-    def scaled_model(self) -> Stack:
+    def scaled_model(self) -> OfDrives:
         """Torques of parameters that are fitted together with a factor for every drive.
 
         τ_i = (1 + g_i) Y_i p, by Gauss–Newton. What torques hardly show of the factors, such as one
@@ -103,7 +100,7 @@ class RigidFit:
             model = self.Y @ self.span.coefficients(self.tau - own @ gain)
         return model
 
-    def column(self, name: str) -> Stack:
+    def column(self, name: str) -> OfDrives:
         """One parameter's column of Y."""
         return self.Y[:, :, np.searchsorted(active_columns(self.trace.dynamics), self._at(name))]
 
@@ -125,8 +122,6 @@ class RigidFit:
         found = ((one, float(one.speed(entries).max())) for one in joints_of(self.trace.dynamics))
         return tuple(replace(one, fastest=fastest) for one, fastest in found if fastest > 0)
 
-    def joint_columns(
-        self, wanted: Sequence[tuple[Joint, Shape]]
-    ) -> Float[np.ndarray, "rows columns"]:
+    def joint_columns(self, wanted: Sequence[tuple[Joint, Shape]]) -> Columns:
         """One column for each shape of a joint."""
         return self.rows.stack(joint_columns(self.trace, self.p, wanted))

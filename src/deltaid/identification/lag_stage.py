@@ -41,9 +41,9 @@ def lags_put_right(setup: Setup, progress: Progress) -> Setup:
     progress("looking for lags")
     traces = list[tuple[Recording, Trace]]()
     for k, recording in enumerate(setup.recordings):
-        as_it_came = replace(recording, repairs=replace(recording.repairs, delay=()))
-        disturbed, cutoff = setup.is_disturbed(k), recording.cutoff
-        found = None if disturbed else traced(setup, as_it_came, cutoff, _WINDOWS)
+        as_it_came, found = replace(recording, repairs=replace(recording.repairs, delay=())), None
+        if not setup.is_disturbed(k):
+            found = traced(setup, as_it_came, recording.cutoff, _WINDOWS)
         if found is not None:
             traces.append((recording, found))
         else:  # what other stages took for a beginning is no estimate
@@ -129,6 +129,6 @@ def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
     return setup.told([
         Correction(kind="lag", subject=name, value=value, unit="s", text=text)
         for group in groups
-        for name in group.subjects(setup.robot.drives)
+        for name in group.subjects(setup.dynamics)
         if (value := delay[group.drives[0]])
     ])  # fmt: skip

@@ -142,10 +142,9 @@ def _accounted(
     if further.size:
         span = span.with_columns(rows.stack(further))
     fit = RigidFit(record, own, rows, span, tau)
-    known = [candidate for effect in EFFECTS for candidate in effect.candidates(fit)]
-    if lag:
-        known = [candidate for candidate in known if candidate.kind != "torque-lag"]
-    searches = [effect.search(fit) for effect in EFFECTS]
+    effects = [effect for effect in EFFECTS if not lag or effect.kind != "torque-lag"]
+    known = [candidate for effect in effects for candidate in effect.candidates(fit)]
+    searches = [effect.search(fit) for effect in effects]
 
     def searched(left: Rows) -> chain[Candidate]:
         return chain.from_iterable(search(left) for search in searches)

@@ -116,6 +116,7 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
 
     Of what has been filtered, samples as far apart as the cut-off allows say as much as all.
     """
+    dof = dynamics.dof
 
     def sums(window: Window) -> tuple[np.ndarray, ...]:
         own, wide = window.own, window.wide
@@ -123,23 +124,16 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         both = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
         filtered, tau = np.split(window.thinned_out(both), 2)
         raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
-        counts = np.stack(
-            [
-                window.counted(window.thinned).sum(axis=1),
-                np.sum(own.weights**2, axis=0),
-                window.turning,
-                np.full(dof, len(own.time)),
-            ]
-        )
-        squares = filtered @ filtered.T, np.sum(tau**2, axis=1), raw, counts
-        return *squares, np.abs(own.qd).max(axis=0, initial=0.0)
+        samples = window.counted(window.thinned).sum(axis=1), np.sum(own.weights**2, axis=0)
+        counts = np.stack([*samples, window.turning, np.full(dof, len(own.time))])
+        power = np.sum(tau**2, axis=1)
+        return filtered @ filtered.T, power, raw, counts, np.abs(own.qd).max(axis=0, initial=0.0)
 
-    dof = dynamics.dof
     totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((4, dof))
     fastest = np.zeros(dof)
-    for *one, speeds in recording.evaluate(dynamics.kinematics, sums):
+    for *parts, speeds in recording.evaluate(dynamics.kinematics, sums):
         fastest = np.maximum(fastest, speeds)
-        for total, part in zip(totals, one, strict=True):
+        for total, part in zip(totals, parts, strict=True):
             total += part
     covariance, power, raw, (samples, raw_samples, turning, all_samples) = totals
     # Of a drive that rests all the time nothing is left, and nothing is wrong.
@@ -162,7 +156,6 @@ def prediction_csv(part: Prediction, gains: Float[np.ndarray, " drives"], *, hea
     Args:
         gains: torque at the joint for a commanded one.
     """
-    columns = {"t": part.time}
-    torque = part.predicted + part.carried
-    columns |= {f"tau{i + 1}": tau for i, tau in enumerate((torque / gains).T)}
+    torques = ((part.predicted + part.carried) / gains).T
+    columns = {"t": part.time} | {f"tau{i + 1}": tau for i, tau in enumerate(torques)}
     return pl.DataFrame(columns).write_csv(include_header=header)
