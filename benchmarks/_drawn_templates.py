@@ -18,13 +18,12 @@ from courses import Courses
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
+from deltaid.factors.columns import map_to
 from deltaid.factors.condensed import Condensed, Group
 from deltaid.factors.file import FactorFile
 from deltaid.factors.gather import condensed, gathered_columns, with_geometry
-from deltaid.factors.problem import merging_of
-from deltaid.factors.record import FactorRecord
-from deltaid.factors.record_of import record_of
-from deltaid.factors.target import map_to
+from deltaid.factors.merged import merging_of
+from deltaid.factors.record import FactorRecord, record_of
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
@@ -71,7 +70,7 @@ class Template:
         loads = [one for one in merging.additions if isinstance(one, LoadColumns)]
         T = map_to(merging.columns, merging.dynamics, loads)
         wide = np.zeros((len(self.names), T.shape[1]))  # lags are no parameters
-        for k, name in enumerate(merging.columns.kept_names):
+        for k, name in enumerate(merging.columns.place):
             wide[self.names.index(name)] = T[k]
         return wide
 

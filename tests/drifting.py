@@ -13,13 +13,12 @@ import polars as pl
 from deltaid.drift.recorded import Recorded
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.factors.columns import map_to
 from deltaid.factors.condensed import Group, Groups
 from deltaid.factors.file import ENDING, FactorFile, write
 from deltaid.factors.gather import gathered
-from deltaid.factors.merged import Merging
-from deltaid.factors.problem import merging_of
+from deltaid.factors.merged import Merging, merging_of
 from deltaid.factors.record import Temperature
-from deltaid.factors.target import map_to
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
@@ -47,7 +46,7 @@ def one_recording(folder: Path, seed: int = 0) -> FactorFile:
 
 def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name: str) -> FactorFile:
     """The same recording of a robot with more of some parameters."""
-    layout, kept = merging.dynamics.layout, merging.columns.kept_names
+    layout, kept = merging.dynamics.layout, merging.columns.place
     delta = np.zeros(len(layout.names))
     for key, value in more.items():
         delta[layout.names.index(key)] = value

@@ -13,15 +13,12 @@ from command import run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.factors import folder
-from deltaid.factors.columns import GatheredColumns, plain
+from deltaid.factors import gather
+from deltaid.factors.columns import GatheredColumns, map_to, plain
 from deltaid.factors.file import FactorFile, read, write
-from deltaid.factors.folder import Gathering, gather_into
-from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered
+from deltaid.factors.gather import Gathering, gather_into, gathered
+from deltaid.factors.identify import identify_gathered, validate_gathered
 from deltaid.factors.speed_columns import KNOTS, splines
-from deltaid.factors.target import map_to
-from deltaid.factors.torques import validate_gathered
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.record import Settings
@@ -192,7 +189,7 @@ def test_what_is_no_recording_is_refused_and_the_rest_gathered(known) -> None:
 
 def test_a_recording_is_gathered_once(logs: list[Path], known, monkeypatch) -> None:
     place, (_, first) = known
-    monkeypatch.setattr(folder, "gathered", lambda *_, **__: pytest.fail("was read again"))
+    monkeypatch.setattr(gather, "gathered", lambda *_, **__: pytest.fail("was read again"))
     (again,) = gather_into(place, load_robot(ROBOT), logs[:1], settings=SETTINGS)
     assert again.state == "there"
     assert again.path == first.path

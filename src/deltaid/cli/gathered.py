@@ -77,7 +77,7 @@ def identified(robot: str, logs: Sequence[Path], settings: "Settings") -> "Judge
 def validated(model: "Model", path: Path) -> "tuple[TorqueError, FactorRecord]":
     """A model compared with a recording by its factors, and what is known of the recording."""
     from deltaid.factors.file import read
-    from deltaid.factors.torques import validate_gathered
+    from deltaid.factors.identify import validate_gathered
 
     file = read(path)
     return validate_gathered(model, file), file.record

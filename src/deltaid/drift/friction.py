@@ -19,10 +19,9 @@ from jaxtyping import Float, Int
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
-from deltaid.factors.alike import require_alike
 from deltaid.factors.file import FactorFile
-from deltaid.factors.merged import Merging
-from deltaid.factors.problem import merging_of
+from deltaid.factors.keys import require_alike
+from deltaid.factors.merged import Merging, merging_of
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import IdentifiedModel
 

@@ -4,13 +4,16 @@
   All their other columns are combinations of these by the mechanism alone.
 - Friction: splines over speed (`speed_columns`), and what gears carry.
 - What loads take while they are held.
-- What is of this recording alone: a lag of each drive beside what has been put right, friction that
+- What is of this recording alone: a lag of each drive beside what has been corrected, friction that
   changes along it.
+
+A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by the mechanism alone
+(base parameters of a generic motion), of a friction term by its values at the knots of a spline.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,11 +22,12 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import active_columns
-from deltaid.factors.carried_column import CarriedColumns
-from deltaid.factors.speed_columns import SpeedColumns
+from deltaid.factors.speed_columns import CarriedColumns, SpeedColumns
+from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
+from deltaid.robot.friction_terms import FrictionTerm
 
 # Reference speeds of joints whose limits the description does not give [rad/s, m/s].
 _TURNING, _SLIDING = 20.0, 5.0
@@ -43,15 +47,13 @@ def _generic_base(description: str) -> BaseParameters:
     return random_motion_base(compiled(RobotDescription.model_validate_json(description)))
 
 
-def reference_speed(robot: RobotDescription, joint: str) -> float:
+def _reference_speed(robot: RobotDescription, joint: str) -> float:
     """The speed up to which a joint's friction is followed closely [rad/s or m/s]."""
     limits = robot.drive_limits.get(joint)
-    sliding = robot.units(joint).coordinate == "m"
-    given = None
-    if limits is not None:
-        degrees = limits.speed_deg_s
-        given = limits.speed if sliding else None if degrees is None else np.deg2rad(degrees)
-    return float(given or (_SLIDING if sliding else _TURNING))
+    if robot.units(joint).coordinate == "m":
+        return float((limits and limits.speed) or _SLIDING)
+    degrees = limits and limits.speed_deg_s
+    return float(np.deg2rad(degrees)) if degrees else _TURNING
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,48 +82,93 @@ class GatheredColumns:
             others: additions beside speed and load.
         """
         dynamics = compiled(plain(robot))
-        speeds = speed_columns(dynamics)
+        speeds = (
+            SpeedColumns(dynamics, joint, _reference_speed(dynamics.robot, joint))
+            for joint in dynamics.robot.friction_joints
+        )
         carried = CarriedColumns(dynamics, p)
-        return cls(dynamics, (*speeds, carried, *(one.on(dynamics) for one in others)))
+        return cls(dynamics, (*speeds, carried, *(other.on(dynamics) for other in others)))
 
     @cached_property
     def regressor(self) -> Dynamics | Extended:
         """All of them behind those of the plain robot."""
         return extended(self.dynamics, self.additions)
 
-    @cached_property
+    @property
     def base(self) -> BaseParameters:
-        """What any generic motion tells of the plain robot."""
+        """What any generic motion shows of the plain robot."""
         return _generic_base(self.dynamics.robot.model_dump_json())
 
     @cached_property
     def kept(self) -> Int[np.ndarray, " kept"]:
         """Places of the columns that go into a file among those of the regressor."""
-        layout = self.dynamics.layout
-        own = len(layout.names)
-        friction = np.arange(own)[layout.friction]
-        rigid = [
-            one.representative for one in self.base.groups if one.representative not in friction
-        ]
-        more = range(own, own + sum(len(one.parameters) for one in self.additions))
-        return np.intersect1d([*rigid, *more], active_columns(self.regressor))
+        own = len(self.dynamics.layout.names)
+        friction = range(own)[self.dynamics.layout.friction]
+        rigid = {group.representative for group in self.base.groups} - {*friction}
+        return np.intersect1d(
+            [*rigid, *range(own, len(self.names))], active_columns(self.regressor)
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all columns of the regressor."""
-        more = (parameter.name for one in self.additions for parameter in one.parameters)
-        return (*self.dynamics.layout.names, *more)
+        added = (parameter.name for own in self.additions for parameter in own.parameters)
+        return (*self.dynamics.layout.names, *added)
 
     @cached_property
-    def kept_names(self) -> tuple[str, ...]:
-        """Names of those that go into a file."""
-        return tuple(self.names[k] for k in self.kept)
+    def place(self) -> dict[str, int]:
+        """Place of each name among those that go into a file, in their order."""
+        return {self.names[at]: k for k, at in enumerate(self.kept)}
 
 
-def speed_columns(dynamics: Dynamics) -> tuple[SpeedColumns, ...]:
-    """Those of every joint with friction."""
-    robot = dynamics.robot
-    return tuple(
-        SpeedColumns(dynamics, joint, reference_speed(robot, joint))
-        for joint in robot.friction_joints
-    )
+def map_to(
+    columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()
+) -> Float[np.ndarray, "kept columns"]:
+    """T for a robot with any friction law, and for additions behind its columns.
+
+    Args:
+        columns: what was gathered.
+        dynamics: of the same mechanism.
+        additions: loads that were gathered, and constants of the robot's laws.
+    """
+    layout, plain_names = dynamics.layout, columns.dynamics.layout.names
+    T = np.zeros((len(columns.place), len(layout.names)))
+    for group in columns.base.groups:
+        row = columns.place.get(plain_names[group.representative])
+        if row is not None:  # friction has columns of its own
+            for member, share in {group.representative: 1.0, **group.members}.items():
+                T[row, layout.names.index(plain_names[member])] = share
+    for k, term in enumerate(dynamics.robot.friction_terms, layout.friction.start):
+        T[:, k] = _friction(columns, term, term.values)
+    return np.hstack([T, *(_of_addition(columns, addition) for addition in additions)])
+
+
+def _friction(
+    columns: GatheredColumns, term: FrictionTerm, h: Callable[[np.ndarray], np.ndarray]
+) -> Float[np.ndarray, " kept"]:
+    """Friction h(v) in a term's joint, or its share of the load."""
+    found, place = np.zeros(len(columns.place)), columns.place
+    if term.of_load:
+        found[place[f"carried.{term.joint}"]] = 1.0
+        return found
+    speeds = (own for own in columns.additions if isinstance(own, SpeedColumns))
+    own = next(own for own in speeds if own.name == term.joint)
+    found[[place[parameter.name] for parameter in own.parameters]] = own.following(h)
+    return found
+
+
+def _of_addition(columns: GatheredColumns, addition: Addition) -> Float[np.ndarray, "kept own"]:
+    """The columns of an addition; those that no torque shows are zero."""
+    T = np.zeros((len(columns.place), len(addition.parameters)))
+    if isinstance(addition, LawConstants):
+        for k, (term, constant) in enumerate(addition.constants):
+            T[:, k] = _friction(columns, term, partial(_slope, term, constant))
+        return T
+    for k, parameter in enumerate(addition.parameters):
+        if parameter.name in columns.place:
+            T[columns.place[parameter.name], k] = 1.0
+    return T
+
+
+def _slope(term: FrictionTerm, constant: str, v: np.ndarray) -> np.ndarray:
+    return term.size * term.slopes(v)[constant]

@@ -1,7 +1,7 @@
 """Factor files: one small Parquet file a recording.
 
 A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
-bit; those of stretches and places, and what tolerances do, which only tell how far to trust the
+bit; those of stretches and places, and what tolerances do, which only say how far to trust the
 rest, keep seven digits.
 What stands beside them is JSON under the key `deltaid` of the file's metadata.
 """
@@ -21,7 +21,6 @@ from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
-_APART, _BESIDE = ("whole", "geometry"), ("samples", "torque_max")
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -30,7 +29,6 @@ _SCHEMA = {
     "exact": pl.List(pl.Float64),
     "rounded": pl.List(pl.Float32),
 }
-_CURE = "gather the recording again with `deltaid gather`"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +36,6 @@ class FactorFile:
     """A recording's factors with what they rest on.
 
     Attributes:
-        record: the latter.
-        condensed: the former.
         path: of the file; empty for what has been gathered just now.
         key: a checksum of what it follows from.
     """
@@ -48,6 +44,11 @@ class FactorFile:
     condensed: Condensed
     path: str = ""
     key: str = ""
+
+    @property
+    def where(self) -> str:
+        """The file, or its recording, for messages."""
+        return self.path or self.record.log
 
 
 def is_factor_file(path: Path) -> bool:
@@ -68,11 +69,9 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
     geometry = [] if condensed.geometry is None else [condensed.geometry]
     for group in (condensed.whole, *geometry, *condensed.groups):
         for i, R in enumerate(group.factors):
-            row, exact = packed(R), group is condensed.whole
-            rows.append(
-                (group.name, i, group.samples[i], group.torque_max[i],
-                 row if exact else None, None if exact else row.astype(np.float32))
-            )  # fmt: skip
+            numbers = packed(R)
+            exact = (numbers, None) if group is condensed.whole else (None, numbers.astype("f4"))
+            rows.append((group.name, i, group.samples[i], group.torque_max[i], *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
         buffer, compression="zstd", metadata={_KEY: found.record.model_dump_json(), _FROM: key}
@@ -82,10 +81,8 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
 
 def read_key(path: Path) -> str | None:
     """The checksum of what a file follows from; None where there is no such file that is whole."""
-    if not path.is_file():
-        return None
     try:
-        return read(path).key
+        return read(path).key if path.is_file() else None
     except RecordingError:
         return None
 
@@ -100,67 +97,64 @@ def read(path: Path) -> FactorFile:
     try:
         beside, table = pl.read_parquet_metadata(path), pl.read_parquet(path)
     except (OSError, pl.exceptions.PolarsError) as error:
-        raise RecordingError(
-            f"cannot be read as a factor file: {error}", where=where, cure=_CURE
-        ) from None
+        raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
-        raise RecordingError("is no factor file: its columns are others", where=where, cure=_CURE)
+        raise _refusal("is no factor file: its columns are others", where)
     record = _record(beside.get(_KEY), where)
     return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
 
 
+def _refusal(what: str, where: str) -> RecordingError:
+    cure = "gather the recording again with `deltaid gather`"
+    return RecordingError(what, where=where, cure=cure)
+
+
 def _record(text: str | None, where: str) -> FactorRecord:
     if text is None:
-        raise RecordingError("is no factor file", where=where, cure=_CURE)
+        raise _refusal("is no factor file", where)
     try:
         return FactorRecord.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise RecordingError(
-            f"is a factor file that this version (format {FORMAT}) cannot use: {place}: "
-            f"{first['msg']}",
-            where=where,
-            cure=_CURE,
+        why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise _refusal(
+            f"is a factor file that this version (format {FORMAT}) cannot use: {why}", where
         ) from None
     except DeltaidError as error:
-        raise RecordingError(
-            f"holds what cannot be: {error.what}", where=where, cure=_CURE
-        ) from None
+        raise _refusal(f"holds what cannot be: {error.what}", where) from None
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
-    names = table["group"].to_list()[:: len(record.felt)]
-    grouped = table.group_by("group", maintain_order=True)
-    every = list(range(len(record.felt)))
-    if [row for _, row in grouped.agg("drive").iter_rows()] != [every] * len(names):
-        raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
-    sizes = [len(own) + 1 for own in record.felt]
-    parts = {
-        name: _groups(part, [n + more for n in sizes], where)
-        for name, part, more in (
-            ("whole", table.filter(pl.col("group") == "whole"), 0),
-            ("geometry", table.filter(pl.col("group") == "geometry"), len(record.quantities)),
-            ("groups", table.filter(~pl.col("group").is_in(_APART)), 0),
-        )
-        if len(part)
+    drives, parts = list(range(len(record.felt))), dict[str, Groups]()
+    grouped = table.group_by("group", maintain_order=True).agg("drive")
+    if any(rows != drives for rows in grouped["drive"].to_list()):
+        raise _refusal("has lost some of its rows", where)
+    group = pl.col("group")
+    kinds = {
+        "whole": group == "whole",
+        "geometry": group == "geometry",
+        "groups": ~group.is_in(["whole", "geometry"]),
     }
+    for kind, rows in kinds.items():
+        if len(part := table.filter(rows)):
+            more = len(record.quantities) if kind == "geometry" else 0
+            sizes = tuple(len(own) + 1 + more for own in record.felt)
+            column = "exact" if kind == "whole" else "rounded"
+            parts[kind] = _groups(part, sizes, column, where)
     if {*parts} != {"whole", "groups", *(["geometry"] if record.quantities else [])}:
-        raise RecordingError("has lost some of its rows", where=where, cure=_CURE)
+        raise _refusal("has lost some of its rows", where)
     felt = tuple(np.array(own, dtype=int) for own in record.felt)
     (whole,), geometry = parts["whole"], next(iter(parts.get("geometry", ())), None)
     return Condensed(record.names, felt, whole, parts["groups"], geometry)
 
 
-def _groups(table: pl.DataFrame, sizes: list[int], where: str) -> Groups:
-    """Some groups of a file."""
-    drives, names = len(sizes), table["group"].to_list()[:: len(sizes)]
-    packed_in = "exact" if names[0] == "whole" else "rounded"
+def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str, where: str) -> Groups:
+    names = tuple(table["group"].to_list()[:: len(sizes)])
     lengths = [n * (n + 1) // 2 for n in sizes]
-    if table[packed_in].list.len().to_list() != lengths * len(names):
-        raise RecordingError("has lost some of its numbers", where=where, cure=_CURE)
-    numbers = table[packed_in].explode().to_numpy().reshape(len(names), sum(lengths))
+    if table[column].list.len().to_list() != lengths * len(names):
+        raise _refusal("has lost some of its numbers", where)
+    numbers = table[column].explode().to_numpy().reshape(len(names), sum(lengths))
     if not np.all(np.isfinite(numbers)):
-        raise RecordingError("holds numbers that are not finite", where=where, cure=_CURE)
-    beside = (table[key].to_numpy().reshape(len(names), drives) for key in _BESIDE)
-    return Groups(tuple(names), tuple(sizes), numbers, *beside)
+        raise _refusal("holds numbers that are not finite", where)
+    beside = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
+    return Groups(names, sizes, numbers, *beside)

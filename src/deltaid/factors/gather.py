@@ -1,23 +1,26 @@
-"""One recording condensed: identified by itself, put right, gathered with columns for any law."""
+"""One recording condensed: identified by itself, corrected, gathered with columns for any law."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.lag_columns import LagColumns, alone
+from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.places import Places
-from deltaid.factors.columns import GatheredColumns, plain
-from deltaid.factors.condensed import Condensed, Group, Groups, counts
-from deltaid.factors.file import FactorFile
-from deltaid.factors.lattice import Lattice
-from deltaid.factors.record_of import record_of
-from deltaid.factors.target import map_to
+from deltaid.factors.columns import GatheredColumns, map_to, plain
+from deltaid.factors.condensed import Condensed, Group, Groups
+from deltaid.factors.file import ENDING, FactorFile, read_key, write
+from deltaid.factors.keys import digest, safe, ways
+from deltaid.factors.record import record_of
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
@@ -25,72 +28,21 @@ from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.warmth import Warmth
 from deltaid.model.record import Settings
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping, mapping_each
 from deltaid.recording.memory import RecordingLike
+from deltaid.recording.opening import open_table
 from deltaid.recording.recording import Recording
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
-
-def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
-    """The columns of a recording that has been fitted by itself.
-
-    Lags see the slope of the fitted model's torques.
-    """
-    kept = tuple(one for one in problem.additions if isinstance(one, LoadColumns | Warmth))
-    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), kept)
-    p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
-    p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
-    each = alone(problem.dynamics.dof)
-    lags = LagColumns(columns.dynamics, columns.additions, p, recording, each)
-    return replace(columns, additions=(*columns.additions, lags))
-
-
-def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
-    """A recording's factors over gathered columns."""
-    rows = MeasuredRows(columns.regressor)
-    lattice = Lattice.over(columns.dynamics.robot, recording.log.reach)
-    places = Places(lattice.box, rows.dof, len(rows.active) + 1, lattice.parts)
-    at = np.searchsorted(rows.active, columns.kept)
-    drives, entries = rows.regressor_pattern
-    felt = tuple(
-        np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
-    )
-    stretch_count, place_count = counts([len(own) + 1 for own in felt])
-    blocks = gather(rows, recording, places, count=stretch_count)
-    places_at = [np.append(at[one], len(rows.active)) for one in felt]
-
-    def group(name: str, part: Information) -> Group:
-        factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(places_at))
-        return Group(name, tuple(factors), part.samples, part.torque_max)
-
-    stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
-    return Condensed(
-        columns.kept_names,
-        felt,
-        group("whole", merge(blocks)),
-        Groups.of([*stretches, *_by_place(places.sums, places_at, lattice, place_count)]),
-    )
-
-
-def with_geometry(
-    condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
-) -> tuple[Condensed, tuple[str, ...]]:
-    """The same with what tolerances of the description do to some rows, and the names of these."""
-    plain_one = columns.dynamics
-    if plain_one.robot.tolerances.exact:
-        return condensed, ()
-    dof, p = plain_one.dof, _plain_values(problem)
-    rows = geometric_rows(
-        columns.regressor, plain_one, recording, p, np.ones(dof), active=columns.kept
-    )
-    Y, D = (x.reshape(dof, -1, x.shape[1]) for x in (rows.Y, rows.D))
-    tau = rows.tau.reshape(dof, -1)
-    factors = tuple(
-        triangle(np.column_stack([Y[i][:, own], D[i], tau[i]]))
-        for i, own in enumerate(condensed.felt)
-    )
-    none = np.zeros(dof)
-    return replace(condensed, geometry=Group("geometry", factors, none, none)), rows.names
+# Of a recording: consecutive stretches of time, and places of the platform, the last of which takes
+# in what is seldom visited. Together no more than 40 groups.
+_STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
+# A file has no more bytes, of which so many are for what stands beside its factors; numbers of the
+# whole take twice those of a group, and the rows with tolerances about one and a half.
+_BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
+# A recording's range along an axis is cut into three to seven places.
+_PARTS = 3
 
 
 def gathered(
@@ -102,7 +54,7 @@ def gathered(
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> FactorFile:
-    """What a recording says, as small as it goes: identified by itself, put right, condensed.
+    """What a recording says, as small as it goes: identified by itself, corrected, condensed.
 
     Args:
         robot, log, columns, settings, force, progress: as of `deltaid.identify`.
@@ -112,41 +64,205 @@ def gathered(
         RecordingError: the log cannot be used, or is wrong.
         IdentificationError: it tells too little by itself.
     """
-    described_robot = described(robot)
+    type_ = described(robot)
     result = identify(
-        described_robot, [log], columns=columns, settings=settings, force=force, progress=progress
+        type_, [log], columns=columns, settings=settings, force=force, progress=progress
     )
     progress("condensing")
     problem, recording = result.problem, result.recordings[0]
     own = gathered_columns(problem, recording)
     found, quantities = with_geometry(condensed(own, recording), own, problem, recording)
-    return FactorFile(record_of(described_robot, result, found, quantities), found)
+    return FactorFile(record_of(type_, result, found, quantities), found)
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """What became of one recording.
+
+    Attributes:
+        path: its factor file, whether or not it could be made.
+        state: 'there' where it had been made before.
+        error: why it was refused.
+    """
+
+    log: Path
+    path: Path
+    state: Literal["new", "there", "refused"]
+    error: DeltaidError | None = None
+
+    @property
+    def reason(self) -> str:
+        """Why it was refused; empty if it was not."""
+        return "" if self.error is None else str(self.error)
+
+
+def gather_into(
+    folder: Path,
+    robot: RobotDescription,
+    logs: Sequence[Path],
+    *,
+    columns: "Sequence[ColumnMapping | None] | ColumnMapping | None" = None,
+    settings: Settings | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> Iterator[Gathering]:
+    """Gather recordings into a folder, one after the other; those that are there are not read.
+
+    A recording that cannot be used is refused with its reason and does not stop the others. A file
+    follows from the recording's bytes, the mechanism, the mapping, settings of filter, masks and
+    corrections, and the versions of deltaid and of the file: their checksum is in its name.
+
+    Args:
+        folder: made if there is none.
+        robot, columns, settings, force, progress: as of `deltaid.identify`.
+    """
+    settings = settings or Settings()
+    for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):
+        path = folder / f"{safe(log.name)}{ENDING}"
+        try:
+            sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
+            key = digest([sha256, version("deltaid"), ways(robot, mapping, settings)])
+            path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
+            if read_key(path) == key:
+                yield Gathering(log, path, "there")
+                continue
+            found = gathered(
+                robot, log, columns=mapping, settings=settings, force=force, progress=progress
+            )
+            write(found, path, key)
+        except DeltaidError as error:
+            yield Gathering(log, path, "refused", error)
+            continue
+        yield Gathering(log, path, "new")
+
+
+def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
+    """The columns of a recording that has been fitted by itself.
+
+    Lags see the slope of the fitted model's torques.
+    """
+    kept = tuple(own for own in problem.additions if isinstance(own, LoadColumns | Warmth))
+    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), kept)
+    p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
+    p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
+    each = alone(problem.dynamics.dof)
+    lags = LagColumns(columns.dynamics, columns.additions, p, recording, each)
+    return replace(columns, additions=(*columns.additions, lags))
+
+
+def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
+    """A recording's factors over gathered columns."""
+    rows = MeasuredRows(columns.regressor)
+    lattice = _Lattice.over(columns.dynamics.robot, recording.log.reach)
+    places = Places(lattice.box, rows.dof, len(rows.active) + 1, lattice.parts)
+    at = np.searchsorted(rows.active, columns.kept)
+    drives, entries = rows.regressor_pattern
+    felt = tuple(
+        np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
+    )
+    stretch_count, place_count = _counts([len(own) + 1 for own in felt])
+    blocks = gather(rows, recording, places, count=stretch_count)
+    with_tau = [np.append(at[own], len(rows.active)) for own in felt]
+
+    def group(name: str, part: Information) -> Group:
+        factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
+        return Group(name, tuple(factors), part.samples, part.torque_max)
+
+    stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
+    visited = _by_place(places.sums, with_tau, lattice, place_count)
+    whole = group("whole", merge(blocks))
+    return Condensed(tuple(columns.place), felt, whole, Groups.of([*stretches, *visited]))
+
+
+def with_geometry(
+    condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
+) -> tuple[Condensed, tuple[str, ...]]:
+    """The same with what tolerances of the description do to some rows, and the names of these."""
+    if columns.dynamics.robot.tolerances.exact:
+        return condensed, ()
+    p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
+    rows = geometric_rows(
+        columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.kept
+    )
+    every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
+    shown = np.arange(len(columns.kept), every[0].shape[1])
+    factors = (
+        triangle(own[:, [*felt, *shown]]) for own, felt in zip(every, condensed.felt, strict=True)
+    )
+    geometry = Group("geometry", tuple(factors), none, none)
+    return replace(condensed, geometry=geometry), rows.names
+
+
+def _counts(sizes: Sequence[int]) -> tuple[int, int]:
+    """How many stretches of time and places a file has room for, by the sizes of factors."""
+    entries = sum(n * (n + 1) // 2 for n in sizes)
+    room = int((_BYTES - _BESIDE) / (_GROUP * entries) - _WHOLES)
+    places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
+    return max(min(_STRETCHES, room - places), 2), places
+
+
+@dataclass(frozen=True, eq=False)
+class _Lattice:
+    """Cells of the workspace that are the same in all recordings of a robot, halved until they are
+    a third of a recording's range or less; those that it reaches.
+
+    Attributes:
+        low: corner of the workspace [m].
+        size: of a cell [m].
+        halvings: how often each axis of the workspace's third was halved.
+        first, parts: cells that the recording reaches along each axis.
+    """
+
+    low: Float[np.ndarray, " 3"]
+    size: Float[np.ndarray, " 3"]
+    halvings: Int[np.ndarray, " 3"]
+    first: Int[np.ndarray, " 3"]
+    parts: tuple[int, int, int]
+
+    @classmethod
+    def over(cls, robot: RobotDescription, reach: Float[np.ndarray, "2 3"]) -> "_Lattice":
+        low, high = robot.workspace.bounding_box
+        whole = np.maximum(high - low, 1e-9)
+        times = whole / np.clip(reach[1] - reach[0], 1e-3 * whole, whole)
+        halvings = np.floor(np.log2(times)).astype(int)
+        size = whole / (_PARTS * 2.0**halvings)
+        first = np.floor((reach[0] - low) / size).astype(int)
+        last = np.ceil((reach[1] - low) / size).astype(int)
+        x, y, z = np.maximum(last - first, 1).tolist()
+        return cls(low, size, halvings, first, (x, y, z))
+
+    @property
+    def box(self) -> Float[np.ndarray, "2 3"]:
+        return self.low + np.stack([self.first, self.first + self.parts]) * self.size
+
+    def name(self, number: int) -> str:
+        """The same in every recording that has cells of its size."""
+        x, y, _ = self.parts
+        own = self.first + np.array([number % x, number // x % y, number // (x * y)])
+        return f"place {'.'.join(map(str, self.halvings))}:{'.'.join(map(str, own))}"
 
 
 def _by_place(
     sums: Float[np.ndarray, "places drives augmented augmented"],
     at: Sequence[np.ndarray],
-    lattice: Lattice,
+    lattice: _Lattice,
     count: int,
 ) -> list[Group]:
     """The places that are visited most, and one for all others; so many at most."""
     weight = np.einsum("pijj->p", sums)
     visited = np.flatnonzero(weight > 0)
     visited = visited[np.argsort(-weight[visited], kind="stable")]
-    own, rest = visited[: count - 1], visited[count - 1 :]
-    named = [(lattice.name(int(k)), sums[k]) for k in np.sort(own)]
+    often, rest = visited[: count - 1], visited[count - 1 :]
+    named = [(lattice.name(int(k)), sums[k]) for k in np.sort(often)]
     if rest.size:
         named.append(("place elsewhere", sums[rest].sum(axis=0)))
     none = np.zeros(len(at))
-    return [
-        Group(
-            name,
-            tuple(_root(G[i][np.ix_(own, own)]) for i, own in enumerate(at)),
-            none,
-            none,
-        )
-        for name, G in named
-    ]
+
+    def group(name: str, sums: np.ndarray) -> Group:
+        factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, at, strict=True))
+        return Group(name, tuple(factors), none, none)
+
+    return [group(name, sums) for name, sums in named]
 
 
 def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
@@ -160,6 +276,5 @@ def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
     dynamics = compiled(plain(problem.dynamics.robot))
     known = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     prior = prior_parameters(dynamics.robot)
-    return np.array(
-        [known.get(n, x) for n, x in zip(dynamics.layout.names, prior.tolist(), strict=True)]
-    )
+    names = dynamics.layout.names
+    return np.array([known.get(n, x) for n, x in zip(names, prior.tolist(), strict=True)])

@@ -1,11 +1,14 @@
-"""What factor files are known by: checksums of all that they follow from, and names for files."""
+"""What factor files are known by: checksums of all that they follow from, names for files, and
+whether files may be merged: the same mechanism, the same filter, each recording once."""
 
 import hashlib
 import json
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from deltaid.factors.alike import mechanism
+from deltaid.errors import RecordingError
+from deltaid.factors.file import FactorFile
 from deltaid.factors.record import FORMAT
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
@@ -13,7 +16,13 @@ from deltaid.robot.description import RobotDescription
 
 # What a fit can still choose; all else is decided as a recording is gathered.
 FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
-_UNSAFE = re.compile(r"[^\w.+-]+")
+# Keys of a description that gathered columns do not depend on: what a fit starts from, what is
+# known beside recordings, and what describes limits.
+_FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources",
+         "platform_speed", "platform_acceleration", "strut_swing_deg",
+         "largest_condition"}  # fmt: skip
+# Cut-offs that differ by less than this share are the same.
+_SAME = 0.02
 
 
 def digest(known: Any) -> str:
@@ -22,14 +31,77 @@ def digest(known: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def safe(name: str) -> str:
+    """A name as a part of a file's name."""
+    return re.sub(r"[^\w.+-]+", "-", name)
+
+
 def ways(robot: RobotDescription, mapping: ColumnMapping | None, settings: Settings) -> str:
     """A checksum of what decides how a recording is gathered: the mechanism, the mapping of
     columns, settings of filter, masks and corrections, and the version of the file."""
     decided = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
     columns = (mapping or ColumnMapping()).model_dump(mode="json")
-    return digest([FORMAT, mechanism(robot), columns, decided])
+    return digest([FORMAT, _mechanism(robot), columns, decided])
 
 
-def safe(name: str) -> str:
-    """A name as a part of a file's name."""
-    return _UNSAFE.sub("-", name)
+def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
+    """Refuse files that cannot be merged.
+
+    Raises:
+        RecordingError: there are none; one is of another mechanism than the robot, of another
+            filter than the first, or the same recording as one before; with what differs.
+    """
+    if not files:
+        raise RecordingError("no factor file was given", where="logs", cure="give at least one")
+    expected, paths = _mechanism(robot), dict[str, str]()
+    for file in files:
+        for key, here, there in _differences(_mechanism(file.record.robot), expected):
+            raise RecordingError(
+                f"was gathered with {key} {here}, and the robot has {there}",
+                where=file.path,
+                cure="gather its recording again with this description",
+            )
+        if file.record.sha256 in paths:
+            raise RecordingError(
+                f"is of the same recording as {paths[file.record.sha256]}; a copy tells nothing "
+                "new, but would narrow every interval",
+                where=file.path,
+                cure="give each recording once",
+            )
+        paths[file.record.sha256] = file.path
+    wanted, *others = (file.record.model.sources[0].cutoff_hz for file in files)
+    for file, own in zip(files[1:], others, strict=True):
+        if own != wanted and not (own and wanted and abs(own / wanted - 1.0) <= _SAME):
+            raise RecordingError(
+                f"was filtered at {_hz(own)}, {files[0].path} at {_hz(wanted)}",
+                where=file.path,
+                cure="gather both with the same --cutoff",
+            )
+
+
+def _hz(value: float | None) -> str:
+    return "no cut-off" if value is None else f"{value:.4g} Hz"
+
+
+def _mechanism(robot: RobotDescription) -> dict[str, Any]:
+    """What gathered columns depend on: lengths, joints, bodies' names, gravity."""
+    data = robot.model_dump(mode="json", exclude=_FREE)
+    data["drive_limits"] = {k: {n: x for n, x in v.items() if n.startswith("speed")}
+                            for k, v in data.pop("drive_limits").items()}  # fmt: skip
+    data |= {"bodies": sorted(robot.bodies), "friction": sorted(robot.friction)}
+    data["rotor_inertia"] = sorted(robot.rotor_inertia)
+    data["springs"] = {k: {n: x for n, x in v.items() if n != "stiffness"}
+                       for k, v in data["springs"].items()}  # fmt: skip
+    return data
+
+
+def _differences(
+    here: Mapping[str, Any], there: Mapping[str, Any], above: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
+    """Keys that differ, with both values."""
+    for key in sorted({*here, *there}):
+        own, other, path = here.get(key), there.get(key), f"{above}{key}"
+        if isinstance(own, dict) and isinstance(other, dict):
+            yield from _differences(own, other, f"{path}.")
+        elif own != other:
+            yield path, own, other

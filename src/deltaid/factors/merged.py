@@ -1,27 +1,50 @@
-"""Recordings of one robot together, from their factors: what a fit is posed from."""
+"""Recordings of one robot together, from their factors: what a fit is posed from, and the fit."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.information import Information, merge, triangle
-from deltaid.factors.columns import GatheredColumns
+from deltaid.estimation.information import Information, merge
+from deltaid.estimation.span import Span
+from deltaid.factors.columns import GatheredColumns, map_to, plain
 from deltaid.factors.condensed import Group
 from deltaid.factors.file import FactorFile
-from deltaid.factors.target import Map, map_to
+from deltaid.identification.balance import balanced
+from deltaid.identification.fit import FittedProblem, fit_to, widened
+from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.gathering import Gathered
-from deltaid.identification.geometry import GeometricRows
+from deltaid.identification.geometry import GeometricRows, shifted
 from deltaid.identification.load_columns import LoadColumns
+from deltaid.identification.loads import Held, joined
+from deltaid.model.record import Settings
+from deltaid.robot.description import RobotDescription
+from deltaid.sensors.weighings import weighings
 
 # Stretches of all recordings together at most; of more recordings each is one stretch.
 _STRETCHES = 400
 
 Rows = Float[np.ndarray, "_ _"]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A recording's part of a fit.
+
+    Attributes:
+        information: all of it, and what is known of its lags.
+        stretches: of time, in order; or all in one.
+        places: [Y, τ]ᵀ[Y, τ] of each drive, place by place.
+    """
+
+    information: Information
+    stretches: tuple[Information, ...]
+    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +67,7 @@ class Merging:
     additions: tuple[Addition, ...] = ()
 
     @cached_property
-    def map(self) -> Map:
+    def map(self) -> Float[np.ndarray, "kept columns"]:
         """From gathered columns to those of the fit that are not always zero."""
         return self._map[:, self.active]
 
@@ -54,115 +77,81 @@ class Merging:
         return np.flatnonzero(np.any(self._map != 0.0, axis=0))
 
     @cached_property
-    def _map(self) -> Map:
+    def _map(self) -> Float[np.ndarray, "kept columns"]:
         return map_to(self.columns, self.dynamics, self.additions)
 
-    def part(self, one: FactorFile, *, fine: bool = True) -> "Part":
+    def part(self, file: FactorFile, *, fine: bool = True) -> Part:
         """A recording's part of the fit.
 
         Args:
-            fine: whether its stretches of time are looked at one by one.
+            fine: whether its stretches of time are taken one by one.
         """
         whole, views = list[Rows](), list[Rows]()
-        for i, R in enumerate(one.condensed.whole.factors):
-            view, own = self._view(one, i)
-            lag = _known_lag(one, own, i)
-            L, A = np.vstack([R @ own.at, lag[:, :-1]]), R @ view
-            beside = np.zeros((len(lag), A.shape[1]))
-            beside[:, -1] = lag[:, -1]
-            A = np.vstack([A, beside])
-            B = _explained(L, A)
-            whole.append(A - L @ B)
-            views.append(view - own.at @ B)
+        for i, R in enumerate(file.condensed.whole.factors):
+            view, own = self._view(file, i)
+            lag = file.record.lags[i]
+            weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
+            known = np.zeros(view.shape[1])
+            known[-1] = weight * lag.beside
+            L = np.vstack([R[:, list(own.values())],
+                           [weight * (name == f"lag.{lag.drive}") for name in own]])  # fmt: skip
+            span, A = Span.of(L), np.vstack([R @ view, known])
+            whole.append(span.without(A))
+            view[list(own.values())] -= span.inverse @ (span.Q.T @ A)
+            views.append(view)
 
-        def information(group: Group, rows: Iterable[Rows]) -> Information:
-            return Information(self.active, _triangles(rows), group.samples, group.torque_max)
+        def rows(group: Group) -> list[Rows]:
+            return [R @ view for R, view in zip(group.factors, views, strict=True)]
 
-        def rows(group: Group) -> Iterator[Rows]:
-            return (R @ view for R, view in zip(group.factors, views, strict=True))
+        groups, everything = file.condensed.groups, self._information(file.condensed.whole, whole)
+        stretches = (self._information(group, rows(group)) for group in groups.named("time"))
+        places = {
+            group.name: np.stack([A.T @ A for A in rows(group)]) for group in groups.named("place")
+        }
+        return Part(everything, tuple(stretches) if fine else (everything,), places)
 
-        everything = information(one.condensed.whole, whole)
-        stretches = (
-            information(group, rows(group)) for group in one.condensed.groups.named("time")
-        )
-        return Part(
-            everything,
-            tuple(stretches) if fine else (everything,),
-            {
-                group.name: np.stack([A.T @ A for A in rows(group)])
-                for group in one.condensed.groups.named("place")
-            },
-        )
-
-    def geometry(self, one: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
+    def geometry(self, file: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
         """What tolerances of the description do to rows of a recording, weighted as in the fit."""
-        group = one.condensed.geometry
+        group, n = file.condensed.geometry, len(self.active)
         assert group is not None
-        Y, D, tau = [], [], []
+        rows = list[Rows]()
         for i, (R, weight) in enumerate(zip(group.factors, weights, strict=True)):
-            view, _ = self._view(one, i)
-            n = len(view) - 1
-            Y.append(weight * R[:, :n] @ view[:-1, :-1])
-            D.append(weight * R[:, n:-1])
-            tau.append(weight * R[:, -1])
-        return GeometricRows(np.vstack(Y), np.concatenate(tau), np.vstack(D), one.record.quantities)
+            view = self._view(file, i)[0][:-1, :-1]
+            rows.append(weight * np.column_stack([R[:, : len(view)] @ view, R[:, len(view) :]]))
+        Y, D, tau = np.split(np.vstack(rows), [n, n + len(file.record.quantities)], axis=1)
+        return GeometricRows(Y, tau[:, 0], D, file.record.quantities)
 
-    def _view(self, one: FactorFile, drive: int) -> tuple[Rows, "_Own"]:
-        """V with [Y, τ] = R V of a drive's factors R, and its columns of this recording alone."""
-        names = [one.condensed.names[k] for k in one.condensed.felt[drive]]
-        shared = np.zeros((len(names), len(self._place)))
-        for k, name in enumerate(names):
-            if name in self._place:
-                shared[k, self._place[name]] = 1.0
+    def _information(self, group: Group, rows: Sequence[Rows]) -> Information:
+        size = len(self.active) + 1
+        wide = np.zeros((len(rows), max(size, *(len(A) for A in rows)), size))
+        for i, A in enumerate(rows):
+            wide[i, : len(A)] = A
+        factors = np.asarray(np.linalg.qr(wide, mode="r"))
+        return Information(self.active, factors, group.samples, group.torque_max)
+
+    def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
+        """V with [Y, τ] = R V of a drive's factors R, and places of its columns of this recording
+        alone."""
+        names = [file.condensed.names[k] for k in file.condensed.felt[drive]]
         view = np.zeros((len(names) + 1, len(self.active) + 1))
-        view[:-1, :-1], view[:-1, -1] = shared @ self.map, shared @ self._put_back(one)
         view[-1, -1] = 1.0
-        own = [k for k, name in enumerate(names) if name not in self._place]
-        return view, _Own(tuple(names[k] for k in own), np.eye(len(names) + 1)[:, own])
+        wide, place = np.column_stack([self.map, self._put_back(file)]), self.columns.place
+        for k, name in enumerate(names):
+            if name in place:
+                view[k] = wide[place[name]]
+        return view, {name: k for k, name in enumerate(names) if name not in place}
 
-    @cached_property
-    def _place(self) -> dict[str, int]:
-        return {name: k for k, name in enumerate(self.columns.kept_names)}
-
-    def _put_back(self, one: FactorFile) -> Float[np.ndarray, " kept"]:
+    def _put_back(self, file: FactorFile) -> Float[np.ndarray, " kept"]:
         """Loads that were taken out of the torques less those that the fit takes out."""
-        taken = {load.load.name: np.array(load.taken) for load in one.record.loads}
-        back = np.zeros(len(self._place))
+        place, back = self.columns.place, np.zeros(len(self.columns.place))
+        taken = {held.load.name: np.array(held.taken) for held in file.record.loads}
         for load in self.additions:
             if isinstance(load, LoadColumns) and load.load.name in taken and load.parameters:
                 more = taken[load.load.name] - load.taken
                 for parameter, value in zip(load.parameters, more.tolist(), strict=True):
-                    if parameter.name in self._place:
-                        back[self._place[parameter.name]] = value
+                    if parameter.name in place:
+                        back[place[parameter.name]] = value
         return back
-
-
-@dataclass(frozen=True, eq=False)
-class _Own:
-    """Columns of one recording alone.
-
-    Attributes:
-        names: of them.
-        at: ones where they stand in a drive's factors.
-    """
-
-    names: tuple[str, ...]
-    at: Float[np.ndarray, "felt own"]
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A recording's part of a fit.
-
-    Attributes:
-        information: all of it, and what is known of its lags.
-        stretches: of time, in order; or all in one.
-        places: [Y, τ]ᵀ[Y, τ] of each drive, place by place.
-    """
-
-    information: Information
-    stretches: tuple[Information, ...]
-    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]
 
 
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
@@ -170,10 +159,10 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
 
     So results are equal to the bit whatever order they come in.
     """
-    fine = len(files) == 1 or sum(len(one.condensed.groups) for one in files) <= _STRETCHES
+    fine = len(files) == 1 or sum(len(file.condensed.groups) for file in files) <= _STRETCHES
     parts, places = list[Part](), dict[str, np.ndarray]()
-    for one in sorted(files, key=lambda one: one.record.sha256):
-        part = merging.part(one, fine=fine)
+    for file in ordered(files):
+        part = merging.part(file, fine=fine)
         for name, products in part.places.items():
             places[name] = places.get(name, 0.0) + products
         parts.append(replace(part, places={}))
@@ -184,24 +173,51 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
     )
 
 
-def _triangles(rows: Iterable[Rows]) -> Float[np.ndarray, "drives n n"]:
-    """A square triangle of each drive's rows."""
-    found = [triangle(own) for own in rows]
-    n = found[0].shape[1]
-    return np.stack([np.pad(R, ((0, n - len(R)), (0, 0))) for R in found])
+def fitted(
+    files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
+) -> FittedProblem:
+    """The fit of a robot to recordings by their factors.
+
+    Args:
+        files: of recordings of the same robot.
+        robot: with the friction laws that are to be fitted.
+        settings: method, regulariser, γ, prior's spread.
+
+    Raises:
+        IdentificationError: the fit cannot be posed, or its solver did not reach its end.
+    """
+    merging = merging_of(files, robot, settings)
+    gathered = balanced(merged(merging, files), weighings(robot))
+    problem = fit_to(gathered, merging.dynamics, settings, merging.additions)
+    drives = np.sqrt(problem.information.drive_weights)
+    with_geometry = [file for file in files if file.condensed.geometry is not None]
+    if with_geometry:
+        rows = [merging.geometry(file, drives) for file in with_geometry]
+        found = shifted(rows, problem.base, problem.information, merging.additions)
+        estimate = problem.estimate.with_shifts(found.shifts)
+        problem = replace(problem, estimate=estimate, geometry=found)
+    return widened(problem)
 
 
-def _explained(L: Rows, A: Rows) -> Rows:
-    """B of the least ‖A − L B‖; columns of any size, and those that are zero explain nothing."""
-    sizes = np.linalg.norm(L, axis=0)
-    sizes[sizes == 0.0] = 1.0
-    return np.linalg.lstsq(L / sizes, A, rcond=None)[0] / sizes[:, None]
+def merging_of(files: Sequence[FactorFile], robot: RobotDescription, settings: Settings) -> Merging:
+    """How files become rows of a robot's fit, with loads of all of them, one of each name, and
+    changes of the laws' constants."""
+    dynamics, files = compiled(robot), ordered(files)
+    taken = {x.load.name: x.taken for file in reversed(files) for x in file.record.loads}
+    loads = tuple(
+        LoadColumns(dynamics, load, settings.prior_spread, np.array(taken[load.name]))
+        for load in joined(holding(files))
+    )
+    constants = LawConstants(dynamics)
+    columns = GatheredColumns.of(robot, prior_parameters(plain(robot)), loads)
+    return Merging(columns, dynamics, (*loads, constants) if constants.parameters else loads)
 
 
-def _known_lag(one: FactorFile, own: _Own, drive: int) -> Rows:
-    """What is known of a drive's lag without its rows, as one row of them or none: [L, τ]."""
-    lag = one.record.lags[drive]
-    if lag.deviation is None:
-        return np.zeros((0, len(own.names) + 1))
-    weight = one.record.noise[drive] / lag.deviation
-    return weight * np.array([[*(name == f"lag.{lag.drive}" for name in own.names), lag.beside]])
+def holding(files: Sequence[FactorFile]) -> Held:
+    """What the recordings of files hold."""
+    return [(file.record.log, [held.load for held in file.record.loads]) for file in files]
+
+
+def ordered(files: Sequence[FactorFile]) -> list[FactorFile]:
+    """By the recordings' checksums."""
+    return sorted(files, key=lambda file: file.record.sha256)

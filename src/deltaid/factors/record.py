@@ -1,27 +1,42 @@
 """What a factor file says of its recording beside the factors."""
 
+from importlib.metadata import version
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
+from deltaid.check.identified import Judged
+from deltaid.effects.lag_columns import LagColumns
+from deltaid.factors.condensed import Condensed
+from deltaid.identification.assembled import doubts_of_fit
+from deltaid.identification.warmth import temperature
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.verdict import Grade
 from deltaid.recording.carried import Load
+from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import Part
 
 # Version of the file. It counts up with anything that older programs would misread.
 FORMAT = 1
+# A lag that the fit has no column for is taken to be what has been corrected [s].
+_EXACT = 1e-7
+# So many windows of a recording show its temperature.
+_WINDOWS = 12
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 class KnownLag(Part):
-    """What is known of a drive's lag beside what has been put right, from rows that no fit sees."""
+    """A drive's lag [s]: corrected already, and known beside that from rows that no fit has, with
+    its standard deviation."""
 
     drive: str
-    delay: float = Field(description="put right already, s")
-    beside: float = Field(default=0.0, description="known beside that, s")
-    deviation: float | None = Field(default=None, description="its standard deviation, s")
+    delay: float
+    beside: float = 0.0
+    deviation: float | None = None
 
 
 class GatheredLoad(Part):
@@ -32,10 +47,10 @@ class GatheredLoad(Part):
 
 
 class SeenVerdict(Part):
-    """A verdict of the checks."""
+    """A verdict of the checks, without its proposals."""
 
     key: str
-    grade: str
+    grade: Grade
     subject: str = ""
     seen: str
     cause: str = ""
@@ -45,7 +60,7 @@ class SeenVerdict(Part):
 
 
 class Temperature(Part):
-    """A recorded temperature, °C."""
+    """A recorded temperature [°C]."""
 
     mean: float
     low: float
@@ -92,5 +107,69 @@ class FactorRecord(Part):
 
     @property
     def sha256(self) -> str:
-        """Its checksum."""
+        """Checksum of the recording."""
         return self.model.sources[0].sha256
+
+
+def record_of(
+    robot: RobotDescription, result: Judged, found: Condensed, quantities: tuple[str, ...]
+) -> FactorRecord:
+    """What was detected, corrected and found as a recording was gathered.
+
+    Args:
+        robot: as described.
+        result: of the recording by itself.
+        found: its factors.
+        quantities: names of tolerances among these.
+    """
+    recording, model = result.recordings[0], result.model
+    log, (low, high) = recording.log, recording.log.reach.tolist()
+    fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}
+    said = {verdict.sentence for verdict in result.verdicts} | {*doubts_of_fit(result.problem)}
+    loads = zip(log.columns.loads, recording.repairs.loads, strict=True)
+    return FactorRecord(
+        deltaid=version("deltaid"),
+        robot=robot,
+        model=model,
+        names=found.names,
+        felt=tuple(tuple(own.tolist()) for own in found.felt),
+        quantities=quantities,
+        noise=tuple(model.fit.rms),
+        fastest=tuple(float(fastest.get(drive, 0.0)) for drive in model.robot.drives),
+        first=float(log.clock.first),
+        last=float(log.clock.last),
+        reach=(tuple(low), tuple(high)),
+        lags=_lags(result),
+        loads=tuple(GatheredLoad(load=load, taken=taken) for load, taken in loads),
+        temperature=_temperature(recording, result.problem.dynamics.kinematics),
+        verdicts=tuple(
+            SeenVerdict(**{key: getattr(verdict, key) for key in SeenVerdict.model_fields})
+            for verdict in result.verdicts
+        ),
+        warnings=tuple(text for text in model.warnings if text not in said),
+    )
+
+
+def _temperature(recording: Recording, kinematics: Kinematics) -> Temperature | None:
+    if recording.log.columns.temperature is None:
+        return None
+    windows = recording.spread(kinematics, _WINDOWS)
+    known = np.concatenate([temperature(recording, window.own) for window in windows])
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return None
+    return Temperature(mean=float(known.mean()), low=float(known.min()), high=float(known.max()))
+
+
+def _lags(result: Judged) -> tuple[KnownLag, ...]:
+    drives = result.model.robot.drives
+    delays = result.recordings[0].repairs.delay or (0.0,) * len(drives)
+    known: dict[int, tuple[float, float | None]] = dict.fromkeys(range(len(drives)), (0.0, _EXACT))
+    columns = [own for own in result.problem.additions if isinstance(own, LagColumns)]
+    for group in (group for own in columns for group in own.groups if group.free):
+        deviation = group.deviation if np.isfinite(group.deviation) else None
+        known |= dict.fromkeys(group.drives, (group.beside, deviation))
+    return tuple(
+        KnownLag(drive=drive, delay=delay, beside=known[i][0], deviation=known[i][1])
+        for i, (drive, delay) in enumerate(zip(drives, delays, strict=True))
+    )

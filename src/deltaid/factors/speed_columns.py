@@ -1,4 +1,4 @@
-"""Friction of any law as a few columns: splines over speed.
+"""Friction of any law as a few columns: splines over speed, and what gears lose of their load.
 
 The friction of a joint is sign(v) φ(|v|), φ a sum of terms. A cubic spline through knots v_k on the
 axis of speed follows every usual φ, φ(|v|) ≈ Σ_k φ(v_k) s_k(|v|), with cardinal splines s_k that
@@ -6,7 +6,8 @@ are one at their knot and zero at all others. A recording that has been gathered
 sign(v) s_k(|v|) of its joints tells what it would tell with any law, and with any constants of that
 law: its columns are combinations of those. Viscous and Coulomb friction are exact.
 
-Of a drive there are the columns 1 and |v| as well, for what differs between directions.
+Of a drive there are the columns 1 and |v| as well, for what differs between directions, and
+sign(q̇) |x|, x what its gear carries.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.effects.joint import entry_speeds
+from deltaid.effects.joint import Joint, joints_of, of_load, one_way, one_way_speed
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
@@ -27,9 +28,8 @@ from deltaid.robot.parameter import Parameter
 # Knots as shares of a joint's reference speed: dense where Stribeck's terms bend. From the last one
 # on splines go on as lines.
 KNOTS = (0.0, 0.0025, 0.006, 0.012, 0.024, 0.045, 0.08, 0.14, 0.24, 0.4, 0.65, 1.0)
-
-# A column of a joint from speed |v| and direction: what a law is made of.
-Shape = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# Friction at rest is that of hardly moving, on the side of the step that the direction says.
+_CREEP = 1e-12
 
 
 @cache
@@ -49,76 +49,82 @@ def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "
 
 @dataclass(frozen=True, eq=False)
 class SpeedColumns(Addition):
-    """The columns of one joint's friction over speed.
-
-    Attributes:
-        dynamics: of the robot.
-        joint: which.
-        top: its reference speed [rad/s or m/s].
-    """
+    """The columns of one joint's friction over speed; `top` is its reference speed [rad/s, m/s]."""
 
     dynamics: Dynamics
-    joint: str
+    name: str
     top: float
+
+    @cached_property
+    def joint(self) -> Joint:
+        """The joint and its entries in the regressor."""
+        return next(joint for joint in joints_of(self.dynamics) if joint.name == self.name)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """One a spline; of a drive those of both directions alike behind them."""
-        unit = self.dynamics.robot.units(self.joint).force
-        names = [f"speed{k}" for k in range(len(KNOTS))]
-        names += ["one_way", "one_way_speed"] if self.is_drive else []
-        return tuple(
-            Parameter("constant", self.joint, name, unit, -np.inf, np.inf, 0.0, 1.0)
-            for name in names
-        )
-
-    @property
-    def is_drive(self) -> bool:
-        """Whether it is a drive's joint, whose law may differ between directions."""
-        return self.joint in self.dynamics.robot.drives
+        symbols = [f"speed{k}" for k in range(len(KNOTS))]
+        symbols += [] if self.joint.drive is None else ["one_way", "one_way_speed"]
+        return _constants(self.name, symbols, self.dynamics.robot.units(self.name).force)
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Every column in all rows that feel the joint."""
-        rows, _ = self.dynamics.regressor_pattern
-        own, count = rows[self._coulomb], len(self.parameters)
-        return np.tile(own, count), np.repeat(np.arange(count), len(own))
+        rows, count = self.joint.drives, len(self.parameters)
+        return np.tile(rows, count), np.repeat(np.arange(count), len(rows))
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """sign(v) s_k(|v|) ∂v/∂q̇; behind them 1 and |v|."""
         del w, recording
-        C = own[self._coulomb]
-        v = entry_speeds(own[self._viscous], C)
+        C, v = own[self.joint.coulomb], self.joint.speed(own)
         found = [C * s for s in splines(v, self.top)]
-        if self.is_drive:
-            found += [np.ones_like(C), np.broadcast_to(v, C.shape)]
+        if self.joint.drive is not None:
+            found += [one_way(v, C, v), one_way_speed(v, C, v)]
         return np.vstack(found)
 
     def on(self, dynamics: Dynamics) -> "SpeedColumns":
         return replace(self, dynamics=dynamics)
 
-    def of(self, shape: Shape) -> Float[np.ndarray, " columns"]:
-        """The combination of columns that follows a shape of |v| and direction.
-
-        Args:
-            shape: what it is at speeds, for a direction of +1 or −1.
-        """
+    def following(self, h: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " columns"]:
+        """The combination of columns that is a law's h(v), v with its sign."""
         knots = self.top * np.array(KNOTS)
-        ahead, back = shape(knots, np.ones_like(knots)), shape(knots, -np.ones_like(knots))
-        odd, even = 0.5 * (ahead - back), 0.5 * (ahead + back)
-        if not self.is_drive:
+        v = np.maximum(knots, _CREEP)
+        odd, even = 0.5 * (h(v) - h(-v)), 0.5 * (h(v) + h(-v))
+        if self.joint.drive is None:
             return odd
         return np.array([*odd, even[0], (even[-1] - even[0]) / knots[-1]])
 
-    @cached_property
-    def _coulomb(self) -> np.ndarray:
-        return self._of("coulomb")
 
-    @cached_property
-    def _viscous(self) -> np.ndarray:
-        return self._of("viscous")
+@dataclass(frozen=True, eq=False)
+class CarriedColumns(Addition):
+    """One column a drive, sign(q̇) |x|; x by parameters p, of the robot and of what it holds."""
 
-    def _of(self, symbol: str) -> np.ndarray:
-        _, columns = self.dynamics.regressor_pattern
-        names = np.array(self.dynamics.layout.names)[columns]
-        return np.flatnonzero(names == f"{symbol}.{self.joint}")
+    dynamics: Dynamics
+    p: Float[np.ndarray, " parameters"]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """A share of the load each."""
+        drives = self.dynamics.robot.drives
+        return tuple(own for drive in drives for own in _constants(drive, ["carried"], "1"))
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Each in its drive's row."""
+        each = np.arange(self.dynamics.dof)
+        return each, each
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """sign(q̇) |x|."""
+        del own, recording
+        x = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + w.carried
+        return of_load(w.qd, np.sign(w.qd), x).T
+
+    def on(self, dynamics: Dynamics) -> "CarriedColumns":
+        return replace(self, dynamics=dynamics)
+
+
+def _constants(joint: str, symbols: list[str], unit: str) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter("constant", joint, symbol, unit, -np.inf, np.inf, 0.0, 1.0) for symbol in symbols
+    )

@@ -15,10 +15,9 @@ from scipy.linalg import solve_triangular
 
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
-from deltaid.factors.alike import require_alike
+from deltaid.factors.corrections import prepared
 from deltaid.factors.file import FactorFile
-from deltaid.factors.laws import asked_for
-from deltaid.factors.problem import fitted
+from deltaid.factors.merged import fitted
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
@@ -93,9 +92,7 @@ def member(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings, description = settings or Settings(), described(robot)
-    require_alike(files, description)
-    files = sorted(files, key=lambda one: one.record.sha256)
-    chosen = asked_for(description, files) if settings.friction == "choose" else description
+    files, chosen = prepared(files, description, settings)
     problem = fitted(files, unmeasured(chosen), settings)
     found = of_problem(name, problem, recordings=len(files))
     facts = tuple(
