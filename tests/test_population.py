@@ -25,12 +25,9 @@ from deltaid.motion.surrogate import (
 from deltaid.population.coordinates import Coordinates
 from deltaid.population.fitted import fitted
 from deltaid.population.member import Fact, Member, member
-from deltaid.population.mixed import Rows
-from deltaid.population.next_robot import next_robot, save_next, summary
-from deltaid.population.result import Population
-from deltaid.population.tables import MEMBERS, TYPES, members_table, types_table
-from deltaid.population.widths import widest
-from deltaid.population.within import alone
+from deltaid.population.mixed import Rows, alone
+from deltaid.population.next_robot import next_robot, save_next, summary, widest
+from deltaid.population.result import MEMBERS, TYPES, Population, members_table, types_table
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import Measured
@@ -290,7 +287,9 @@ def test_a_robot_alone_is_least_squares_of_its_rows_and_of_what_is_known() -> No
     coordinates = Coordinates.of(ROBOT, members, Settings())
     rows = Rows.of([coordinates.rows(member, ()) for member in members])
     root = np.linalg.cholesky(coordinates.precision).T
-    for (u, C), H, b in zip(alone(rows, coordinates), rows.H, rows.b, strict=True):
+    for (u, C), H, b in zip(
+        alone(rows, coordinates.precision, coordinates.prior), rows.H, rows.b, strict=True
+    ):
         U, S, Vt = np.linalg.svd(np.vstack([root, H]), full_matrices=False)
         expected = Vt.T @ (U.T @ np.concatenate([root @ coordinates.prior, b]) / S)
         std = np.linalg.norm(Vt.T / S, axis=1)

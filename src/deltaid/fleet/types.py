@@ -17,7 +17,7 @@ from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.population.fitted import PopulationSettings, fitted
 from deltaid.population.next_robot import next_robot
-from deltaid.population.tables import MEMBERS, TYPES, members_table, types_table
+from deltaid.population.result import MEMBERS, TYPES, members_table, types_table
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.yaml_text import yaml_text
 

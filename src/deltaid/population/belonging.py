@@ -12,6 +12,7 @@ The robots that mean and spreads come from at first are the half that is most al
 that do not belong have no say.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,8 +24,6 @@ from deltaid.population.coordinates import Coordinates
 from deltaid.population.mixed import Mean, Rows, mean
 from deltaid.population.spreads import ENOUGH, Spreads, fitted_spreads, prior_spreads
 
-# Variance of what may be anything: a hundred times its own size.
-ANYTHING = 1e4
 # Rounds of naming at most.
 _ROUNDS = 8
 # Of so many robots each is left out of the spreads too.
@@ -32,6 +31,22 @@ _FEW = 16
 # From so many robots on one can be named.
 LEAST = ENOUGH + 1
 _ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """What of a robot goes along some directions.
+
+    Attributes:
+        gain: by how much its distance falls if it is off along them.
+        rank: of the directions.
+        values, stds: coefficients.
+    """
+
+    gain: float
+    rank: int
+    values: Float[np.ndarray, " k"]
+    stds: Float[np.ndarray, " k"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,33 +78,16 @@ class LeftOut:
         n = max(rank, 1)
         return float(fdtrc(n, self.freedom, distance / n))
 
-    def along(self, HF: Float[np.ndarray, "rows k"]) -> "Along":
+    def along(self, HF: Float[np.ndarray, "rows k"]) -> Along:
         """What is left goes along some rows so far."""
         solved = np.linalg.solve(self.V, HF)
-        M, g = HF.T @ solved, solved.T @ self.e
+        M = HF.T @ solved
         size = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(M / np.outer(size, size))
-        told = values > _ROUNDING
-        half = vectors[:, told] / np.sqrt(values[told])
-        inverse = half @ half.T / np.outer(size, size)
-        c = inverse @ g
-        return Along(float(g @ c), int(told.sum()), c, np.sqrt(np.diag(inverse)))
-
-
-@dataclass(frozen=True, eq=False)
-class Along:
-    """What of a robot goes along some directions.
-
-    Attributes:
-        gain: by how much its distance falls if it is off along them.
-        rank: of the directions.
-        values, stds: coefficients.
-    """
-
-    gain: float
-    rank: int
-    values: Float[np.ndarray, " k"]
-    stds: Float[np.ndarray, " k"]
+        kept = values > _ROUNDING
+        half = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+        g = half.T @ (solved.T @ self.e)
+        return Along(float(g @ g), int(kept.sum()), half @ g, np.linalg.norm(half, axis=1))
 
 
 def left_out(
@@ -104,14 +102,13 @@ def left_out(
     Args:
         freedom: of its noise, and of the spreads.
     """
-    own = rows.at(slice(k, k + 1))
     information, right = found.information, found.right
     if rows.counts[k]:
-        A, c, _ = own.whitened(found.variance)
-        information, right = information - A[0].T @ A[0], right - A[0].T @ c[0]
-    H, b = rows.H[k], rows.b[k]
-    used = np.any(H != 0, axis=1)
-    H, b, constant = H[used], b[used], rows.constant[k][used]
+        (A,), (c,), _ = rows.at(slice(k, k + 1)).whitened(found.variance)
+        information, right = information - A.T @ A, right - A.T @ c
+    size = np.linalg.norm(rows.H[k], axis=1)
+    used = size > _ROUNDING * size.max()  # rows beyond the rank of a triangle say nothing
+    H, b, constant = rows.H[k][used], rows.b[k][used], rows.constant[k][used]
     variance = found.variance + rows.extra[k] + anything
     V = np.eye(len(H)) + (H * variance) @ H.T + H @ np.linalg.solve(information, H.T)
     e = b - H @ np.linalg.solve(information, right)
@@ -124,146 +121,139 @@ def left_out(
     return LeftOut(e, V, H, constant, max(len(H) - aside, 0), 1.0 / inverse)
 
 
-def chance(one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> float:
+def chance(robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> float:
     """How often a robot that belongs is as far from the others as one is."""
     owners = coordinates.owners().values()
-    bodies = [one.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
-    found = [one.along(along) for along in (torques(one, coordinates, m)[:, None], *bodies)]
-    chances = [one.chance(each.gain, each.rank) for each in found if each.rank]
-    chances.append(one.chance(one.distance, one.rows))
+    bodies = [robot.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
+    found = [robot.along(HF) for HF in (torques(robot, coordinates, m)[:, None], *bodies)]
+    chances = [robot.chance(own.gain, own.rank) for own in found if own.rank]
+    chances.append(robot.chance(robot.distance, robot.rows))
     return min(1.0, len(chances) * min(chances))
 
 
 def torques(
-    one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]
+    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]
 ) -> Float[np.ndarray, " rows"]:
     """What all torques of the type do to a robot's rows."""
-    return one.H[:, : coordinates.size] @ m[: coordinates.size] + one.constant
+    return robot.H[:, : coordinates.size] @ m[: coordinates.size] + robot.constant
 
 
 @dataclass(frozen=True, eq=False)
 class Sorted:
-    """Robots that belong, and what is known of the type from them.
+    """Robots of which some belong to a type, and what is known of the type from these.
 
     Attributes:
-        rows: with those that count marked.
-        spreads, mean: of these.
+        rows: with those that belong marked; behind those of robots there may be what belongs
+            always.
+        freedom: of each robot's noise.
+        spreads, mean: of those that belong.
         chances: how often a robot that belongs is as far from the others as each.
     """
 
+    coordinates: Coordinates
+    freedom: Float[np.ndarray, " robots"]
     rows: Rows
     spreads: Spreads
     mean: Mean
     chances: Float[np.ndarray, " robots"]
 
-    def fitted_to(self, rows: Rows, coordinates: Coordinates) -> "Sorted":
-        """The same robots, with what is unlike in some of them."""
-        spreads = fitted_spreads(rows, coordinates, self.spreads if self.spreads.known else None)
-        return replace(self, rows=rows, spreads=spreads, mean=_mean(rows, spreads, coordinates))
+    @classmethod
+    def of(
+        cls,
+        coordinates: Coordinates,
+        freedom: Float[np.ndarray, " robots"],
+        rows: Rows,
+        start: Spreads | None = None,
+    ) -> "Sorted":
+        """Spreads and mean of rows that are marked."""
+        spreads = fitted_spreads(rows, coordinates, start)
+        found = mean(rows, spreads.variance(), coordinates.precision, coordinates.prior)
+        return cls(coordinates, freedom, rows, spreads, found, np.ones(len(freedom)))
+
+    def with_rows(self, rows: Rows) -> "Sorted":
+        """The same chances, with spreads and mean of other rows."""
+        found = Sorted.of(self.coordinates, self.freedom, rows, self.spreads)
+        return replace(found, chances=self.chances)
+
+    def against_others(self, k: int, anything: Float[np.ndarray, " u"]) -> LeftOut:
+        """Robot k, as of `left_out`."""
+        freedom = (float(self.freedom[k]), self.spreads.freedom)
+        return left_out(self.rows, k, self.mean, freedom, anything)
 
 
 def sorted_out(
-    rows: Rows,
-    coordinates: Coordinates,
-    freedom: Float[np.ndarray, " robots"],
-    naming: float,
-    count: int | None = None,
+    rows: Rows, coordinates: Coordinates, freedom: Float[np.ndarray, " robots"], naming: float
 ) -> Sorted:
     """Fit a type to the robots that belong to it.
 
     Args:
-        freedom: of each robot's noise; infinite for what always belongs.
+        rows: of robots, and perhaps of what always belongs behind them.
+        freedom: of each robot's noise.
         naming: the share of robots that belong that are named.
-        count: of robots, the first ones; what is behind them belongs.
     """
-    friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
-    spreads = prior_spreads(coordinates)
-    count = len(rows.H) if count is None else count
-    chances = np.ones(count)
+    count = len(freedom)
     if count < LEAST:
-        spreads = fitted_spreads(rows, coordinates)
-        return Sorted(rows, spreads, _mean(rows, spreads, coordinates), chances)
-    free = rows.with_extra(rows.extra + friction)
-    always = np.arange(len(rows.H)) >= count
-    rows = rows.counting(_core(free, coordinates, spreads, count) | always)
-    seen = list[bytes]()
+        return Sorted.of(coordinates, freedom, rows)
+    counts, robots = np.arange(len(rows.H)) >= count, range(count)
+    counts[:count] = _core(rows.at(slice(count)), coordinates)
+    found = Sorted.of(coordinates, freedom, rows.counting(counts))
+    known = list[bytes]()
     for _ in range(_ROUNDS):
-        spreads = fitted_spreads(rows, coordinates, spreads if spreads.known else None)
-        found = _mean(rows, spreads, coordinates)
-        one = [
-            left_out(rows, k, found, (freedom[k], spreads.freedom), friction) for k in range(count)
-        ]
-        m = found.m
-        chances = np.array([chance(each, coordinates, m) for each in one])
-        counts = always.copy()
-        counts[:count] = _belonging(chances, one, naming, first=not seen)
-        if counts.tobytes() in seen or np.array_equal(counts, rows.counts):
+        each = [found.against_others(k, coordinates.worn) for k in robots]
+        chances = np.array([chance(robot, coordinates, found.mean.m) for robot in each])
+        found, counts = replace(found, chances=chances), counts.copy()
+        counts[:count] = _belonging(chances, each, naming, first=not known)
+        if counts.tobytes() in known or np.array_equal(counts, found.rows.counts):
             break
-        seen.append(counts.tobytes())
-        rows = rows.counting(counts)
-    if count <= _FEW:
-        rows, chances = _one_by_one(rows, coordinates, freedom, naming, count)
-        spreads = fitted_spreads(rows, coordinates, spreads)
-    return Sorted(rows, spreads, _mean(rows, spreads, coordinates), chances)
+        known.append(counts.tobytes())
+        found = found.with_rows(rows.counting(counts))
+    return _one_by_one(found, naming) if count <= _FEW else found
 
 
-def _one_by_one(
-    rows: Rows,
-    coordinates: Coordinates,
-    freedom: Float[np.ndarray, " robots"],
-    naming: float,
-    count: int,
-) -> tuple[Rows, Float[np.ndarray, " robots"]]:
+def _one_by_one(found: Sorted, naming: float) -> Sorted:
     """The same of few robots, each left out of the spreads as well, which it would widen until it
     seems to belong; the farthest is put aside before the next is looked for."""
-    friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
+    coordinates, rows, count = found.coordinates, found.rows, len(found.freedom)
     while True:
         chances = np.ones(count)
         for k in range(count):
-            others = rows.counts.copy()
-            others[k] = False
-            without = rows.counting(others)
-            spreads = fitted_spreads(without, coordinates)
-            found = _mean(without, spreads, coordinates)
-            one = left_out(without, k, found, (freedom[k], spreads.freedom), friction)
-            chances[k] = chance(one, coordinates, found.m)
+            others = rows.counting(rows.counts & (np.arange(len(rows.H)) != k))
+            without = Sorted.of(coordinates, found.freedom, others)
+            robot = without.against_others(k, coordinates.worn)
+            chances[k] = chance(robot, coordinates, without.mean.m)
         inside = np.flatnonzero(rows.counts[:count])
         worst = inside[np.argmin(chances[inside])]
         if chances[worst] >= naming or len(inside) < LEAST:
-            return rows, chances
-        counts = rows.counts.copy()
-        counts[worst] = False
-        rows = rows.counting(counts)
+            return replace(found, chances=chances).with_rows(rows)
+        rows = rows.counting(rows.counts & (np.arange(len(rows.H)) != worst))
 
 
 def _belonging(
-    chances: np.ndarray, one: list[LeftOut], naming: float, *, first: bool
+    chances: np.ndarray, robots: Sequence[LeftOut], naming: float, *, first: bool
 ) -> np.ndarray:
     """Those that count next. A core's spreads are too small: at first the middle robot is as far as
     it should be."""
     if not first:
         return chances >= naming
-    ratio = np.array([each.distance / chdtri(max(each.rows, 1), 0.5) for each in one])
+    ratio = [robot.distance / chdtri(max(robot.rows, 1), 0.5) for robot in robots]
     scale = max(float(np.median(ratio)), 1.0)
-    return np.array([each.chance(each.distance / scale, each.rows) >= naming for each in one])
+    scaled = [robot.chance(robot.distance / scale, robot.rows) for robot in robots]
+    return np.array(scaled) >= naming
 
 
-def _core(rows: Rows, coordinates: Coordinates, spreads: Spreads, count: int) -> np.ndarray:
+def _core(rows: Rows, coordinates: Coordinates) -> np.ndarray:
     """The half of the robots that are nearest to a mean that far ones hardly pull."""
-    A, c, _ = rows.at(slice(count)).whitened(spreads.variance(coordinates))
+    free = replace(rows, extra=rows.extra + coordinates.worn)
+    A, c, _ = free.whitened(prior_spreads(coordinates).variance())
     weights, size = np.ones(len(A)), np.sum(np.any(A != 0, axis=2), axis=1)
     distance = np.zeros(len(A))
     for _ in range(50):
-        information = coordinates.precision + np.einsum("r,rnu,rnv->uv", weights, A, A)
-        right = coordinates.precision @ coordinates.prior + np.einsum("r,rnu,rn->u", weights, A, c)
+        weighted = (weights[:, None, None] * A).reshape(-1, A.shape[2])
+        information = coordinates.precision + weighted.T @ A.reshape(weighted.shape)
+        right = coordinates.precision @ coordinates.prior + weighted.T @ c.ravel()
         left = c - A @ np.linalg.solve(information, right)
         distance = np.sum(left**2, axis=1)
         # Of Student's t with so few degrees of freedom that half of all may be far.
         weights = (1.0 + size) / (1.0 + distance * size / np.median(distance))
-    counts = np.zeros(len(rows.H), dtype=bool)
-    counts[np.argsort(distance, kind="stable")[: max(ENOUGH, (len(A) + 1) // 2)]] = True
-    return counts
-
-
-def _mean(rows: Rows, spreads: Spreads, coordinates: Coordinates) -> Mean:
-    return mean(rows, spreads.variance(coordinates), coordinates.precision, coordinates.prior)
+    nearest = np.argsort(distance, kind="stable")[: max(ENOUGH, (len(A) + 1) // 2)]
+    return np.isin(np.arange(len(A)), nearest)

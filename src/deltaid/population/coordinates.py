@@ -12,7 +12,7 @@ from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.model.record import Settings
-from deltaid.population.member import Fact, Member
+from deltaid.population.member import Fact, Member, eliminated
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import Parameter
@@ -35,6 +35,8 @@ _OTHER = 10.0
 # So many times wider than described is what is known of friction.
 _VAGUE_FRICTION = 20.0
 FRICTION = ("viscous", "coulomb", "friction")
+# Variance of what may be anything: a hundred times its own size.
+ANYTHING = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,23 +65,25 @@ class Coordinates:
     ) -> "Coordinates":
         """Those of some robots of a type."""
         names = parameter_layout(robot).names
-        visible = np.array([i for i, one in enumerate(names) if _shown(one, members)], dtype=int)
+        shown = {name for member in members for name in member.shown}
+        visible = np.array([i for i, name in enumerate(names) if name in shown], dtype=int)
         reduction = build_reduction(robot, visible, (), settings.prior_spread)
-        reduction = _widened(reduction, members)
-        quantities = tuple(dict.fromkeys(name for one in members for name in one.quantities))
-        kinds = tuple(_kind(one) for one in reduction.variables)
+        reduction = replace(reduction, widened=_widened(members))
+        quantities = tuple(dict.fromkeys(name for own in members for name in own.quantities))
+        kinds = tuple(_kind(variable) for variable in reduction.variables)
         return cls(robot, reduction, kinds, quantities, reduction.scale, settings.prior_spread)
 
     def resized(self, p: Float[np.ndarray, " parameters"]) -> "Coordinates":
         """The same in sizes of a type with parameters p: spreads are shares of what robots are."""
         layout, sizes = self.reduction.layout, self.reduction.scale.copy()
-        for k, one in enumerate(self.reduction.variables):
-            if one.kind == "inertia":
-                part = layout.body(one.owner)
-                i, j = PSEUDO_INERTIA_ENTRIES[one.symbol]
-                times = np.prod([_times(p[part], self.reduction.p_reg[part], e) for e in (i, j)])
+        for k, variable in enumerate(self.reduction.variables):
+            if variable.kind == "inertia":
+                part = layout.body(variable.owner)
+                own, before = p[part], self.reduction.p_reg[part]
+                entries = PSEUDO_INERTIA_ENTRIES[variable.symbol]
+                times = np.prod([_times(own, before, entry) for entry in entries])
             else:
-                times = abs(p[layout.names.index(one.name)]) / sizes[k]
+                times = abs(p[layout.names.index(variable.name)]) / sizes[k]
             sizes[k] *= np.clip(times, 1.0 / _OTHER, _OTHER)
         return replace(self, sizes=sizes)
 
@@ -105,22 +109,25 @@ class Coordinates:
         """u in the description."""
         return np.append(self.reduction.prior / self.sizes, np.zeros(len(self.quantities)))
 
-    @property
+    @cached_property
     def to_p(self) -> Float[np.ndarray, "parameters u"]:
         """How p follows from u."""
-        own = self.reduction.A * self.sizes
-        return np.column_stack([own, np.zeros((len(own), len(self.quantities)))])
+        return np.pad(self.reduction.A * self.sizes, ((0, 0), (0, len(self.quantities))))
 
-    @property
+    @cached_property
     def is_friction(self) -> np.ndarray:
         """Which of u are friction."""
         own = [kind in FRICTION for kind in self.kinds]
         return np.array([*own, *[False] * len(self.quantities)], dtype=bool)
 
+    @property
+    def worn(self) -> Float[np.ndarray, " u"]:
+        """Variances of friction that may be anything."""
+        return np.where(self.is_friction, ANYTHING, 0.0)
+
     def kind_of(self) -> Int[np.ndarray, " u"]:
         """Place of each variable's kind among those that there are; −1 of the geometry."""
-        present = self.present
-        own = [present.index(kind) for kind in self.kinds]
+        own = [self.present.index(kind) for kind in self.kinds]
         return np.array([*own, *[-1] * len(self.quantities)], dtype=int)
 
     @property
@@ -131,62 +138,39 @@ class Coordinates:
     def owners(self) -> dict[str, list[int]]:
         """Variables of each body and joint."""
         found: dict[str, list[int]] = {}
-        for k, one in enumerate(self.reduction.variables):
-            word = "" if one.kind == "inertia" else f"{one.kind} of "
-            found.setdefault(f"{word}{one.owner}", []).append(k)
+        for k, variable in enumerate(self.reduction.variables):
+            word = "" if variable.kind == "inertia" else f"{variable.kind} of "
+            found.setdefault(f"{word}{variable.owner}", []).append(k)
         return found
 
-    def rows(self, one: Member, facts: Sequence[Fact]) -> Float[np.ndarray, "rows augmented"]:
+    def rows(self, member: Member, facts: Sequence[Fact]) -> Float[np.ndarray, "rows augmented"]:
         """A member's rows, and some of its facts: over u, over p_0, and what is left."""
-        names = self.reduction.layout.names
-        at = {name: i for i, name in enumerate(one.names)}
+        names, count = self.reduction.layout.names, len(self.quantities)
+        at = {name: i for i, name in enumerate(member.names)}
         known = [i for i, name in enumerate(names) if name in at]
         taken = [at[names[i]] for i in known]
-        H = np.zeros((len(one.rows), len(names)))
-        H[:, known] = one.rows[:, taken]
         # Terms of friction that the type has not.
-        strange = [k for k, name in enumerate(one.names) if name not in names]
-        shared = np.zeros((len(one.rows), len(self.quantities)))
-        shared[:, [self.quantities.index(name) for name in one.quantities]] = one.shared
-        data = [one.rows[:, strange], H, shared, one.values[:, None]]
-        wide = _without(np.column_stack(data), len(strange))
-        for fact in facts:
-            c = np.zeros(wide.shape[1])
-            c[known] = fact.coefficients[taken]
-            c[-1] = fact.value
-            wide = np.vstack([wide, c / fact.std])
-        H, rest, b = np.split(wide, [len(names), wide.shape[1] - 1], axis=1)
+        strange = [at[name] for name in member.names if name not in names]
+        H, shared = np.zeros((len(member.rows), len(names))), np.zeros((len(member.rows), count))
+        H[:, known] = member.rows[:, taken]
+        shared[:, [self.quantities.index(name) for name in member.quantities]] = member.shared
+        data = np.column_stack([member.rows[:, strange], H, shared, member.values])
+        weighed = np.zeros((len(facts), len(names) + count + 1))
+        for row, fact in zip(weighed, facts, strict=True):
+            row[known], row[-1] = fact.coefficients[taken] / fact.std, fact.value / fact.std
+        wide = np.vstack([eliminated(data, len(strange)), weighed])
+        H, shared, b = np.split(wide, [len(names), len(names) + count], axis=1)
         over, constant = H @ (self.reduction.A * self.sizes), H @ self.reduction.p_0
-        return triangle(np.column_stack([over, rest, constant, b[:, 0] - constant]))
+        return triangle(np.column_stack([over, shared, constant, b[:, 0] - constant]))
 
 
-def _without(wide: Float[np.ndarray, "rows columns"], count: int) -> np.ndarray:
-    """Rows orthogonal to their first columns, without these."""
-    if not count:
-        return wide
-    Q, _ = np.linalg.qr(wide[:, :count], mode="complete")
-    return Q[:, count:].T @ wide[:, count:]
-
-
-def _shown(name: str, members: Sequence[Member]) -> bool:
-    """Whether some member's rows or facts show a parameter."""
-    for one in members:
-        if name in one.names:
-            k = one.names.index(name)
-            if np.any(one.rows[:, k]) or any(fact.coefficients[k] for fact in one.facts):
-                return True
-    return False
-
-
-def _widened(reduction: Reduction, members: Sequence[Member]) -> Reduction:
-    """With priors as wide as most of the members' recordings ask for."""
-    every: dict[str, list[float]] = {}
-    for one in members:
-        for name, factor in (one.widened or {}).items():
-            every.setdefault(name, []).append(factor)
-    half = len(members) / 2
-    found = {name: float(np.median(own)) for name, own in every.items() if len(own) > half}
-    return replace(reduction, widened=found)
+def _widened(members: Sequence[Member]) -> dict[str, float]:
+    """Priors as wide as most of the members' recordings ask for."""
+    asked: dict[str, list[float]] = {}
+    for member in members:
+        for name, factor in (member.widened or {}).items():
+            asked.setdefault(name, []).append(factor)
+    return {n: float(np.median(own)) for n, own in asked.items() if len(own) > len(members) / 2}
 
 
 def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
@@ -196,13 +180,12 @@ def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
     return float(np.sqrt(np.trace(M[np.ix_(at, at)]) / np.trace(before[np.ix_(at, at)])))
 
 
-def _kind(one: Parameter) -> str:
+def _kind(variable: Parameter) -> str:
     """Which spread a variable has."""
-    if one.kind == "inertia":
-        return {"m": "mass", "mc": "first moments"}.get(
-            one.symbol if one.symbol == "m" else one.symbol[:2], "second moments"
-        )
-    if one.kind != "friction":
-        return one.kind
-    first = one.symbol.split("_")[0]
+    first = variable.symbol.split("_")[0]
+    if variable.kind == "inertia":
+        moments = "first moments" if first.startswith("mc") else "second moments"
+        return "mass" if first == "m" else moments
+    if variable.kind != "friction":
+        return variable.kind
     return first if first in FRICTION else "friction"

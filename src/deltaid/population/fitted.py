@@ -5,14 +5,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.errors import IdentificationError
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import triangle
+from deltaid.estimation.objective import DataTerm, Objective
+from deltaid.estimation.regularizer import QuadraticTerm, Regularizer
 from deltaid.estimation.scatter import half_width
-from deltaid.population.belonging import ANYTHING, LEAST, Sorted, left_out, sorted_out
-from deltaid.population.consistent import consistent
-from deltaid.population.coordinates import Coordinates
-from deltaid.population.member import Fact, Member
-from deltaid.population.mixed import Rows, mean
+from deltaid.population.belonging import LEAST, Sorted, sorted_out
+from deltaid.population.coordinates import ANYTHING, Coordinates
+from deltaid.population.member import Member
+from deltaid.population.mixed import Rows, alone, mean, within
 from deltaid.population.reasons import friction_reason, reason
 from deltaid.population.result import (
     Estimates,
@@ -20,15 +24,11 @@ from deltaid.population.result import (
     Population,
     PopulationSettings,
 )
-from deltaid.population.within import (
-    NORMAL,
-    alone,
-    draws,
-    members_within,
-    spread_between,
-    std_of,
-)
+from deltaid.population.spreads import NORMAL
 from deltaid.robot.load import RobotLike, described
+
+# Eigenvalues of a covariance below this share of the largest are rounding.
+_ROUNDING = 1e-13
 
 
 def fitted(
@@ -45,141 +45,101 @@ def fitted(
         IdentificationError: there is no robot, or one twice.
     """
     settings, type_ = settings or PopulationSettings(), described(robot)
-    members = sorted(members, key=lambda one: one.name)
-    _require_some(members)
-    common, own = _facts(members)
-    coordinates = Coordinates.of(type_, members, settings.fit)
-    freedom = np.array([one.freedom for one in members])
-    found = _sorted(coordinates, members, common, own, freedom, settings.naming)
-    coordinates = coordinates.resized(consistent(coordinates, found.mean.m, found.mean.covariance))
-    found = _sorted(coordinates, members, common, own, freedom, settings.naming)
-    found, reasons = _reasons(found, coordinates, members, freedom, settings.naming)
-    return _population(found, coordinates, members, reasons, settings.naming)
-
-
-def _require_some(members: Sequence[Member]) -> None:
+    members = sorted(members, key=lambda own: own.name)
     if not members:
         raise IdentificationError("no robot was given", where="members", cure="give one or more")
-    name, times = Counter(one.name for one in members).most_common(1)[0]
+    name, times = Counter(own.name for own in members).most_common(1)[0]
     if times > 1:
         raise IdentificationError(
             f"robot '{name}' is given {times} times, and would count as so many robots",
             where="members",
             cure="give all recordings of a robot to one call of `member`",
         )
+    coordinates = Coordinates.of(type_, members, settings.fit)
+    rough = _sorted(coordinates, members, settings.naming).mean
+    coordinates = coordinates.resized(_consistent(coordinates, rough.m, rough.covariance))
+    found = _sorted(coordinates, members, settings.naming)
+    found, reasons = _reasons(found, settings.naming)
+    return _population(found, members, reasons, settings.naming)
 
 
-def _facts(members: Sequence[Member]) -> tuple[list[Fact], list[list[Fact]]]:
-    """Measurements that several robots' descriptions have, which are one, and each robot's own."""
-    count = Counter(fact.key for one in members for fact in one.facts)
-    several = {key for key, times in count.items() if times > 1}
-    common = {fact.key: fact for one in members for fact in one.facts if fact.key in several}
-    own = [[fact for fact in one.facts if fact.key not in several] for one in members]
-    return list(common.values()), own
-
-
-def _sorted(
-    coordinates: Coordinates,
-    members: Sequence[Member],
-    common: Sequence[Fact],
-    own: Sequence[Sequence[Fact]],
-    freedom: np.ndarray,
-    naming: float,
-) -> Sorted:
-    """Those that belong; measurements in common are of one robot more."""
-    each = [coordinates.rows(one, facts) for one, facts in zip(members, own, strict=True)]
+def _sorted(coordinates: Coordinates, members: Sequence[Member], naming: float) -> Sorted:
+    """Those that belong. Measurements that several robots' descriptions have are one, of one robot
+    more."""
+    times = Counter(fact.key for own in members for fact in own.facts)
+    common = {fact.key: fact for own in members for fact in own.facts if times[fact.key] > 1}
+    rows = [
+        coordinates.rows(own, [fact for fact in own.facts if fact.key not in common])
+        for own in members
+    ]
     if common:
         first = members[0]
         nothing = replace(first, rows=first.rows[:0], values=first.values[:0],
                           shared=first.shared[:0])  # fmt: skip
-        each.append(coordinates.rows(nothing, common))
-        freedom = np.append(freedom, np.inf)
-    return sorted_out(Rows.of(each), coordinates, freedom, naming, len(members))
+        rows.append(coordinates.rows(nothing, list(common.values())))
+    freedom = np.array([own.freedom for own in members])
+    return sorted_out(Rows.of(rows), coordinates, freedom, naming)
 
 
-def _reasons(
-    found: Sorted,
-    coordinates: Coordinates,
-    members: Sequence[Member],
-    freedom: np.ndarray,
-    naming: float,
-) -> tuple[Sorted, list[str]]:
+def _reasons(found: Sorted, naming: float) -> tuple[Sorted, list[str]]:
     """Why robots do not belong; and friction of those that do, where it is unlike the others'."""
-    rows, m, of_spreads = found.rows, found.mean.m, found.spreads.freedom
-    friction = np.where(coordinates.is_friction, ANYTHING, 0.0)
+    coordinates, rows, m = found.coordinates, found.rows, found.mean.m
     extra, reasons = rows.extra.copy(), list[str]()
-    for k in range(len(members)):
+    now, count = replace(found, rows=replace(rows, extra=extra)), len(found.freedom)
+    for k in range(count):
         if not rows.counts[k]:
-            one = left_out(rows, k, found.mean, (float(freedom[k]), of_spreads), friction)
-            reasons.append(reason(one, coordinates, m, naming))
+            robot = found.against_others(k, coordinates.worn)
+            reasons.append(reason(robot, coordinates, m, naming))
             continue
         texts = list[str]()
-        for _ in coordinates.robot.friction_joints if len(members) >= LEAST else ():
-            now = rows.with_extra(extra)
-            one = left_out(
-                now, k, found.mean, (float(freedom[k]), of_spreads), np.zeros_like(friction)
-            )
-            at, text = friction_reason(one, coordinates, m, naming)
+        for _ in coordinates.robot.friction_joints if count >= LEAST else ():
+            robot = now.against_others(k, np.zeros_like(m))
+            at, text = friction_reason(robot, coordinates, m, naming)
             if not at or extra[k, at].any():
                 break
             extra[k, at] = ANYTHING
             texts.append(text)
         reasons.append("; ".join(texts))
-    if not np.array_equal(extra, rows.extra):
-        again = rows.with_extra(extra)
-        found = found.fitted_to(again, coordinates)
-    return found, reasons
+    return (found if np.array_equal(extra, rows.extra) else found.with_rows(now.rows)), reasons
 
 
 def _population(
-    found: Sorted,
-    coordinates: Coordinates,
-    members: Sequence[Member],
-    reasons: Sequence[str],
-    naming: float,
+    found: Sorted, members: Sequence[Member], reasons: Sequence[str], naming: float
 ) -> Population:
     """Results, averaged over what is open of the spreads."""
-    T, p_0 = coordinates.to_p, coordinates.reduction.p_0
-    count, rows = len(members), found.rows
-    logs = draws(found.spreads)
-    between = np.zeros(T.shape[1])
-    means, covariances = list[np.ndarray](), list[np.ndarray]()
-    for log in logs:
-        s = found.spreads.variance(coordinates, log)
-        one = mean(rows, s, coordinates.precision, coordinates.prior)
-        means.append(one.m)
-        covariances.append(one.covariance)
-        between += s / len(logs)
-    mean_ = np.mean(means, axis=0)
-    square = np.mean(covariances, axis=0) + np.cov(np.array(means).T, bias=True)
-    values, variances = members_within(found, coordinates, logs, count)
-    moved = list[str]()
-    p = consistent(coordinates, mean_, square)
-    if _far(p, T @ mean_ + p_0, std_of(T, square)):
-        moved.append("mean")
-    own_alone = alone(rows, coordinates)
-    estimates = list[MemberEstimate]()
-    for k, one in enumerate(members):
+    coordinates, rows, count = found.coordinates, found.rows, len(members)
+    T, precision, prior = coordinates.to_p, coordinates.precision, coordinates.prior
+    logs, size = found.spreads.draws(), len(prior)
+    every = [mean(rows, found.spreads.variance(log), precision, prior) for log in logs]
+    values, variances = np.zeros((count, size)), np.zeros((count, size, size))
+    for drawn in every:
+        for at, u, C in within(rows.at(slice(count)), drawn):
+            values[at] += u / len(logs)
+            variances[at] += (C + u[:, :, None] * u[:, None, :]) / len(logs)
+    variances -= values[:, :, None] * values[:, None, :]
+    means = np.array([drawn.m for drawn in every])
+    centre = means.mean(axis=0)
+    square = np.mean([drawn.covariance for drawn in every], axis=0) + np.cov(means.T, bias=True)
+    p, std, is_moved = _parameters(coordinates, centre, square)
+    moved, estimates = ["mean"] if is_moved else [], list[MemberEstimate]()
+    for k, (own, by_itself) in enumerate(zip(members, alone(rows, precision, prior), strict=False)):
         belongs = bool(rows.counts[k])
-        u, C = (values[k], variances[k]) if belongs else own_alone[k]
-        own, std = consistent(coordinates, u, C), std_of(T, C)
-        if _far(own, T @ u + p_0, std):
-            moved.append(one.name)
+        u, C = (values[k], variances[k]) if belongs else by_itself
+        value, deviation, is_moved = _parameters(coordinates, u, C)
+        moved += [own.name] if is_moved else []
         by_noise = np.linalg.norm(T @ C @ rows.H[k].T, axis=1)
-        freedom = np.full(len(std), one.freedom)
-        within = Estimates(own, std, half_width(std, by_noise, freedom))
-        estimates.append(MemberEstimate(one.name, within, std_of(T, own_alone[k][1]), belongs,
-                                        reasons[k], float(found.chances[k])))  # fmt: skip
-    spreads = found.spreads.of_unknown_sizes(coordinates, square)
-    spread, low, high = spread_between(T, spreads, coordinates)
+        half = half_width(deviation, by_noise, np.full(len(deviation), own.freedom))
+        estimates.append(
+            MemberEstimate(own.name, Estimates(value, deviation, half), _std(T, by_itself[1]),
+                           belongs, reasons[k], float(found.chances[k]))
+        )  # fmt: skip
+    spreads = found.spreads.of_unknown_sizes(square)
     return Population(
-        coordinates=coordinates,
-        mean=Estimates(p, std_of(T, square), NORMAL * std_of(T, square)),
-        covariance=square,
-        variance=between,
-        spread=spread,
-        spread_low=low,
-        spread_high=high,
+        coordinates,
+        Estimates(p, std, NORMAL * std),
+        square,
+        np.mean([drawn.variance for drawn in every], axis=0),
+        *spreads.of_parameters(T),
         members=tuple(estimates),
         spreads=spreads,
         moved=tuple(moved),
@@ -187,6 +147,39 @@ def _population(
     )
 
 
-def _far(p: np.ndarray, by: np.ndarray, std: np.ndarray) -> bool:
-    """Whether some entry was moved by more than its standard deviation."""
-    return bool(np.any(np.abs(p - by)[std > 0] > std[std > 0]))
+def _std(T: np.ndarray, C: np.ndarray) -> Float[np.ndarray, " parameters"]:
+    """Standard deviations of p for a covariance of u."""
+    return np.sqrt(np.maximum(np.sum((T @ C) * T, axis=1), 0.0))
+
+
+def _parameters(
+    coordinates: Coordinates, u: Float[np.ndarray, " u"], C: Float[np.ndarray, "u u"]
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """p of u with its standard deviation, and whether some entry had to be moved by more than
+    that."""
+    p, std = _consistent(coordinates, u, C), _std(coordinates.to_p, C)
+    off = np.abs(p - coordinates.to_p @ u - coordinates.reduction.p_0)
+    return p, std, bool(np.any(off[std > 0] > std[std > 0]))
+
+
+def _consistent(
+    coordinates: Coordinates, u: Float[np.ndarray, " u"], C: Float[np.ndarray, "u u"]
+) -> Float[np.ndarray, " parameters"]:
+    """p of u, or of the most likely u whose bodies can exist.
+
+    This is the conic program  min ‖W (x − x_u)‖²  over the cone, WᵀW the inverse covariance.
+
+    Raises:
+        IdentificationError: the solver did not reach its end.
+    """
+    reduction, n = coordinates.reduction, coordinates.size
+    x = u[:n] * coordinates.sizes
+    try:
+        return reduction.parameters(x)
+    except IdentificationError:
+        values, vectors = np.linalg.eigh(C[:n, :n])
+        values = np.maximum(values, _ROUNDING * values[-1])
+        R = triangle(vectors.T / np.sqrt(values)[:, None] / coordinates.sizes)
+        none = Regularizer(QuadraticTerm(np.zeros((1, n)), reduction.prior), None)
+        objective = Objective(reduction, DataTerm(R, R @ x, 0.0), none, 1.0)
+        return reduction.parameters(Conic().solve(objective).x)

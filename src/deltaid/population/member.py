@@ -26,8 +26,8 @@ from deltaid.sensors.weighings import weighings
 
 # Below this share of a row's size a direction is rounding.
 _ROUNDING = 1e-9
-# Quantities of the geometry that all machines of a type share, if their drawing is off: lengths
-# that are not of one limb alone.
+# Quantities of the geometry that each machine has for itself; lengths that are not of one limb
+# alone all machines of a type share, if their drawing is off.
 _OWN = ("zero of", "tilt about", "torque constant", " of limb ")
 
 
@@ -74,6 +74,12 @@ class Member:
     widened: Mapping[str, float] | None = None
     recordings: int = 1
 
+    @property
+    def shown(self) -> set[str]:
+        """Parameters that its rows or facts show."""
+        every = np.vstack([self.rows, *(fact.coefficients for fact in self.facts)])
+        return {self.names[k] for k in np.flatnonzero(np.any(every != 0, axis=0))}
+
 
 def member(
     name: str, files: Sequence[FactorFile], robot: RobotLike, settings: Settings | None = None
@@ -91,65 +97,54 @@ def member(
         RecordingError: files do not go together, or not with the robot.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    settings, description = settings or Settings(), described(robot)
-    files, chosen = prepared(files, description, settings)
-    problem = fitted(files, unmeasured(chosen), settings)
-    found = of_problem(name, problem, recordings=len(files))
+    settings = settings or Settings()
+    files, chosen = prepared(files, described(robot), settings)
+    found = _of_problem(name, fitted(files, unmeasured(chosen), settings))
     facts = tuple(
-        Fact(f"{one.where} {one.name} {one.value:.9g} {one.std:.9g}", one.coefficients, one.value,
-             one.std)
-        for one in weighings(chosen)
+        Fact(f"{own.where} {own.name} {own.value:.9g} {own.std:.9g}", own.coefficients, own.value,
+             own.std)
+        for own in weighings(chosen)
     )  # fmt: skip
-    return replace(found, facts=facts)
+    return replace(found, facts=facts, recordings=len(files))
 
 
-def of_problem(name: str, problem: FittedProblem, recordings: int = 1) -> Member:
-    """What a fit without measured values says."""
-    base, estimate, own = problem.base, problem.estimate, len(problem.p)
-    half = inverse(estimate.noise.root)
-    covariance = half @ _scores(problem) @ half.T
-    geometry = problem.geometry
+def _of_problem(name: str, problem: FittedProblem) -> Member:
+    """What a fit without measured values says.
+
+    Least squares errs by R⁻¹ s, s with deviations as intervals have them. For white noise s has no
+    correlations, and groups are too few to tell others of them.
+    """
+    estimate, own, geometry = problem.estimate, len(problem.p), problem.geometry
+    noise = estimate.noise
+    half = inverse(noise.root) * noise.deviations(np.eye(len(noise.root)))[0]
     names = geometry.names if geometry else ()
-    shifts = geometry.shifts if geometry else np.zeros((base.rank, 0))
-    common = np.array([not any(word in one for word in _OWN) for one in names], dtype=bool)
-    covariance += shifts[:, ~common] @ shifts[:, ~common].T
+    shifts = geometry.shifts if geometry else np.zeros((len(half), 0))
+    common = np.array([not any(word in name for word in _OWN) for name in names], dtype=bool)
+    covariance = half @ half.T + shifts[:, ~common] @ shifts[:, ~common].T
     size = np.sqrt(np.diag(covariance))
     L = np.linalg.cholesky(covariance / np.outer(size, size) + _ROUNDING * np.eye(len(size)))
-    K = base.combination()
+    K = problem.base.combination()
     wide = np.column_stack([K[:, own:], K[:, :own], shifts[:, common], estimate.values])
     rows = solve_triangular(L, wide / size[:, None], lower=True)
-    rows = _eliminated(rows, K.shape[1] - own)
-    q = int(common.sum())
-    _, freedom = estimate.by_noise
+    rows = eliminated(rows, K.shape[1] - own)
     return Member(
         name=name,
         names=problem.layout.names[:own],
         rows=rows[:, :own],
         values=rows[:, -1],
-        shared=rows[:, own : own + q],
-        quantities=tuple(one for one, is_common in zip(names, common, strict=True) if is_common),
-        freedom=float(np.median(freedom)),
+        shared=rows[:, own:-1],
+        quantities=tuple(np.array(names, dtype=str)[common].tolist()),
+        freedom=float(np.median(estimate.by_noise[1])),
         widened=dict(problem.reduction.widened),
-        recordings=recordings,
     )
 
 
-def _scores(problem: FittedProblem) -> Float[np.ndarray, "base base"]:
-    """Covariance of s, where least squares errs by R⁻¹ s, with deviations as intervals have them.
-
-    For white noise s has no correlations, and groups are too few to tell others of them.
-    """
-    noise = problem.estimate.noise
-    deviations, _ = noise.deviations(np.eye(len(noise.root)))
-    return np.diag(deviations**2)
-
-
-def _eliminated(
+def eliminated(
     rows: Float[np.ndarray, "rows columns"], count: int
 ) -> Float[np.ndarray, "left rest"]:
     """Rows without their first columns: those orthogonal to them, which say nothing of these."""
-    if not count:
-        return rows
+    if not count or not len(rows):
+        return rows[:, count:]
     U, singular, _ = np.linalg.svd(rows[:, :count])
     rank = int(np.sum(singular > _ROUNDING * max(singular[0], 1.0)))
     return triangle(U[:, rank:].T @ rows[:, count:])

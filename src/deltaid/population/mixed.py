@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import solve_triangular
 
 # Robots that are in memory at once.
 _AT_ONCE = 512
 
 U = Float[np.ndarray, " u"]
+Square = Float[np.ndarray, "u u"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +48,19 @@ class Rows:
     @classmethod
     def of(cls, each: Sequence[Float[np.ndarray, "_ augmented"]]) -> "Rows":
         """Those of robots that all count: rows over u, over p_0, and their values."""
-        wide = np.zeros((len(each), max(len(one) for one in each), each[0].shape[1]))
-        for k, one in enumerate(each):
-            wide[k, : len(one)] = one
+        wide = np.zeros((len(each), max(len(own) for own in each), each[0].shape[1]))
+        for k, own in enumerate(each):
+            wide[k, : len(own)] = own
         H, constant, b = wide[:, :, :-2], wide[:, :, -2], wide[:, :, -1]
         return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(each), dtype=bool))
 
-    def at(self, which: slice) -> "Rows":
+    def at(self, robots: slice) -> "Rows":
         """Those of some robots."""
-        own = (self.H, self.b, self.constant, self.extra, self.counts)
-        return Rows(*(one[which] for one in own))
+        every = (self.H, self.b, self.constant, self.extra, self.counts)
+        return Rows(*(own[robots] for own in every))
 
     def parts(self) -> "Iterator[tuple[slice, Rows]]":
-        """Some at a time."""
+        """Some robots at a time."""
         for first in range(0, len(self.H), _AT_ONCE):
             at = slice(first, first + _AT_ONCE)
             yield at, self.at(at)
@@ -75,10 +75,6 @@ class Rows:
         both = np.linalg.solve(L, np.concatenate([self.H, self.b[:, :, None]], axis=2))
         logs = 2 * np.log(L[:, diagonal, diagonal]).sum(axis=1)
         return both[:, :, :-1], both[:, :, -1], logs
-
-    def with_extra(self, extra: Float[np.ndarray, "robots u"]) -> "Rows":
-        """With other variances."""
-        return replace(self, extra=extra)
 
     def counting(self, counts: np.ndarray) -> "Rows":
         """With others of the type."""
@@ -96,14 +92,14 @@ class Mean:
     """
 
     variance: U
-    information: Float[np.ndarray, "u u"]
+    information: Square
     right: U
     evidence: float
 
     @property
-    def covariance(self) -> Float[np.ndarray, "u u"]:
+    def covariance(self) -> Square:
         """Λ⁻¹."""
-        half = solve_triangular(_cholesky(self.information), np.eye(len(self.right)), lower=True)
+        half = np.linalg.inv(np.linalg.cholesky(self.information))
         return half.T @ half
 
     @property
@@ -112,21 +108,19 @@ class Mean:
         return np.linalg.solve(self.information, self.right)
 
 
-def mean(rows: Rows, variance: U, precision: Float[np.ndarray, "u u"], prior: U) -> Mean:
+def mean(rows: Rows, variance: U, precision: Square, prior: U) -> Mean:
     """The mean of the robots that count."""
     information, right = precision.copy(), precision @ prior
     evidence = -0.5 * float(prior @ right)
     for _, part in rows.parts():
-        A, c, logs = part.whitened(variance)
-        A, c, logs = A[part.counts], c[part.counts], logs[part.counts]
+        A, c, logs = (own[part.counts] for own in part.whitened(variance))
         flat = A.reshape(-1, A.shape[2])
         information += flat.T @ flat
         right += flat.T @ c.ravel()
         evidence -= 0.5 * float(np.sum(c**2) + logs.sum())
-    L = _cholesky(information)
-    half = solve_triangular(L, right, lower=True)
-    evidence += 0.5 * float(half @ half) - float(np.log(np.diag(L)).sum())
-    return Mean(variance, information, right, evidence)
+    L = np.linalg.cholesky(information)
+    evidence += 0.5 * float(np.sum(np.linalg.solve(L, right) ** 2)) - np.log(np.diag(L)).sum()
+    return Mean(variance, information, right, float(evidence))
 
 
 def slope(rows: Rows, found: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndarray, " kinds"]:
@@ -146,5 +140,30 @@ def slope(rows: Rows, found: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.nda
     return np.array([gained[kinds == k].sum() for k in range(kinds.max() + 1)])
 
 
-def _cholesky(A: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    return np.linalg.cholesky(A)
+def within(rows: Rows, found: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+    """u of robots given all of them, and its covariance, some robots at a time.
+
+    Given the mean u is normal about m + S Aᵀ(c − A m).
+    """
+    m, covariance, one = found.m, found.covariance, np.eye(len(found.right))
+    for at, part in rows.parts():
+        own = found.variance + part.extra
+        A, c, _ = part.whitened(found.variance)
+        SA = own[:, :, None] * np.swapaxes(A, 1, 2)
+        B = one - SA @ A
+        C = own[:, :, None] * one - SA @ np.swapaxes(SA, 1, 2)
+        C += B @ covariance @ np.swapaxes(B, 1, 2)
+        yield at, m + own * np.einsum("rnu,rn->ru", A, c - A @ m), C
+
+
+def alone(rows: Rows, precision: Square, prior: U) -> Iterator[tuple[U, Square]]:
+    """u of each robot and its covariance by its own rows and the description."""
+    n, root = len(prior), np.linalg.cholesky(precision).T
+    known = np.column_stack([root, root @ prior])[None]
+    for _, part in rows.parts():
+        own = np.concatenate([part.H, part.b[:, :, None]], axis=2)
+        wide = np.hstack([np.repeat(known, len(own), axis=0), own])
+        R = np.asarray(np.linalg.qr(wide, mode="r"))
+        inverse = np.linalg.inv(R[:, :n, :n])
+        u = np.einsum("ruv,rv->ru", inverse, R[:, :n, n])
+        yield from zip(u, inverse @ np.swapaxes(inverse, 1, 2), strict=True)

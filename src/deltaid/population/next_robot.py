@@ -1,4 +1,12 @@
-"""A description of the next robot of a type: bodies' priors and how far robots are from them."""
+"""A description of the next robot of a type: bodies' priors and how far robots are from them.
+
+What is known of some variables is a precision Q, whose entries hang together: a sum may be known
+far better than its terms. Priors of single entries r_jᵀx, of standard deviations 1/√w_j, are a
+precision Σ_j w_j r_j r_jᵀ. If each of them were as narrow as Q's own entry, a sum that robots tell
+would count again with every robot that tells it. So the narrowest are taken whose precision is no
+more than Q in any direction: the w of the largest Σ log w_j with Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a
+barrier and Newton's steps.
+"""
 
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -11,7 +19,6 @@ from deltaid.dynamics.parameters import inertia_scale
 from deltaid.dynamics.prior import with_prior
 from deltaid.population.member import unmeasured
 from deltaid.population.result import Population
-from deltaid.population.widths import widest
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES
@@ -19,6 +26,9 @@ from deltaid.robot.load import save_yaml
 
 # Digits of a spread: three.
 _DIGITS = 3
+# Weights of the barrier, one after the other; steps at each, and when they have settled.
+_BARRIER, _STEPS, _SETTLED = np.geomspace(1.0, 1e-4, 9), 60, 1e-9
+_ROUNDING = 1e-12
 
 
 def next_robot(found: Population, fleet: str) -> RobotDescription:
@@ -26,29 +36,23 @@ def next_robot(found: Population, fleet: str) -> RobotDescription:
     open of the mean and what robots differ by together.
 
     Spreads of entries are independent in a description, and are as wide as that asks for
-    (`widths`). Measured values are in the mean, and left out. Friction has the type's mean and the
+    (`widest`). Measured values are in the mean, and left out. Friction has the type's mean and the
     fit's own spread.
 
     Args:
         fleet: where the robots come from, for `sources`.
     """
-    p, spreads = found.mean.value, _spreads(found)
-    data = with_prior(unmeasured(found.robot), p).model_dump()
-    for name, own in spreads.items():
+    data = with_prior(unmeasured(found.robot), found.mean.value).model_dump()
+    for name, spread in _spreads(found).items():
         if data["bodies"][name]["free"]:
-            data["bodies"][name]["spread"] = own
-    count = sum(one.belongs for one in found.members)
-    robots = f"{count} robot{'s' if count > 1 else ''} of {fleet}"
-    text = f"mean of {robots}; spreads are of the next robot; deltaid {version('deltaid')}"
-    friction = {"friction": f"mean of {robots}"} if data["friction"] else {}
-    rotors = {"rotor_inertia": f"mean of {robots}"} if data["rotor_inertia"] else {}
-    bodies = {f"bodies.{name}": text for name in found.layout.bodies}
-    kept = {
-        key: value
-        for key, value in found.robot.sources.items()
-        if key.split(".")[0] not in ("bodies", "friction", "rotor_inertia", "measured")
-    }
-    data["sources"] = kept | bodies | friction | rotors
+            data["bodies"][name]["spread"] = spread
+    text = f"mean of {found.count} robot{'s' if found.count > 1 else ''} of {fleet}"
+    known = f"{text}; spreads are of the next robot; deltaid {version('deltaid')}"
+    changed = ("bodies", "friction", "rotor_inertia", "measured")
+    sources = found.robot.sources.items()
+    data["sources"] = {key: own for key, own in sources if key.split(".")[0] not in changed}
+    data["sources"] |= {f"bodies.{name}": known for name in found.layout.bodies}
+    data["sources"] |= {key: text for key in ("friction", "rotor_inertia") if data[key]}
     return RobotDescription.model_validate(data)
 
 
@@ -61,36 +65,42 @@ def save_next(found: Population, fleet: str, path: Path) -> None:
     save_yaml(next_robot(found, fleet), path)
 
 
+def summary(found: Population) -> Sequence[str]:
+    """The type in a few lines: robots, spreads, those that do not belong."""
+    lines, spreads = [f"{len(found.members)} robots, {found.count} of the type"], found.spreads
+    lines += found.told
+    if spreads.known:
+        reach = 1.96 * np.sqrt(np.diag(spreads.covariance))
+        ends = zip(spreads.log - reach, spreads.log + reach, spreads.there, strict=True)
+        for kind, log, (low, high, there) in zip(spreads.kinds, spreads.log, ends, strict=True):
+            lines.append(
+                f"{kind}: robots differ by {np.exp(log):.1%} "
+                f"({np.exp(low) if there else 0.0:.1%} to {np.exp(high):.1%})"
+            )
+    return [*lines, *(f"{own.name}: {own.reason}" for own in found.members if own.reason)]
+
+
 def _spreads(found: Population) -> dict[str, dict[str, float]]:
     """Of each body's entries, as shares of their sizes in the new description."""
-    coordinates, layout = found.coordinates, found.layout
-    n = coordinates.size
-    of_bodies = [one.kind == "inertia" for one in coordinates.reduction.variables]
-    at = np.flatnonzero(of_bodies)
-    covariance = found.covariance + np.diag(found.variance)
-    Q = np.linalg.inv(covariance[:n, :n][np.ix_(at, at)])
-    T = coordinates.to_p[:, at]
-    changed = np.flatnonzero(np.any(T != 0, axis=1))
-    sizes = np.linalg.norm(T[changed], axis=1)
-    std = sizes / np.sqrt(widest(Q, T[changed] / sizes[:, None]))
-    spreads = dict(zip(changed.tolist(), std.tolist(), strict=True))
+    reduction, p = found.coordinates.reduction, found.mean.value
+    at = [k for k, variable in enumerate(reduction.variables) if variable.kind == "inertia"]
+    Q = np.linalg.inv((found.covariance + np.diag(found.variance))[np.ix_(at, at)])
+    T = found.coordinates.to_p[:, at]
+    changed = np.any(T != 0, axis=1)
+    sizes, std = np.linalg.norm(T[changed], axis=1), np.zeros(len(T))
+    std[changed] = sizes / np.sqrt(widest(Q, T[changed] / sizes[:, None]))
     result: dict[str, dict[str, float]] = {}
-    for body in layout.bodies:
-        part = layout.body(body)
-        scale = inertia_scale(_reduced(found.robot, body, found.mean.value[part]))
-        result[body] = {
-            name: _short(spreads[part.start + k] / scale[k])
-            for k, name in enumerate(INERTIA_NAMES)
-            if part.start + k in spreads
-        }
-    return {body: own for body, own in result.items() if own}
-
-
-def _reduced(
-    robot: RobotDescription, body: str, p: Float[np.ndarray, " 10"]
-) -> Float[np.ndarray, " 10"]:
-    """A body's prior as the fit will have it."""
-    return robot.bodies[body].changed(prior=ExplicitInertia.of(p)).reduced_prior()
+    for body in found.layout.bodies:
+        part = found.layout.body(body)
+        # A body's prior as the fit will have it.
+        prior = found.robot.bodies[body].changed(prior=ExplicitInertia.of(p[part]))
+        entries = zip(
+            INERTIA_NAMES, std[part] / inertia_scale(prior.reduced_prior()), changed[part],
+            strict=True,
+        )  # fmt: skip
+        own = {name: _short(share) for name, share, is_changed in entries if is_changed}
+        result |= {body: own} if own else {}
+    return result
 
 
 def _short(value: float) -> float:
@@ -99,19 +109,52 @@ def _short(value: float) -> float:
     return float(f"{np.ceil(value / unit) * unit:.{_DIGITS + 1}g}")
 
 
-def summary(found: Population) -> Sequence[str]:
-    """The type in a few lines: robots, spreads, those that do not belong."""
-    belong = [one for one in found.members if one.belongs]
-    lines = [f"{len(found.members)} robots, {len(belong)} of the type", *found.told]
-    if found.spreads.known:
-        deviation = np.sqrt(np.diag(found.spreads.covariance))
-        for kind, log, std, there in zip(
-            found.spreads.kinds, found.spreads.log, deviation, found.spreads.there, strict=True
-        ):
-            low = np.exp(log - 1.96 * std) if there else 0.0
-            lines.append(
-                f"{kind}: robots differ by {np.exp(log):.1%} "
-                f"({low:.1%} to {np.exp(log + 1.96 * std):.1%})"
-            )
-    lines += [f"{one.name}: {one.reason}" for one in found.members if one.reason]
-    return lines
+def widest(
+    Q: Float[np.ndarray, "n n"], rows: Float[np.ndarray, "entries n"]
+) -> Float[np.ndarray, " entries"]:
+    """w of every entry."""
+    size = np.sqrt(np.diag(Q))
+    Q, rows = Q / np.outer(size, size), rows / size
+    least = float(np.linalg.eigvalsh(Q)[0])
+    Q = Q + max(_ROUNDING - least, 0.0) * np.eye(len(Q))
+    L = np.linalg.cholesky(Q)
+    of_rows = np.linalg.solve(L, rows.T)  # in which Q is 1
+    log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))
+    for t in _BARRIER:
+        for _ in range(_STEPS):
+            step = _newton(of_rows, log, float(t))
+            log, before = _inside(of_rows, log, step, float(t)), log
+            if np.max(np.abs(log - before)) < _SETTLED:
+                break
+    return np.exp(log)
+
+
+def _newton(of_rows: np.ndarray, log: np.ndarray, t: float) -> Float[np.ndarray, " entries"]:
+    """A step of log w upwards: Σ log w + t log det(1 − Σ w r rᵀ)."""
+    w = np.exp(log)
+    G = of_rows.T @ np.linalg.solve(_left(of_rows, log), of_rows)
+    slope = 1.0 - t * w * np.diag(G)
+    curved = t * (np.diag(w * np.diag(G)) + np.outer(w, w) * G**2)
+    return np.linalg.solve(curved + 1e-9 * np.eye(len(w)), slope)
+
+
+def _inside(
+    of_rows: np.ndarray, log: np.ndarray, step: np.ndarray, t: float
+) -> Float[np.ndarray, " entries"]:
+    """A share of the step that stays inside and gains."""
+    now, share = _value(of_rows, log, t), min(1.0, 3.0 / max(float(np.abs(step).max()), 1e-12))
+    for _ in range(40):
+        found = log + share * step
+        if _value(of_rows, found, t) > now:
+            return found
+        share *= 0.5
+    return log
+
+
+def _value(of_rows: np.ndarray, log: np.ndarray, t: float) -> float:
+    values = np.linalg.eigvalsh(_left(of_rows, log))
+    return float(log.sum() + t * np.log(values).sum()) if values[0] > 0 else -np.inf
+
+
+def _left(of_rows: np.ndarray, log: np.ndarray) -> np.ndarray:
+    return np.eye(len(of_rows)) - (of_rows * np.exp(log)) @ of_rows.T

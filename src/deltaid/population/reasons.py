@@ -11,20 +11,16 @@ from deltaid.population.coordinates import Coordinates
 
 # Explanations that gain so much less than the best are as good; one more coefficient costs so much.
 _CLOSE, _COST = 2.0, 4.0
+# What holds tools and loads.
+_CARRIERS = ("P", "EE")
 
 
 @dataclass(frozen=True, eq=False)
 class _Cause:
-    """Something that may be different.
+    """Something that may be different: the variables `at` of a body or joint, or all torques."""
 
-    Attributes:
-        name: 'torques', or a variable or body.
-        at: variables, if it is some.
-        found: how far the robot is off along it.
-    """
-
-    name: str
     at: tuple[int, ...]
+    owner: str
     found: Along
 
     @property
@@ -32,72 +28,59 @@ class _Cause:
         """By how much the distance falls, less the cost of its coefficients."""
         return self.found.gain - _COST * self.found.rank
 
-    def owner(self, coordinates: Coordinates) -> str:
-        """Body or joint; empty for all torques."""
-        return coordinates.reduction.variables[self.at[0]].owner if self.at else ""
-
 
 def reason(
-    one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"], naming: float
+    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"], naming: float
 ) -> str:
     """What is different in a robot that does not belong.
 
     Args:
-        one: the robot against the others.
+        robot: against the others.
         m: mean of the type.
     """
-    causes = list(_causes(one, coordinates, m))
+    causes = list(_causes(robot, coordinates, m))
     best = max(causes, key=lambda cause: cause.gain)
     close = [cause for cause in causes if cause.gain >= best.gain - _CLOSE]
-    chosen = close[-1] if best.name != "torques" else best
-    others = [cause for cause in close if cause.owner(coordinates) != chosen.owner(coordinates)]
-    text = _told(chosen, coordinates)
+    chosen = close[-1] if best.at else best
+    others = [cause for cause in close if cause.owner != chosen.owner]
+    text = _described(chosen, coordinates)
     if others:
-        text += f", or {_told(max(others, key=lambda cause: cause.gain), coordinates)}"
-    left = one.distance - chosen.found.gain
-    if one.chance(max(left, 0.0), one.rows - chosen.found.rank) < naming:
+        text += f", or {_described(max(others, key=lambda cause: cause.gain), coordinates)}"
+    left = max(robot.distance - chosen.found.gain, 0.0)
+    if robot.chance(left, robot.rows - chosen.found.rank) < naming:
         return f"it is unlike the others in more than one place, most of all {text}: another type?"
-    return f"{text}{_hint(chosen, coordinates)}"
+    if not chosen.at:
+        return f"{text}: torque constants, gear ratio or unit of torques?"
+    carried = chosen.owner in _CARRIERS
+    return text + (": another tool, or a load that is not declared?" if carried else "")
 
 
-def _causes(one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> Iterator[_Cause]:
+def _causes(
+    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]
+) -> Iterator[_Cause]:
     """Torques as a whole, single entries, and whole bodies; platform and tool last."""
-    yield _Cause("torques", (), one.along(torques(one, coordinates, m)[:, None]))
-    order = sorted(
-        (k for k in range(coordinates.size) if not coordinates.is_friction[k]),
-        key=lambda k: (coordinates.reduction.variables[k].owner in ("P", "EE"),
-                       coordinates.kinds[k] == "mass"),
-    )  # fmt: skip
-    for k in order:
-        yield _Cause(coordinates.reduction.names[k], (k,), one.along(one.H[:, [k]]))
-    for owner, at in coordinates.owners().items():
-        if len(at) > 1 and not coordinates.is_friction[at[0]]:
-            yield _Cause(owner, tuple(at), one.along(one.H[:, at]))
+    variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
+    yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
+    single = [(k,) for k in range(coordinates.size) if rigid[k]]
+    single.sort(key=lambda at: (variables[at[0]].owner in _CARRIERS,
+                                coordinates.kinds[at[0]] == "mass"))  # fmt: skip
+    bodies = [tuple(at) for at in coordinates.owners().values() if len(at) > 1 and rigid[at[0]]]
+    for at in (*single, *bodies):
+        yield _Cause(at, variables[at[0]].owner, robot.along(robot.H[:, at]))
 
 
-def _told(cause: _Cause, coordinates: Coordinates) -> str:
-    if cause.name == "torques":
-        gain, std = cause.found.values[0], cause.found.stds[0]
-        return f"its torques are {1 + gain:.3f} ± {std:.3f} times the type's"
-    z = np.abs(cause.found.values) / np.where(cause.found.stds > 0, cause.found.stds, np.inf)
-    k = int(np.argmax(z))
+def _described(cause: _Cause, coordinates: Coordinates) -> str:
+    values, stds = cause.found.values, cause.found.stds
+    if not cause.at:
+        return f"its torques are {1 + values[0]:.3f} ± {stds[0]:.3f} times the type's"
+    k = int(np.argmax(np.abs(values) / np.where(stds > 0, stds, np.inf)))
     variable, size = coordinates.reduction.variables[cause.at[k]], coordinates.sizes[cause.at[k]]
-    value, std = cause.found.values[k] * size, cause.found.stds[k] * size
-    more = "more" if value > 0 else "less"
-    return (
-        f"{variable.name} is {abs(value):.3g} ± {std:.2g} {variable.unit} {more} than in the type"
-    )
-
-
-def _hint(cause: _Cause, coordinates: Coordinates) -> str:
-    if cause.name == "torques":
-        return ": torque constants, gear ratio or unit of torques?"
-    owner = coordinates.reduction.variables[cause.at[0]].owner
-    return ": another tool, or a load that is not declared?" if owner in ("P", "EE") else ""
+    off = f"{abs(values[k]) * size:.3g} ± {stds[k] * size:.2g} {variable.unit}"
+    return f"{variable.name} is {off} {'more' if values[k] > 0 else 'less'} than in the type"
 
 
 def friction_reason(
-    one: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"], naming: float
+    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"], naming: float
 ) -> tuple[list[int], str]:
     """Variables of the joint whose friction is least like the type's, and what of it; none if all
     are alike."""
@@ -106,11 +89,10 @@ def friction_reason(
         joints.setdefault(coordinates.reduction.variables[k].owner, []).append(int(k))
     found: list[tuple[float, list[int], str]] = []
     for joint, at in joints.items():
-        own = one.along(one.H[:, at])
-        chance, values = len(joints) * one.chance(own.gain, own.rank), own.values
-        k = int(np.argmax(np.abs(values)))
-        times = 1 + values[k] / m[at[k]]
-        name = coordinates.reduction.variables[at[k]].symbol
-        found.append((chance, at, f"{name} friction of {joint} is {times:.2f} times the type's"))
+        own = robot.along(robot.H[:, at])
+        k = int(np.argmax(np.abs(own.values)))
+        times, name = 1 + own.values[k] / m[at[k]], coordinates.reduction.variables[at[k]].symbol
+        text = f"{name} friction of {joint} is {times:.2f} times the type's"
+        found.append((len(joints) * robot.chance(own.gain, own.rank), at, text))
     chance, at, text = min(found, default=(1.0, [], ""), key=lambda each: each[0])
     return (at, text) if chance < naming else ([], "")

@@ -1,9 +1,9 @@
-"""A type and its robots, as a fit leaves them."""
+"""A type and its robots, as a fit leaves them, and as tidy tables."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import polars as pl
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.parameters import ParameterLayout
@@ -15,6 +15,17 @@ from deltaid.robot.description import RobotDescription
 
 # So many names are shown at most.
 _SHOWN = 5
+_NUMBER, _TEXT = pl.Float64, pl.String
+TYPES = {
+    **dict.fromkeys(("type", "parameter"), _TEXT),
+    **dict.fromkeys(("mean", "std", "low", "high", "spread", "spread_low", "spread_high"), _NUMBER),
+    **{"unit": _TEXT, "prior": _NUMBER, "robots": pl.Int64, "told": _TEXT},
+}
+MEMBERS = {
+    **dict.fromkeys(("robot", "type", "parameter"), _TEXT),
+    **dict.fromkeys(("value", "std", "low", "high", "alone_std", "deviation"), _NUMBER),
+    **{"unit": _TEXT, "belongs": pl.Boolean, "reason": _TEXT, "chance": _NUMBER},
+}
 
 
 @dataclass(frozen=True)
@@ -42,6 +53,11 @@ class Estimates:
     value: Float[np.ndarray, " parameters"]
     std: Float[np.ndarray, " parameters"]
     half: Float[np.ndarray, " parameters"]
+
+    def entry(self, k: int, least: float) -> tuple[float, float, float, float]:
+        """Value, deviation and interval of one parameter that is `least` or more."""
+        value, half = self.value[k], self.half[k]
+        return value, self.std[k], max(value - half, least), value + half
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,30 +126,55 @@ class Population:
         return np.any(self.coordinates.to_p != 0, axis=1)
 
     @property
+    def count(self) -> int:
+        """Number of robots of the type."""
+        return sum(member.belongs for member in self.members)
+
+    @property
     def told(self) -> tuple[str, ...]:
         """What to know of it, in words."""
-        n = sum(one.belongs for one in self.members)
-        found = []
+        found, moved = [], ", ".join(self.moved[:_SHOWN])
         if not self.spreads.known:
             found.append(
-                f"{n} robot{'s' if n > 1 else ''} cannot tell how much robots differ: from "
-                f"{ENOUGH} on spreads are known; likely ones were assumed"
+                f"{self.count} robot{'s' if self.count > 1 else ''} cannot tell how much robots "
+                f"differ: from {ENOUGH} on spreads are known; likely ones were assumed"
             )
-        if len(self.members) < LEAST:
-            found.append(f"fewer than {LEAST} robots cannot tell which of them does not belong")
-        else:
+        found.append(
+            f"fewer than {LEAST} robots cannot tell which of them does not belong"
+            if len(self.members) < LEAST
+            else f"a robot that belongs is named with a chance of 1 in {round(1 / self.naming)}"
+        )
+        if len(self.moved) > _SHOWN:
+            moved += f" and {len(self.moved) - _SHOWN} more"
+        if moved:
             found.append(
-                f"a robot that belongs is named with a chance of 1 in {round(1 / self.naming)}"
-            )
-        if self.moved:
-            found.append(
-                f"no bodies have the most likely values of {_few(self.moved)}; the nearest that "
+                f"no bodies have the most likely values of {moved}; the nearest that "
                 "some have are given: the description's prior does not fit these robots"
             )
         return tuple(found)
 
 
-def _few(names: Sequence[str]) -> str:
-    """Some names, and how many there are beside."""
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+def types_table(name: str, found: Population) -> pl.DataFrame:
+    """A row a parameter that the fit may change: the type's mean, and the spread between robots,
+    null where it cannot be known."""
+    rows, told = [], "; ".join(found.told)
+    for k in np.flatnonzero(found.free).tolist():
+        own = found.layout.parameters[k]
+        spread = (found.spread[k], found.spread_low[k], found.spread_high[k])
+        known = (float(x) if np.isfinite(x) else None for x in spread)
+        mean = found.mean.entry(k, own.low)
+        rows.append((name, own.name, *mean, *known, own.unit, own.prior, found.count, told))
+    return pl.DataFrame(rows, schema=TYPES, orient="row")
+
+
+def members_table(name: str, found: Population) -> pl.DataFrame:
+    """A row a robot and parameter; of robots that do not belong by themselves alone."""
+    rows, free = [], np.flatnonzero(found.free).tolist()
+    for robot in found.members:
+        for k in free:
+            own, value = found.layout.parameters[k], robot.within.value[k]
+            rows.append(
+                (robot.name, name, own.name, *robot.within.entry(k, own.low), robot.alone_std[k],
+                 value - found.mean.value[k], own.unit, robot.belongs, robot.reason, robot.chance)
+            )  # fmt: skip
+    return pl.DataFrame(rows, schema=MEMBERS, orient="row")

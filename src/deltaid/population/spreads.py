@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import minimize
 
 from deltaid.population.coordinates import KINDS, VAGUE, Coordinates
@@ -19,6 +19,10 @@ _THERE = 1.92
 _LIKELY_OFF = 0.5
 # From so many robots on their spreads can be known.
 ENOUGH = 3
+# Draws of the spreads, in pairs.
+_DRAWS = 16
+# Half the width of a normal 95 % interval in standard deviations.
+NORMAL = 1.959964
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,7 @@ class Spreads:
 
     Attributes:
         kinds: what has one.
+        at: place of the kind of each of u; −1 of what has none.
         log: logarithms of the most likely.
         covariance: of these logarithms.
         known: whether there are robots enough to know them.
@@ -34,6 +39,7 @@ class Spreads:
     """
 
     kinds: tuple[str, ...]
+    at: Int[np.ndarray, " u"]
     log: Float[np.ndarray, " kinds"]
     covariance: Float[np.ndarray, "kinds kinds"]
     known: bool
@@ -44,9 +50,18 @@ class Spreads:
         """Degrees of freedom of a spread's square: its logarithm has the variance 1 / 2ν."""
         return float(0.5 / np.mean(np.diag(self.covariance)))
 
-    def of_unknown_sizes(
-        self, coordinates: Coordinates, covariance: Float[np.ndarray, "u u"]
-    ) -> "Spreads":
+    def variance(self, log: np.ndarray | None = None) -> Float[np.ndarray, " u"]:
+        """S."""
+        own = np.exp(2 * (self.log if log is None else log))
+        return np.where(self.at >= 0, own[self.at], 0.0)
+
+    def draws(self) -> list[Float[np.ndarray, " kinds"]]:
+        """Logarithms of spreads as likely as not, in pairs about the most likely."""
+        z = np.random.default_rng(0).standard_normal((_DRAWS // 2, len(self.log)))
+        away = z @ np.linalg.cholesky(self.covariance).T
+        return [self.log + sign * step for step in away for sign in (1.0, -1.0)]
+
+    def of_unknown_sizes(self, covariance: Float[np.ndarray, "u u"]) -> "Spreads":
         """With intervals that know that spreads are shares of sizes which are not known well.
 
         What is off of one size is off of a kind's spread by a part, as many as it has entries.
@@ -54,26 +69,34 @@ class Spreads:
         Args:
             covariance: of the mean, in sizes.
         """
-        at = coordinates.kind_of()
         off = np.minimum(np.diag(covariance), _LIKELY_OFF**2)
-        more = [off[at == k].mean() / np.sum(at == k) for k in range(len(self.kinds))]
-        return replace(self, covariance=self.covariance + np.diag(more))
+        own = [off[self.at == k] for k in range(len(self.kinds))]
+        more = np.diag([part.mean() / len(part) for part in own])
+        return replace(self, covariance=self.covariance + more)
 
-    def variance(
-        self, coordinates: Coordinates, log: np.ndarray | None = None
-    ) -> Float[np.ndarray, " u"]:
-        """S."""
-        own = np.exp(2 * (self.log if log is None else log))
-        at = coordinates.kind_of()
-        return np.where(at >= 0, own[at], 0.0)
+    def of_parameters(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Spread of each of T u between robots, with its interval; NaN where it cannot be known.
+
+        The lower end is zero where robots do not show that they differ.
+        """
+        nothing = np.full(len(T), np.nan)
+        if not self.known:
+            return nothing, nothing, nothing
+        members = self.at[:, None] == np.arange(len(self.kinds))
+        parts = T**2 @ (members * self.variance()[:, None])
+        total = parts.sum(axis=1)
+        shares = parts / np.where(total > 0, total, 1.0)[:, None]
+        deviation = np.sqrt(np.einsum("pk,kl,pl->p", shares, self.covariance, shares))
+        spread = np.sqrt(total)
+        low = spread * np.exp(-NORMAL * deviation) * (shares @ self.there > 0.5)
+        return spread, low, spread * np.exp(NORMAL * deviation)
 
 
 def prior_spreads(coordinates: Coordinates) -> Spreads:
     """What spreads are likely to be before any robot is seen."""
-    kinds = coordinates.present
-    log = np.log([KINDS[kind] for kind in kinds])
-    n = len(kinds)
-    return Spreads(kinds, log, VAGUE**2 * np.eye(n), False, np.zeros(n, dtype=bool))
+    kinds, at = coordinates.present, coordinates.kind_of()
+    log, n = np.log([KINDS[kind] for kind in kinds]), len(kinds)
+    return Spreads(kinds, at, log, VAGUE**2 * np.eye(n), False, np.zeros(n, dtype=bool))
 
 
 def fitted_spreads(rows: Rows, coordinates: Coordinates, start: Spreads | None = None) -> Spreads:
@@ -81,36 +104,26 @@ def fitted_spreads(rows: Rows, coordinates: Coordinates, start: Spreads | None =
     before = prior_spreads(coordinates)
     if rows.counts.sum() < ENOUGH:
         return before
-    at, centre = coordinates.kind_of(), before.log
 
-    def posterior(log: np.ndarray) -> tuple[float, np.ndarray, Mean]:
-        found = mean(
-            rows, before.variance(coordinates, log), coordinates.precision, coordinates.prior
-        )
-        away = (log - centre) / VAGUE
-        gained = slope(rows, found, at) - away / VAGUE
-        return found.evidence - 0.5 * float(away @ away), gained, found
+    def type_mean(log: np.ndarray) -> Mean:
+        return mean(rows, before.variance(log), coordinates.precision, coordinates.prior)
 
     def falling(log: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gained, _ = posterior(log)
-        return -value, -gained
+        """Minus the logarithm of the posterior, and its slope."""
+        found, away = type_mean(log), (log - before.log) / VAGUE
+        gained = slope(rows, found, before.at) - away / VAGUE
+        return 0.5 * float(away @ away) - found.evidence, -gained
 
     first = (start or before).log
     bounds = [(np.log(_LEAST), np.log(_MOST))] * len(first)
     done = minimize(falling, first, jac=True, method="L-BFGS-B", bounds=bounds,
                     options={"maxiter": 60, "ftol": 1e-9})  # fmt: skip
     log = np.asarray(done.x)
-    top, _, _ = posterior(log)
-    n, H, there = len(log), np.zeros((len(log), len(log))), np.zeros(len(log), dtype=bool)
-    for k in range(n):
-        step = _STEP * np.eye(n)[k]
-        H[k] = (posterior(log - step)[1] - posterior(log + step)[1]) / (2 * _STEP)
-        none = log.copy()
-        none[k] = np.log(_LEAST)
-        away = (
-            0.5 * ((none[k] - centre[k]) / VAGUE) ** 2 - 0.5 * ((log[k] - centre[k]) / VAGUE) ** 2
-        )
-        there[k] = top - (posterior(none)[0] + away) > _THERE
-    values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+    steps, top = np.eye(len(log)), type_mean(log).evidence
+    H = np.array([falling(log + _STEP * e)[1] - falling(log - _STEP * e)[1] for e in steps])
+    none = [np.where(e > 0, np.log(_LEAST), log) for e in steps]
+    there = np.array([top - type_mean(other).evidence > _THERE for other in none])
+    values, vectors = np.linalg.eigh((H + H.T) / (4 * _STEP))
     values = np.maximum(values, VAGUE**-2)
-    return Spreads(before.kinds, log, (vectors / values) @ vectors.T, True, there)
+    covariance = (vectors / values) @ vectors.T
+    return replace(before, log=log, covariance=covariance, known=True, there=there)
