@@ -30,10 +30,9 @@ class Groups:
     """Many groups, packed as a file holds them; each is unpacked when it is asked for.
 
     Attributes:
-        names: of the groups.
+        names, samples, torque_max: of the groups.
         sizes: of each drive's triangles.
         packed: upper triangles row by row, one drive after the other.
-        samples, torque_max: as of `Group`.
     """
 
     names: tuple[str, ...]

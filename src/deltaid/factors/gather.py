@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
@@ -153,8 +153,8 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
 def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
     """A recording's factors over gathered columns."""
     rows = MeasuredRows(columns.regressor)
-    lattice = _Lattice.over(columns.dynamics.robot, recording.log.reach)
-    places = Places(lattice.box, rows.dof, len(rows.active) + 1, lattice.parts)
+    box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
+    places = Places(box, rows.dof, len(rows.active) + 1, parts)
     at = np.searchsorted(rows.active, columns.kept)
     drives, entries = rows.regressor_pattern
     felt = tuple(
@@ -168,8 +168,12 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
         factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
         return Group(name, tuple(factors), part.samples, part.torque_max)
 
+    def place(name: str, sums: np.ndarray) -> Group:
+        factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, with_tau, strict=True))
+        return Group(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof))
+
     stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
-    visited = _by_place(places.sums, with_tau, lattice, place_count)
+    visited = [place(*visited) for visited in _by_place(places.sums, names, place_count)]
     whole = group("whole", merge(blocks))
     return Condensed(tuple(columns.place), felt, whole, Groups.of([*stretches, *visited]))
 
@@ -201,68 +205,41 @@ def _counts(sizes: Sequence[int]) -> tuple[int, int]:
     return max(min(_STRETCHES, room - places), 2), places
 
 
-@dataclass(frozen=True, eq=False)
-class _Lattice:
-    """Cells of the workspace that are the same in all recordings of a robot, halved until they are
-    a third of a recording's range or less; those that it reaches.
+def _cells(
+    robot: RobotDescription, reach: Float[np.ndarray, "2 3"]
+) -> tuple[Float[np.ndarray, "2 3"], tuple[int, int, int], list[str]]:
+    """Cells of the workspace that a recording reaches: their box [m], how many there are along each
+    axis, and names.
 
-    Attributes:
-        low: corner of the workspace [m].
-        size: of a cell [m].
-        halvings: how often each axis of the workspace's third was halved.
-        first, parts: cells that the recording reaches along each axis.
+    They are the workspace's thirds, halved until they are a third of the recording's range or less,
+    so that recordings of the same robot share cells and their names.
     """
-
-    low: Float[np.ndarray, " 3"]
-    size: Float[np.ndarray, " 3"]
-    halvings: Int[np.ndarray, " 3"]
-    first: Int[np.ndarray, " 3"]
-    parts: tuple[int, int, int]
-
-    @classmethod
-    def over(cls, robot: RobotDescription, reach: Float[np.ndarray, "2 3"]) -> "_Lattice":
-        low, high = robot.workspace.bounding_box
-        whole = np.maximum(high - low, 1e-9)
-        times = whole / np.clip(reach[1] - reach[0], 1e-3 * whole, whole)
-        halvings = np.floor(np.log2(times)).astype(int)
-        size = whole / (_PARTS * 2.0**halvings)
-        first = np.floor((reach[0] - low) / size).astype(int)
-        last = np.ceil((reach[1] - low) / size).astype(int)
-        x, y, z = np.maximum(last - first, 1).tolist()
-        return cls(low, size, halvings, first, (x, y, z))
-
-    @property
-    def box(self) -> Float[np.ndarray, "2 3"]:
-        return self.low + np.stack([self.first, self.first + self.parts]) * self.size
-
-    def name(self, number: int) -> str:
-        """The same in every recording that has cells of its size."""
-        x, y, _ = self.parts
-        own = self.first + np.array([number % x, number // x % y, number // (x * y)])
-        return f"place {'.'.join(map(str, self.halvings))}:{'.'.join(map(str, own))}"
+    low, high = robot.workspace.bounding_box
+    whole = np.maximum(high - low, 1e-9)
+    times = whole / np.clip(reach[1] - reach[0], 1e-3 * whole, whole)
+    halvings = np.floor(np.log2(times)).astype(int)
+    size = whole / (_PARTS * 2.0**halvings)
+    first = np.floor((reach[0] - low) / size).astype(int)
+    last = np.maximum(np.ceil((reach[1] - low) / size).astype(int), first + 1)
+    x, y, z = (last - first).tolist()
+    cells = first + np.array(list(np.ndindex(z, y, x)))[:, ::-1]
+    kind = ".".join(map(str, halvings))
+    names = [f"place {kind}:{'.'.join(map(str, cell))}" for cell in cells]
+    return low + np.stack([first, last]) * size, (x, y, z), names
 
 
 def _by_place(
-    sums: Float[np.ndarray, "places drives augmented augmented"],
-    at: Sequence[np.ndarray],
-    lattice: _Lattice,
-    count: int,
-) -> list[Group]:
+    sums: Float[np.ndarray, "places drives augmented augmented"], names: list[str], count: int
+) -> Iterator[tuple[str, np.ndarray]]:
     """The places that are visited most, and one for all others; so many at most."""
     weight = np.einsum("pijj->p", sums)
     visited = np.flatnonzero(weight > 0)
     visited = visited[np.argsort(-weight[visited], kind="stable")]
     often, rest = visited[: count - 1], visited[count - 1 :]
-    named = [(lattice.name(int(k)), sums[k]) for k in np.sort(often)]
+    for k in sorted(often.tolist()):
+        yield names[k], sums[k]
     if rest.size:
-        named.append(("place elsewhere", sums[rest].sum(axis=0)))
-    none = np.zeros(len(at))
-
-    def group(name: str, sums: np.ndarray) -> Group:
-        factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, at, strict=True))
-        return Group(name, tuple(factors), none, none)
-
-    return [group(name, sums) for name, sums in named]
+        yield "place elsewhere", sums[rest].sum(axis=0)
 
 
 def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:

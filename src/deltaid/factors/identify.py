@@ -1,32 +1,40 @@
-"""`identify` and `validate` from factor files, without their recordings."""
+"""`identify` and `validate` from factor files, without their recordings: what these said by
+themselves as they were gathered is said of all of them together."""
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
+from statistics import median
 
 import numpy as np
 
 from deltaid.check.identified import Judged
 from deltaid.check.verdicts import Verdicts
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.errors import RecordingError
 from deltaid.estimation.information import Information
-from deltaid.factors.corrections import (
-    corrections,
-    prepared,
-    remarks,
-    torque_constants,
-    verdicts,
-)
 from deltaid.factors.file import FactorFile
 from deltaid.factors.keys import require_alike
-from deltaid.factors.merged import fitted, holding, merged, merging_of
+from deltaid.factors.merged import fitted, holding, merged, merging_of, ordered
 from deltaid.identification.assembled import assembled
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import found_loads, known_load
 from deltaid.identification.torque_error import TorqueError
+from deltaid.model.corrections import Correction
 from deltaid.model.model import ModelLike, load
 from deltaid.model.record import Settings
+from deltaid.model.verdict import KEYS, Grade, Verdict
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction
+from deltaid.robot.friction_text import written
 from deltaid.robot.load import RobotLike, described
+
+# What a fit to all recordings says for itself, and `_torque_constants`.
+_OF_FIT = ("friction", "prior", "load", "gain")
+# Terms with constants of their own beside the coefficient.
+_CURVED = {"power": ("exponent",), "stribeck": ("speed", "exponent"), "hess_soom": ("speed",)}
 
 
 def identify_gathered(
@@ -49,7 +57,7 @@ def identify_gathered(
     """
     settings, description = settings or Settings(), described(robot)
     files, chosen = prepared(files, description, settings)
-    gains = torque_constants(files)
+    gains = _torque_constants(files)
     problem = fitted(files, chosen, settings)
     judged = judged_parameters(freed(problem))
     model = assembled(
@@ -58,11 +66,11 @@ def identify_gathered(
         _torque_errors(problem.information, problem.values, files),
         judged,
         loads=found_loads(problem.additions, judged[len(problem.p) :], holding(files)),
-        corrections=corrections(description, chosen, files),
+        corrections=[*_corrections(description, chosen, files), *gains],
         sources=tuple(file.record.model.sources[0] for file in files),
-        remarks=remarks(files, gains),
+        remarks=_remarks(files, gains),
     )
-    return Judged(model, problem, (), (), Verdicts(verdicts(files)))
+    return Judged(model, problem, (), (), Verdicts(_verdicts(files)))
 
 
 def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
@@ -77,14 +85,13 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
     known = load(model)
     require_alike([file], known.robot)
     merging = merging_of([file], known.robot, Settings())
-    more = [
-        known_load(own, known, file.where) - own.taken
-        if isinstance(own, LoadColumns) and own.parameters
-        else np.zeros(len(own.parameters))
+    loads = {
+        own.load.name: known_load(own, known, file.where)
         for own in merging.additions
-    ]
+        if isinstance(own, LoadColumns) and own.parameters
+    }
     information = merged(merging, [file]).information
-    return _torque_errors(information, np.concatenate([known.p, *more]), [file])
+    return _torque_errors(information, np.append(known.p, merging.of_loads(loads)), [file])
 
 
 def _torque_errors(
@@ -109,3 +116,139 @@ def _torque_errors(
         cutoff=files[0].record.model.sources[0].cutoff_hz,
         fastest=np.max([file.record.fastest for file in files], axis=0),
     )
+
+
+def prepared(
+    files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
+) -> tuple[list[FactorFile], RobotDescription]:
+    """Files of a robot in an order of their own, and the robot with the friction laws to fit: those
+    of the description, or joint by joint what most of its recordings asked for.
+
+    Of as many recordings the simpler law is taken. Constants of its terms, such as Stribeck's
+    speed, are the medians over the recordings that asked for it.
+
+    Raises:
+        RecordingError: files do not go together, or not with the robot.
+    """
+    require_alike(files, robot)
+    files = ordered(files)
+    if settings.friction != "choose":
+        return files, robot
+    asked = [file.record.model.robot.friction for file in files]
+    laws = {
+        joint: _usual([laws[joint] for laws in asked])
+        for joint in robot.friction
+        if all(joint in laws for laws in asked)
+    }
+    return files, robot.changed(friction=dict(robot.friction) | laws)
+
+
+def _usual(laws: Sequence[Friction]) -> Friction:
+    """The law that is asked for most."""
+    kinds = Counter(_terms(law) for law in laws)
+    terms = min(kinds, key=lambda kind: (-kinds[kind], len(kind), kind))
+    own = [law for law in laws if _terms(law) == terms]
+    found = min(own, key=lambda law: law.model_dump_json())
+    for term in set(_CURVED).intersection(terms):
+        values = {
+            name: median(getattr(getattr(law, term), name) for law in own) for name in _CURVED[term]
+        }
+        found = found.changed(**{term: getattr(found, term).changed(**values)})
+    return found
+
+
+def _terms(law: Friction) -> tuple[str, ...]:
+    return tuple(name for name, value in law if value is not None)
+
+
+def _verdicts(files: Sequence[FactorFile]) -> list[Verdict]:
+    """Verdicts on recordings; of several each says which, and none what it does not show of the
+    parameters, for another may."""
+    several, found = len(files) > 1, list[Verdict]()
+    for file in files:
+        for known in file.record.verdicts:
+            if not several or known.key not in KEYS["the information"]:
+                parts = (file.record.log if several else "", known.subject)
+                subject = ": ".join(part for part in parts if part)
+                found.append(replace(Verdict(**known.model_dump()), subject=subject))
+    return found
+
+
+def _remarks(files: Sequence[FactorFile], gains: Sequence[Correction]) -> list[str]:
+    """Verdicts that are not good, warnings of the survey, and what factor files do not hold."""
+    said = [verdict.sentence for verdict in _verdicts(files) if verdict.grade is not Grade.GOOD]
+    for file in files:
+        said += file.record.warnings
+        if file.record.model.sensors:
+            names = ", ".join(sensor.name for sensor in file.record.model.sensors)
+            said.append(
+                f"{file.record.log}: factor files hold torques alone, so what {names} showed is "
+                "not in this fit; identify the recording itself to have it"
+            )
+    said += [
+        f"the torque constant of {gain.subject} was put right as recordings were gathered and "
+        "counts as known here: intervals leave its own out"
+        for gain in gains
+    ]
+    return said
+
+
+def _corrections(
+    described: RobotDescription, chosen: RobotDescription, files: Sequence[FactorFile]
+) -> list[Correction]:
+    """Those of each recording, and friction laws that most of them asked for."""
+    found = [
+        own if own.log else own.changed(log=file.record.log)
+        for file in files
+        for own in file.record.model.corrections
+        if own.kind not in _OF_FIT
+    ]
+    for joint, law in chosen.friction.items():
+        if law != described.friction[joint]:
+            asked = [_terms(file.record.model.robot.friction[joint]) for file in files]
+            text = (
+                f"the law is now {written(law)}, no longer {written(described.friction[joint])}: "
+                f"{asked.count(_terms(law))} of {len(files)} recordings ask for its terms by "
+                "themselves"
+            )
+            found.append(Correction(kind="friction", subject=joint, text=text))
+    return found
+
+
+def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
+    """Torque constants that were corrected in all recordings alike; of each the surest.
+
+    Raises:
+        RecordingError: in some and not in others, or by factors that exclude each other.
+    """
+    gains: dict[str, list[tuple[FactorFile, Correction]]] = {}
+    for file in files:
+        for own in file.record.model.corrections:
+            if own.kind == "gain":
+                gains.setdefault(own.subject, []).append((file, own))
+    surest = list[Correction]()
+    for drive, found in sorted(gains.items()):
+        (first, gain), *others = found
+        how = [
+            f"by {gain.value:.4g}, and in {file.where} by {own.value:.4g}"
+            for file, own in others
+            if _exclude(gain, own)
+        ]
+        corrected = [file for file, _ in found]
+        how += [f"and in {file.where} it was not" for file in files if file not in corrected]
+        if how:
+            raise RecordingError(
+                f"the torque constant of {drive} was put right in this recording, {how[-1]}",
+                where=first.where,
+                cure="identify the recordings themselves together, or write the constant into the "
+                "description and gather them again",
+            )
+        surest.append(min((x for _, x in found), key=lambda x: (x.high or 0.0) - (x.low or 0.0)))
+    return surest
+
+
+def _exclude(one: Correction, other: Correction) -> bool:
+    """Whether their intervals have nothing in common."""
+    if None in (one.low, one.high, other.low, other.high):
+        return one.value != other.value
+    return (one.high or 0.0) < (other.low or 0.0) or (other.high or 0.0) < (one.low or 0.0)

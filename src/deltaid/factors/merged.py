@@ -1,6 +1,6 @@
 """Recordings of one robot together, from their factors: what a fit is posed from, and the fit."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -67,11 +67,6 @@ class Merging:
     additions: tuple[Addition, ...] = ()
 
     @cached_property
-    def map(self) -> Float[np.ndarray, "kept columns"]:
-        """From gathered columns to those of the fit that are not always zero."""
-        return self._map[:, self.active]
-
-    @cached_property
     def active(self) -> Int[np.ndarray, " columns"]:
         """Which columns of the fit are not always zero."""
         return np.flatnonzero(np.any(self._map != 0.0, axis=0))
@@ -132,26 +127,28 @@ class Merging:
     def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
         """V with [Y, τ] = R V of a drive's factors R, and places of its columns of this recording
         alone."""
+        place = self.columns.place
         names = [file.condensed.names[k] for k in file.condensed.felt[drive]]
         view = np.zeros((len(names) + 1, len(self.active) + 1))
-        view[-1, -1] = 1.0
-        wide, place = np.column_stack([self.map, self._put_back(file)]), self.columns.place
-        for k, name in enumerate(names):
+        for row, name in zip(view, names, strict=False):
             if name in place:
-                view[k] = wide[place[name]]
+                row[:-1] = self._map[place[name], self.active]
+        taken = {held.load.name: np.array(held.taken) for held in file.record.loads}
+        own = np.zeros(len(self.dynamics.layout.names))
+        view[:, -1] = view[:, :-1] @ np.append(own, self.of_loads(taken))[self.active]
+        view[-1, -1] = 1.0
         return view, {name: k for k, name in enumerate(names) if name not in place}
 
-    def _put_back(self, file: FactorFile) -> Float[np.ndarray, " kept"]:
-        """Loads that were taken out of the torques less those that the fit takes out."""
-        place, back = self.columns.place, np.zeros(len(self.columns.place))
-        taken = {held.load.name: np.array(held.taken) for held in file.record.loads}
-        for load in self.additions:
-            if isinstance(load, LoadColumns) and load.load.name in taken and load.parameters:
-                more = taken[load.load.name] - load.taken
-                for parameter, value in zip(load.parameters, more.tolist(), strict=True):
-                    if parameter.name in place:
-                        back[place[parameter.name]] = value
-        return back
+    def of_loads(self, known: Mapping[str, Float[np.ndarray, " 10"]]) -> Float[np.ndarray, " _"]:
+        """Values of the additions: of known loads less what has been taken out already; zero of all
+        others."""
+        values = [
+            known[own.load.name] - own.taken
+            if isinstance(own, LoadColumns) and own.parameters and own.load.name in known
+            else np.zeros(len(own.parameters))
+            for own in self.additions
+        ]
+        return np.concatenate([np.zeros(0), *values])
 
 
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:

@@ -143,9 +143,8 @@ class Sorted:
     """Robots of which some belong to a type, and what is known of the type from these.
 
     Attributes:
-        rows: with those that belong marked; behind those of robots there may be what belongs
-            always.
         freedom: of each robot's noise.
+        rows: with those that belong marked; behind the robots' what belongs always.
         spreads, mean: of those that belong.
         chances: how often a robot that belongs is as far from the others as each.
     """

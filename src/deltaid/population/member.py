@@ -15,8 +15,8 @@ from scipy.linalg import solve_triangular
 
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
-from deltaid.factors.corrections import prepared
 from deltaid.factors.file import FactorFile
+from deltaid.factors.identify import prepared
 from deltaid.factors.merged import fitted
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.record import Settings

@@ -130,13 +130,10 @@ def slope(rows: Rows, found: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.nda
     for _, part in rows.parts():
         A, c, _ = part.whitened(s)
         AA = np.swapaxes(A, 1, 2) @ A
-        d = s * np.einsum("rnu,rn->ru", A, c - A @ m)
-        T = s[:, None] * AA
-        diagonal = np.einsum("ruu->ru", AA)
-        var = s - s**2 * diagonal + np.einsum("ruv,ruv->ru", T @ covariance, T)
-        share = (d**2 + var) / np.where(s > 0, s, 1.0) - 1.0
-        valid = part.counts[:, None] & (part.extra == 0) & (s > 0)
-        gained += np.where(valid, share, 0.0).sum(axis=0)
+        # E δ² / s² − 1 over s
+        share = np.einsum("rnu,rn->ru", A, c - A @ m) ** 2 - np.einsum("ruu->ru", AA)
+        share += np.einsum("ruv,ruv->ru", AA @ covariance, AA)
+        gained += s * np.sum(share * (part.counts[:, None] & (part.extra == 0)), axis=0)
     return np.array([gained[kinds == k].sum() for k in range(kinds.max() + 1)])
 
 

@@ -21,7 +21,6 @@ from deltaid.population.member import unmeasured
 from deltaid.population.result import Population
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import INERTIA_NAMES
 from deltaid.robot.load import save_yaml
 
 # Digits of a spread: three.
@@ -90,16 +89,13 @@ def _spreads(found: Population) -> dict[str, dict[str, float]]:
     sizes, std = np.linalg.norm(T[changed], axis=1), np.zeros(len(T))
     std[changed] = sizes / np.sqrt(widest(Q, T[changed] / sizes[:, None]))
     result: dict[str, dict[str, float]] = {}
-    for body in found.layout.bodies:
+    for k in np.flatnonzero(changed).tolist():
+        body, _, symbol = found.layout.names[k].partition(".")
         part = found.layout.body(body)
         # A body's prior as the fit will have it.
         prior = found.robot.bodies[body].changed(prior=ExplicitInertia.of(p[part]))
-        entries = zip(
-            INERTIA_NAMES, std[part] / inertia_scale(prior.reduced_prior()), changed[part],
-            strict=True,
-        )  # fmt: skip
-        own = {name: _short(share) for name, share, is_changed in entries if is_changed}
-        result |= {body: own} if own else {}
+        share = std[k] / inertia_scale(prior.reduced_prior())[k - part.start]
+        result.setdefault(body, {})[symbol] = _short(share)
     return result
 
 
@@ -120,11 +116,15 @@ def widest(
     L = np.linalg.cholesky(Q)
     of_rows = np.linalg.solve(L, rows.T)  # in which Q is 1
     log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))
-    for t in _BARRIER:
+    for t in _BARRIER.tolist():
         for _ in range(_STEPS):
-            step = _newton(of_rows, log, float(t))
-            log, before = _inside(of_rows, log, step, float(t)), log
-            if np.max(np.abs(log - before)) < _SETTLED:
+            step, now = _newton(of_rows, log, t), _value(of_rows, log, t)
+            size = max(float(np.abs(step).max()), 1e-12)
+            shares = min(1.0, 3.0 / size) * 0.5 ** np.arange(40)
+            gaining = (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now)
+            share = next(gaining, 0.0)
+            log = log + share * step
+            if share * size < _SETTLED:
                 break
     return np.exp(log)
 
@@ -136,19 +136,6 @@ def _newton(of_rows: np.ndarray, log: np.ndarray, t: float) -> Float[np.ndarray,
     slope = 1.0 - t * w * np.diag(G)
     curved = t * (np.diag(w * np.diag(G)) + np.outer(w, w) * G**2)
     return np.linalg.solve(curved + 1e-9 * np.eye(len(w)), slope)
-
-
-def _inside(
-    of_rows: np.ndarray, log: np.ndarray, step: np.ndarray, t: float
-) -> Float[np.ndarray, " entries"]:
-    """A share of the step that stays inside and gains."""
-    now, share = _value(of_rows, log, t), min(1.0, 3.0 / max(float(np.abs(step).max()), 1e-12))
-    for _ in range(40):
-        found = log + share * step
-        if _value(of_rows, found, t) > now:
-            return found
-        share *= 0.5
-    return log
 
 
 def _value(of_rows: np.ndarray, log: np.ndarray, t: float) -> float:

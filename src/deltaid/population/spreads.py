@@ -62,12 +62,9 @@ class Spreads:
         return [self.log + sign * step for step in away for sign in (1.0, -1.0)]
 
     def of_unknown_sizes(self, covariance: Float[np.ndarray, "u u"]) -> "Spreads":
-        """With intervals that know that spreads are shares of sizes which are not known well.
+        """With intervals that know that spreads are shares of sizes, whose covariance is given.
 
         What is off of one size is off of a kind's spread by a part, as many as it has entries.
-
-        Args:
-            covariance: of the mean, in sizes.
         """
         off = np.minimum(np.diag(covariance), _LIKELY_OFF**2)
         own = [off[self.at == k] for k in range(len(self.kinds))]
