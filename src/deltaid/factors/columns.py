@@ -131,43 +131,39 @@ def map_to(
         dynamics: of the same mechanism.
         additions: loads that were gathered, and constants of the robot's laws.
     """
-    layout, plain_names = dynamics.layout, columns.dynamics.layout.names
-    T = np.zeros((len(columns.place), len(layout.names)))
+    plain_names, place = columns.dynamics.layout.names, columns.place
+    shares: dict[str, dict[str, float]] = {}
     for group in columns.base.groups:
-        row = columns.place.get(plain_names[group.representative])
-        if row is not None:  # friction has columns of its own
-            for member, share in {group.representative: 1.0, **group.members}.items():
-                T[row, layout.names.index(plain_names[member])] = share
-    for k, term in enumerate(dynamics.robot.friction_terms, layout.friction.start):
-        T[:, k] = _friction(columns, term, term.values)
-    return np.hstack([T, *(_of_addition(columns, addition) for addition in additions)])
+        representative = plain_names[group.representative]
+        for member, share in {group.representative: 1.0, **group.members}.items():
+            shares.setdefault(plain_names[member], {})[representative] = share
+    for term in dynamics.robot.friction_terms:
+        shares[term.name] = _friction(columns, term, term.values)
+    every = [shares.get(name, {}) for name in dynamics.layout.names]
+    for own in additions:
+        if isinstance(own, LawConstants):
+            slopes = ((term, partial(_slope, term, constant)) for term, constant in own.constants)
+            every += [_friction(columns, term, slope) for term, slope in slopes]
+        else:
+            every += [{parameter.name: 1.0} for parameter in own.parameters]
+    T = np.zeros((len(place), len(every)))
+    for k, combination in enumerate(every):
+        for name, share in combination.items():
+            if name in place:  # others have no effect on torques
+                T[place[name], k] = share
+    return T
 
 
 def _friction(
     columns: GatheredColumns, term: FrictionTerm, h: Callable[[np.ndarray], np.ndarray]
-) -> Float[np.ndarray, " kept"]:
-    """Friction h(v) in a term's joint, or its share of the load."""
-    found, place = np.zeros(len(columns.place)), columns.place
+) -> dict[str, float]:
+    """Friction h(v) in a term's joint, or its share of the load, in gathered columns."""
     if term.of_load:
-        found[place[f"carried.{term.joint}"]] = 1.0
-        return found
+        return {f"carried.{term.joint}": 1.0}
     speeds = (own for own in columns.additions if isinstance(own, SpeedColumns))
     own = next(own for own in speeds if own.name == term.joint)
-    found[[place[parameter.name] for parameter in own.parameters]] = own.following(h)
-    return found
-
-
-def _of_addition(columns: GatheredColumns, addition: Addition) -> Float[np.ndarray, "kept own"]:
-    """The columns of an addition; those that no torque shows are zero."""
-    T = np.zeros((len(columns.place), len(addition.parameters)))
-    if isinstance(addition, LawConstants):
-        for k, (term, constant) in enumerate(addition.constants):
-            T[:, k] = _friction(columns, term, partial(_slope, term, constant))
-        return T
-    for k, parameter in enumerate(addition.parameters):
-        if parameter.name in columns.place:
-            T[columns.place[parameter.name], k] = 1.0
-    return T
+    names = (parameter.name for parameter in own.parameters)
+    return dict(zip(names, own.following(h).tolist(), strict=True))
 
 
 def _slope(term: FrictionTerm, constant: str, v: np.ndarray) -> np.ndarray:
