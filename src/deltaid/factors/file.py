@@ -125,27 +125,22 @@ def _record(text: str | None, where: str) -> FactorRecord:
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
-    drives, parts = list(range(len(record.felt))), dict[str, Groups]()
-    grouped = table.group_by("group", maintain_order=True).agg("drive")
-    if any(rows != drives for rows in grouped["drive"].to_list()):
+    drives, more = len(record.felt), len(record.quantities)
+    apart, names = ["whole", "geometry"][: 1 + bool(more)], table["group"].to_list()[::drives]
+    rows = [(name, i) for name in names for i in range(drives)]
+    whole_file = names[: len(apart)] == apart and len(names) > len(apart)
+    if not whole_file or table.select("group", "drive").rows() != rows:
         raise _refusal("has lost some of its rows", where)
-    group = pl.col("group")
-    kinds = {
-        "whole": group == "whole",
-        "geometry": group == "geometry",
-        "groups": ~group.is_in(["whole", "geometry"]),
-    }
-    for kind, rows in kinds.items():
-        if len(part := table.filter(rows)):
-            more = len(record.quantities) if kind == "geometry" else 0
-            sizes = tuple(len(own) + 1 + more for own in record.felt)
-            column = "exact" if kind == "whole" else "rounded"
-            parts[kind] = _groups(part, sizes, column, where)
-    if {*parts} != {"whole", "groups", *(["geometry"] if record.quantities else [])}:
-        raise _refusal("has lost some of its rows", where)
-    felt = tuple(np.array(own, dtype=int) for own in record.felt)
-    (whole,), geometry = parts["whole"], next(iter(parts.get("geometry", ())), None)
-    return Condensed(record.names, felt, whole, parts["groups"], geometry)
+    whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(apart)))
+    sizes = tuple(len(own) + 1 for own in record.felt)
+    wide = tuple(n + more for n in sizes)
+    return Condensed(
+        record.names,
+        tuple(np.array(own, dtype=int) for own in record.felt),
+        next(iter(_groups(whole[:drives], sizes, "exact", where))),
+        _groups(rest, sizes, "rounded", where),
+        next(iter(_groups(geometry[:drives], wide, "rounded", where))) if more else None,
+    )
 
 
 def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str, where: str) -> Groups:

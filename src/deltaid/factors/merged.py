@@ -34,13 +34,8 @@ Rows = Float[np.ndarray, "_ _"]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A recording's part of a fit.
-
-    Attributes:
-        information: all of it, and what is known of its lags.
-        stretches: of time, in order; or all in one.
-        places: [Y, τ]ᵀ[Y, τ] of each drive, place by place.
-    """
+    """A recording's part of a fit: all of it, with what is known of its lags; stretches of time in
+    order, or all in one; [Y, τ]ᵀ[Y, τ] of each drive by place."""
 
     information: Information
     stretches: tuple[Information, ...]

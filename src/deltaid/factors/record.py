@@ -71,8 +71,7 @@ class FactorRecord(Part):
     """What a recording's factors rest on.
 
     Attributes:
-        robot: as it was described when the recording was gathered.
-        model: what the recording says by itself.
+        robot, model: as described when the recording was gathered, and what this says by itself.
         names: of the gathered columns.
         felt: places of those that each drive feels.
         quantities: that may be off, with what they do to the rows.

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from scipy.special import chdtri, fdtrc
 
 from deltaid.population.coordinates import Coordinates
-from deltaid.population.mixed import Mean, Rows, mean
+from deltaid.population.mixed import Mean, Rows, U, mean
 from deltaid.population.spreads import ENOUGH, Spreads, fitted_spreads, prior_spreads
 
 # Rounds of naming at most.
@@ -90,13 +90,7 @@ class LeftOut:
         return Along(float(g @ g), int(kept.sum()), half @ g, np.linalg.norm(half, axis=1))
 
 
-def left_out(
-    rows: Rows,
-    k: int,
-    found: Mean,
-    freedom: tuple[float, float],
-    anything: Float[np.ndarray, " u"],
-) -> LeftOut:
+def left_out(rows: Rows, k: int, found: Mean, freedom: tuple[float, float], anything: U) -> LeftOut:
     """Robot k against the others; what may be anything has that variance.
 
     Args:
@@ -121,7 +115,7 @@ def left_out(
     return LeftOut(e, V, H, constant, max(len(H) - aside, 0), 1.0 / inverse)
 
 
-def chance(robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]) -> float:
+def chance(robot: LeftOut, coordinates: Coordinates, m: U) -> float:
     """How often a robot that belongs is as far from the others as one is."""
     owners = coordinates.owners().values()
     bodies = [robot.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
@@ -131,9 +125,7 @@ def chance(robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"])
     return min(1.0, len(chances) * min(chances))
 
 
-def torques(
-    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]
-) -> Float[np.ndarray, " rows"]:
+def torques(robot: LeftOut, coordinates: Coordinates, m: U) -> Float[np.ndarray, " rows"]:
     """What all torques of the type do to a robot's rows."""
     return robot.H[:, : coordinates.size] @ m[: coordinates.size] + robot.constant
 
@@ -174,7 +166,7 @@ class Sorted:
         found = Sorted.of(self.coordinates, self.freedom, rows, self.spreads)
         return replace(found, chances=self.chances)
 
-    def against_others(self, k: int, anything: Float[np.ndarray, " u"]) -> LeftOut:
+    def against_others(self, k: int, anything: U) -> LeftOut:
         """Robot k, as of `left_out`."""
         freedom = (float(self.freedom[k]), self.spreads.freedom)
         return left_out(self.rows, k, self.mean, freedom, anything)

@@ -13,6 +13,7 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.model.record import Settings
 from deltaid.population.member import Fact, Member, eliminated
+from deltaid.population.mixed import Square, U
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import Parameter
@@ -88,7 +89,7 @@ class Coordinates:
         return replace(self, sizes=sizes)
 
     @cached_property
-    def precision(self) -> Float[np.ndarray, "u u"]:
+    def precision(self) -> Square:
         """Of u about `prior` before any recording."""
         n, changed = self.size, np.any(self.reduction.A != 0, axis=1)
         scale = prior_scale(self.reduction)[changed][:, None]
@@ -105,7 +106,7 @@ class Coordinates:
         return self.reduction.size
 
     @property
-    def prior(self) -> Float[np.ndarray, " u"]:
+    def prior(self) -> U:
         """u in the description."""
         return np.append(self.reduction.prior / self.sizes, np.zeros(len(self.quantities)))
 
@@ -121,7 +122,7 @@ class Coordinates:
         return np.array([*own, *[False] * len(self.quantities)], dtype=bool)
 
     @property
-    def worn(self) -> Float[np.ndarray, " u"]:
+    def worn(self) -> U:
         """Variances of friction that may be anything."""
         return np.where(self.is_friction, ANYTHING, 0.0)
 

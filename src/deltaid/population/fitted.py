@@ -16,7 +16,7 @@ from deltaid.estimation.scatter import half_width
 from deltaid.population.belonging import LEAST, Sorted, sorted_out
 from deltaid.population.coordinates import ANYTHING, Coordinates
 from deltaid.population.member import Member
-from deltaid.population.mixed import Rows, alone, mean, within
+from deltaid.population.mixed import Rows, Square, U, alone, mean, within
 from deltaid.population.reasons import friction_reason, reason
 from deltaid.population.result import (
     Estimates,
@@ -152,9 +152,7 @@ def _std(T: np.ndarray, C: np.ndarray) -> Float[np.ndarray, " parameters"]:
     return np.sqrt(np.maximum(np.sum((T @ C) * T, axis=1), 0.0))
 
 
-def _parameters(
-    coordinates: Coordinates, u: Float[np.ndarray, " u"], C: Float[np.ndarray, "u u"]
-) -> tuple[np.ndarray, np.ndarray, bool]:
+def _parameters(coordinates: Coordinates, u: U, C: Square) -> tuple[np.ndarray, np.ndarray, bool]:
     """p of u with its standard deviation, and whether some entry had to be moved by more than
     that."""
     p, std = _consistent(coordinates, u, C), _std(coordinates.to_p, C)
@@ -162,9 +160,7 @@ def _parameters(
     return p, std, bool(np.any(off[std > 0] > std[std > 0]))
 
 
-def _consistent(
-    coordinates: Coordinates, u: Float[np.ndarray, " u"], C: Float[np.ndarray, "u u"]
-) -> Float[np.ndarray, " parameters"]:
+def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, " parameters"]:
     """p of u, or of the most likely u whose bodies can exist.
 
     This is the conic program  min ‖W (x − x_u)‖²  over the cone, WᵀW the inverse covariance.

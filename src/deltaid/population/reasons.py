@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.population.belonging import Along, LeftOut, torques
 from deltaid.population.coordinates import Coordinates
+from deltaid.population.mixed import U
 
 # Explanations that gain so much less than the best are as good; one more coefficient costs so much.
 _CLOSE, _COST = 2.0, 4.0
@@ -29,9 +29,7 @@ class _Cause:
         return self.found.gain - _COST * self.found.rank
 
 
-def reason(
-    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"], naming: float
-) -> str:
+def reason(robot: LeftOut, coordinates: Coordinates, m: U, naming: float) -> str:
     """What is different in a robot that does not belong.
 
     Args:
@@ -55,9 +53,7 @@ def reason(
     return text + (": another tool, or a load that is not declared?" if carried else "")
 
 
-def _causes(
-    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"]
-) -> Iterator[_Cause]:
+def _causes(robot: LeftOut, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
     """Torques as a whole, single entries, and whole bodies; platform and tool last."""
     variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
     yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
@@ -80,7 +76,7 @@ def _described(cause: _Cause, coordinates: Coordinates) -> str:
 
 
 def friction_reason(
-    robot: LeftOut, coordinates: Coordinates, m: Float[np.ndarray, " u"], naming: float
+    robot: LeftOut, coordinates: Coordinates, m: U, naming: float
 ) -> tuple[list[int], str]:
     """Variables of the joint whose friction is least like the type's, and what of it; none if all
     are alike."""

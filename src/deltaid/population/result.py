@@ -30,12 +30,8 @@ MEMBERS = {
 
 @dataclass(frozen=True)
 class PopulationSettings:
-    """What is asked for.
-
-    Attributes:
-        naming: share of the robots that do belong that are named all the same.
-        fit: settings of the fit that members were made with.
-    """
+    """The share of the robots that do belong that are named all the same, and settings of the fit
+    that members were made with."""
 
     naming: float = 1e-3
     fit: Settings = field(default_factory=Settings)
@@ -43,12 +39,8 @@ class PopulationSettings:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Parameters in the order of the layout.
-
-    Attributes:
-        value, std: with standard deviations.
-        half: half the widths of 95 % intervals.
-    """
+    """Parameters in the order of the layout, their standard deviations, and half the widths of
+    95 % intervals."""
 
     value: Float[np.ndarray, " parameters"]
     std: Float[np.ndarray, " parameters"]
@@ -65,10 +57,8 @@ class MemberEstimate:
     """One robot within its type.
 
     Attributes:
-        name: of the robot.
         within: its parameters, given all robots; of one that does not belong, by itself.
         alone_std: standard deviations by its own recordings and the description.
-        belongs: whether it is of the type.
         reason: what is different in it; empty if nothing is.
         chance: how often a robot that belongs is as far from the others.
     """

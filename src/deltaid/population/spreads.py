@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize
 
 from deltaid.population.coordinates import KINDS, VAGUE, Coordinates
-from deltaid.population.mixed import Mean, Rows, mean, slope
+from deltaid.population.mixed import Mean, Rows, Square, U, mean, slope
 
 # Spreads below and above these shares are not looked for.
 _LEAST, _MOST = 1e-4, 2.0
@@ -50,7 +50,7 @@ class Spreads:
         """Degrees of freedom of a spread's square: its logarithm has the variance 1 / 2ν."""
         return float(0.5 / np.mean(np.diag(self.covariance)))
 
-    def variance(self, log: np.ndarray | None = None) -> Float[np.ndarray, " u"]:
+    def variance(self, log: np.ndarray | None = None) -> U:
         """S."""
         own = np.exp(2 * (self.log if log is None else log))
         return np.where(self.at >= 0, own[self.at], 0.0)
@@ -61,7 +61,7 @@ class Spreads:
         away = z @ np.linalg.cholesky(self.covariance).T
         return [self.log + sign * step for step in away for sign in (1.0, -1.0)]
 
-    def of_unknown_sizes(self, covariance: Float[np.ndarray, "u u"]) -> "Spreads":
+    def of_unknown_sizes(self, covariance: Square) -> "Spreads":
         """With intervals that know that spreads are shares of sizes, whose covariance is given.
 
         What is off of one size is off of a kind's spread by a part, as many as it has entries.
