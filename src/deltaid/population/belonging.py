@@ -101,7 +101,9 @@ def left_out(rows: Rows, k: int, found: Mean, freedom: tuple[float, float], anyt
         (A,), (c,), _ = rows.at(slice(k, k + 1)).whitened(found.variance)
         information, right = information - A.T @ A, right - A.T @ c
     size = np.linalg.norm(rows.H[k], axis=1)
-    used = size > _ROUNDING * size.max()  # rows beyond the rank of a triangle say nothing
+    used = size > _ROUNDING * size.max(
+        initial=0.0
+    )  # rows beyond the rank of a triangle say nothing
     H, b, constant = rows.H[k][used], rows.b[k][used], rows.constant[k][used]
     variance = found.variance + rows.extra[k] + anything
     V = np.eye(len(H)) + (H * variance) @ H.T + H @ np.linalg.solve(information, H.T)
