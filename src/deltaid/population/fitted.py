@@ -18,12 +18,7 @@ from deltaid.population.coordinates import ANYTHING, Coordinates
 from deltaid.population.member import Member
 from deltaid.population.mixed import Rows, Square, U, alone, mean, within
 from deltaid.population.reasons import friction_reason, reason
-from deltaid.population.result import (
-    Estimates,
-    MemberEstimate,
-    Population,
-    PopulationSettings,
-)
+from deltaid.population.result import Estimates, MemberEstimate, Population, PopulationSettings
 from deltaid.population.spreads import NORMAL
 from deltaid.robot.load import RobotLike, described
 
