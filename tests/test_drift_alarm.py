@@ -7,6 +7,8 @@ import pytest
 from scipy import stats
 
 from deltaid.drift.evidence import (
+    _A_YEAR,
+    _TOGETHER,
     FREEDOM,
     RAMP,
     SIZE,
@@ -15,12 +17,13 @@ from deltaid.drift.evidence import (
     Changes,
     Evidence,
     Prior,
+    _with_others,
     evidence,
+    first_prior,
 )
 from deltaid.drift.findings import finding
 from deltaid.drift.series import Explained, Regressors, explained
 from deltaid.drift.settings import DriftSettings
-from deltaid.drift.shared import _A_YEAR, _TOGETHER, _with_others, first_prior
 from deltaid.drift.tools import tool_changes
 from deltaid.drift.wander import Scatter, whitened_sums
 

@@ -4,12 +4,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.drift.evidence import FREEDOM, KINDS, MONTH, SIZE, Changes, Prior, evidence
+from deltaid.drift.evidence import (
+    _A_YEAR,
+    FREEDOM,
+    KINDS,
+    MONTH,
+    SIZE,
+    Changes,
+    Prior,
+    _moments,
+    _with_others,
+    evidence,
+    first_prior,
+)
 from deltaid.drift.findings import finding
-from deltaid.drift.outliers import inflation
-from deltaid.drift.series import Regressors, _slow, explained
+from deltaid.drift.series import Regressors, _slow, explained, inflation
 from deltaid.drift.settings import DriftSettings
-from deltaid.drift.shared import _A_YEAR, _moments, _with_others, first_prior
 from deltaid.drift.tools import tool_changes
 from deltaid.drift.wander import Scatter, whitened_sums
 from deltaid.errors import DeltaidError

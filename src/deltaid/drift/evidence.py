@@ -15,15 +15,20 @@ minus the years that have passed is a martingale, and by Doob's inequality
     P(R ever reaches A within Y years) ≤ Y / A,
 
 however often one looks. The alarm is R ≥ A with A the years a drive may run for one false alarm.
+
+**Drives of a robot** are alike and hang in the same hall: how friction follows temperature, and how
+it scatters from day to day, are nearly the same. So what the others show of that is what is known
+of a drive before it is looked at. A drive that drifts says little to the others: its coefficients
+count as far as they are known with a change and without.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp, stdtr
 
-from deltaid.drift.wander import Sums
+from deltaid.drift.wander import Scatter, Sums
 
 # Of σ before any recording [%]: degrees of freedom and size.
 FREEDOM, SIZE = 4.0, 1.0
@@ -34,6 +39,10 @@ RAMP, STEP = 2.5, 6.0
 MONTH, YEAR = 30.4375, 365.25
 # Onsets lie a week apart, or so many in all.
 _APART, _MOST = 7.0, 60
+# Changes that a drive is expected to have in a year.
+_A_YEAR = 0.2
+# What others show of scatter counts by this power, for they are disturbed together.
+_TOGETHER = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,34 +147,113 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
     p, nu = prior.mean.shape[1], FREEDOM + sums.count - 1.0
     X = sums.base[..., :p, :p]
     A = X + prior.precision
+    # Series less what is known of their coefficients before.
     b, C = sums.base[..., :p, p], sums.cross[..., :p, :]
-    toward = np.einsum("kspq,sq->ksp", X, prior.mean)
-    yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", 2.0 * b - toward, prior.mean)
+    own = b - np.einsum("kspq,sq->ksp", X, prior.mean)
+    yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + own, prior.mean)
     inverse = np.linalg.inv(A)
-    plain = np.einsum("kspq,ksq->ksp", inverse, b - toward)
-    per_size = inverse @ C
-    r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", b - toward, plain)
+    more = np.einsum("kspq,ksq->ksp", inverse, own)
+    plain, per_size = more + prior.mean, inverse @ C
+    r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", own, more)
     a = sums.own - np.einsum("kspa,kspa->ksa", C, per_size)
-    c = (
-        sums.cross[..., p, :]
-        - np.einsum("kspa,sp->ksa", C, prior.mean)
-        - np.einsum("kspa,ksp->ksa", C, plain)
-    )
+    c = sums.cross[..., p, :] - np.einsum("kspa,ksp->ksa", C, plain)
     log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))
     known = np.maximum(a, 0.0) + changes.scale**-2.0
     left = np.maximum(r[..., None] - c**2 / known, 1e-12)
     gain = -0.5 * (np.log(known * changes.scale**2) + nu[:, None] * np.log(left / r[..., None]))
     size, deviation = c / known, np.sqrt(left / nu[:, None] / known)
     up = stdtr(nu[:, None], np.stack([size, -size]) / deviation)
+    shares = np.array([share for _, share in KINDS])
+    usual = np.where(changes.is_ramp, shares[:2, None], shares[2:, None])[:, None, None]
     with np.errstate(divide="ignore"):
-        ways = gain + np.log(2.0 * up)
-    kinds = np.log([share for _, share in KINDS])
-    ways = ways + np.where(changes.is_ramp, kinds[:2, None], kinds[2:, None])[:, None, None]
-    log = ways + log_none[None, :, :, None]
+        log_factor = gain + np.log(2.0 * up) + np.log(usual)
+    log = log_factor + log_none[None, :, :, None]
     R = logsumexp(log, axis=(0, 1, 3)) - logsumexp(log_none, axis=0) + np.log(changes.years)
+    covariance, sigma = inverse * (r / nu)[..., None, None], np.sqrt(r / nu)
     return Evidence(
-        log_none, ways, size, deviation, nu,
-        plain + prior.mean, per_size,
-        inverse * (r / nu)[..., None, None], np.sqrt(r / nu),
+        log_none, log_factor, size, deviation, nu, plain, per_size, covariance, sigma,
         np.exp(np.minimum(R, 600.0)),
     )  # fmt: skip
+
+
+def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, series: int) -> Prior:
+    """What is known of any drive, by standard deviations of coefficients in units of σ."""
+    p = len(scale)
+    precision = np.broadcast_to(np.diag(scale**-2.0), (series, p, p))
+    log = np.repeat(np.log(scatter.usual)[:, None], series, axis=1)
+    return Prior(np.zeros((series, p)), precision, log)
+
+
+def together(
+    sums: Sums,
+    changes: Changes,
+    prior: Prior,
+    unlike: Float[np.ndarray, " regressors"],
+    drives: int,
+) -> Evidence:
+    """Evidence of all series, each with what the others of its robot show.
+
+    Args:
+        prior: of each by itself.
+        unlike: standard deviation between drives of one robot; infinite where nothing is common.
+        drives: series of one robot, which follow each other.
+    """
+    alone = evidence(sums, changes, prior)
+    if drives == 1:
+        return alone
+    return evidence(sums, changes, _with_others(alone, changes, prior, unlike, drives))
+
+
+def _with_others(
+    alone: Evidence,
+    changes: Changes,
+    prior: Prior,
+    unlike: Float[np.ndarray, " regressors"],
+    drives: int,
+) -> Prior:
+    changed = _A_YEAR * alone.R / (1.0 + _A_YEAR * alone.R)
+    kinds = alone.log_none - prior.log_kinds
+    some = logsumexp(alone.log_factor, axis=(0, 3)) + np.log(changes.years)
+    kinds = kinds + np.logaddexp(0.0, np.log(_A_YEAR) + some)
+    own = kinds.reshape(len(kinds), -1, drives)
+    others = (own.sum(axis=2, keepdims=True) - own).reshape(kinds.shape)
+    log = prior.log_kinds + _TOGETHER * others
+    mean, covariance = _moments(alone, changed)
+    at = np.flatnonzero(np.isfinite(unlike))
+    prior = replace(prior, log_kinds=log - logsumexp(log, axis=0))
+    if not at.size:
+        return prior
+    spread = np.diag(unlike[at] ** 2)
+    grid = np.ix_(np.arange(len(mean)), at, at)
+    W = np.linalg.inv(covariance[grid] + spread).reshape(-1, drives, len(at), len(at))
+    Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, at].reshape(-1, drives, len(at)))
+    sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
+    start = (prior.precision[grid] / sigma2[:, None, None]).reshape(W.shape)
+    known = W.sum(axis=1, keepdims=True) - W + start
+    covariance = np.linalg.inv(known)
+    middle = np.einsum("rdpq,rdq->rdp", covariance, Wb.sum(axis=1, keepdims=True) - Wb)
+    found, precision = prior.mean.copy(), prior.precision.copy()
+    found[:, at] = middle.reshape(-1, len(at))
+    inverse = np.linalg.inv(covariance + spread).reshape(-1, len(at), len(at))
+    precision[grid] = inverse * sigma2[:, None, None]
+    return replace(prior, mean=found, precision=precision)
+
+
+def _moments(
+    found: Evidence, changed: Float[np.ndarray, " series"]
+) -> tuple[
+    Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
+]:
+    """Mean and covariance of coefficients, with and without a change."""
+    w, none = found.of_changes.sum(axis=0) * changed[:, None], found.of_kinds * (1.0 - changed)
+    moved = found.plain[..., None] - found.per_size * found.size[..., None, :]
+    mean = np.einsum("ks,ksp->sp", none, found.plain) + np.einsum("ksa,kspa->sp", w, moved)
+    apart, away = found.plain - mean, moved - mean[..., None]
+    covariance = (
+        np.einsum("ks,kspq->spq", none + w.sum(axis=2), found.covariance)
+        + np.einsum("ks,ksp,ksq->spq", none, apart, apart)
+        + np.einsum("ksa,kspa,ksqa->spq", w, away, away, optimize=True)
+        + np.einsum("ksa,kspa,ksqa->spq", w * found.deviation**2, found.per_size, found.per_size,
+                    optimize=True)
+    )  # fmt: skip
+    return mean, covariance

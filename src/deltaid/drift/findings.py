@@ -3,12 +3,11 @@
 Distributions are sums over kinds of scatter and onsets of Student's, drawn from as quantiles.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import stdtr, stdtrit
 
 from deltaid.drift.evidence import KINDS, MONTH, YEAR
@@ -72,12 +71,12 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """Draws from what is known of a change."""
+    """Draws from what is known of a change: its kind, the kind of scatter, its onset, its size."""
 
-    kind: np.ndarray
-    scatter: np.ndarray
-    at: np.ndarray
-    size: np.ndarray
+    kind: Int[np.ndarray, " draws"]
+    scatter: Int[np.ndarray, " draws"]
+    at: Int[np.ndarray, " draws"]
+    size: Float[np.ndarray, " draws"]
 
 
 def finding(one: Explained, drive: int, settings: DriftSettings, drives: int) -> Finding:
@@ -88,69 +87,64 @@ def finding(one: Explained, drive: int, settings: DriftSettings, drives: int) ->
     span = float(np.ptp(one.days[there])) if count else 0.0
     few = count < FEWEST or span < SHORTEST
     alarm = threshold <= R and not few
-    draws = _drawn(one, drive, alarm=alarm)
-    states = [KINDS[k][0] for k in range(len(KINDS))]
-    shares = {name: float(np.mean([states[k] == name for k in draws.kind])) for name in states}
-    state: State = "steady"
+    draws, state = _drawn(one, drive, alarm=alarm), "steady"
     if alarm:
-        state = max(("rising", "falling", "stepped"), key=lambda name: shares[name])
-        draws = _of_state(draws, [k for k, name in enumerate(states) if name == state])
+        state, draws = _likeliest(draws)
     b = _coefficients(one, drive, draws)
-    level = float(np.exp((one.start[drive] + np.median(b[:, 0])) / 100.0))
-    level = level if count else float("nan")
-    limit = _limit(settings, level) if count else None
-    change = _between(_onsets(one, draws)) if alarm else Between()
-    rate = Between() if few or state == "stepped" else _between(_share(draws.size))
-    vague = rate.low is not None and rate.high is not None and (
-        50.0 * (rate.high - rate.low) > _VAGUE)  # fmt: skip
-    if few or (not alarm and vague):
+    level = float(np.exp((one.start[drive] + np.median(b[:, 0])) / 100.0)) if count else np.nan
+    limit = settings.limit if count else None
+    if limit is not None and settings.limit_is == "share":
+        limit *= level
+    low, middle, high = _quantiles(np.expm1(draws.size / 100.0))
+    shares = Between(middle, low, high)
+    rate = Between() if few or state == "stepped" else shares
+    if few or (not alarm and 50.0 * (high - low) > _VAGUE):
         state = "unknown"
     horizon, words = _horizon(one, draws, state, level, limit, b)
-    step = _between(_share(draws.size)) if state == "stepped" else Between()
-    temperature = Between()
-    if "temperature" in one.regressors.names and not few:
-        temperature = _between(b[:, one.regressors.names.index("temperature")] / 100.0)
-    sigma = float(one.found.of_kinds[:, drive] @ one.found.sigma[:, drive])
-    reason = _reason(state, few, count, span, one, rate, words)
+    temperature, names = Between(), one.regressors.names
+    if "temperature" in names and not few:
+        temperature = _between(b[:, names.index("temperature")] / 100.0)
     return Finding(
-        state, change, rate, step, horizon, temperature, level, limit, count,
-        sigma / 100.0, R, threshold, reason,
-    )  # fmt: skip
-
-
-def _share(percent: np.ndarray) -> np.ndarray:
-    return np.expm1(percent / 100.0)
-
-
-def _limit(settings: DriftSettings, level: float) -> float | None:
-    if settings.limit is None:
-        return None
-    return settings.limit * level if settings.limit_is == "share" else settings.limit
+        state=state,
+        change=_between(_onsets(one, draws)) if alarm else Between(),
+        rate=rate,
+        step=shares if state == "stepped" else Between(),
+        horizon=horizon,
+        temperature=temperature,
+        level=level,
+        limit=limit,
+        recordings=count,
+        scatter=float(one.found.of_kinds[:, drive] @ one.found.sigma[:, drive]) / 100.0,
+        R=R,
+        threshold=threshold,
+        reason=_reason(state, few, count, span, one, rate, words),
+    )
 
 
 def _drawn(one: Explained, drive: int, *, alarm: bool) -> _Draws:
     """Changes as probable as they are; without an alarm a trend over all the time, either way."""
     rng, found = np.random.default_rng(0), one.found
     nu = found.freedom[drive]
-    if not alarm:
-        kinds = rng.choice(found.of_kinds.shape[0], _DRAWS, p=found.of_kinds[:, drive])
-        at = np.zeros(_DRAWS, dtype=int)
-        m, s = found.size[kinds, drive, at], found.deviation[kinds, drive, at]
-        size = m + s * stdtrit(nu, rng.uniform(size=_DRAWS))
-        return _Draws(np.where(size > 0, 0, 1), kinds, at, size)
-    shares = found.of_changes[:, :, drive]
+    shares = found.of_changes[:, :, drive] if alarm else found.of_kinds[None, :, [drive]]
     flat = rng.choice(shares.size, _DRAWS, p=shares.ravel() / shares.sum())
-    way, kinds, at = np.unravel_index(flat, shares.shape)
+    down, kinds, at = np.unravel_index(flat, shares.shape)
     m, s = found.size[kinds, drive, at], found.deviation[kinds, drive, at]
-    edge, u = stdtr(nu, -m / s), rng.uniform(size=_DRAWS)
-    u = np.where(way == 0, edge + u * (1.0 - edge), u * edge)
+    u = rng.uniform(size=_DRAWS)
+    if alarm:  # the sign is known
+        edge = stdtr(nu, -m / s)
+        u = np.where(down, u * edge, edge + u * (1.0 - edge))
     size = m + s * stdtrit(nu, np.clip(u, 1e-12, 1.0 - 1e-12))
-    return _Draws(way + 2 * ~one.changes.is_ramp[at], kinds, at, size)
+    down = down if alarm else size <= 0
+    return _Draws(down + 2 * ~one.changes.is_ramp[at], kinds, at, size)
 
 
-def _of_state(draws: _Draws, kinds: Sequence[int]) -> _Draws:
-    own = np.isin(draws.kind, kinds)
-    return _Draws(draws.kind[own], draws.scatter[own], draws.at[own], draws.size[own])
+def _likeliest(draws: _Draws) -> tuple[State, _Draws]:
+    """The likeliest state of a drive that changes, and its draws."""
+    names = np.array([name for name, _ in KINDS])[draws.kind]
+    states: tuple[State, ...] = ("rising", "falling", "stepped")
+    state = max(states, key=lambda name: np.mean(names == name))
+    own = names == state
+    return state, _Draws(draws.kind[own], draws.scatter[own], draws.at[own], draws.size[own])
 
 
 def _coefficients(one: Explained, drive: int, draws: _Draws) -> Float[np.ndarray, "draws own"]:
@@ -158,7 +152,7 @@ def _coefficients(one: Explained, drive: int, draws: _Draws) -> Float[np.ndarray
     found, rng = one.found, np.random.default_rng(1)
     plain = found.plain[draws.scatter, drive]
     per_size = found.per_size[draws.scatter, drive, :, draws.at]
-    own = np.array([np.linalg.cholesky(C) for C in found.covariance[:, drive]])
+    own = np.linalg.cholesky(found.covariance[:, drive])
     noise = np.einsum("npq,nq->np", own[draws.scatter], rng.standard_normal(plain.shape))
     return plain - per_size * draws.size[:, None] + noise
 
@@ -170,8 +164,12 @@ def _onsets(one: Explained, draws: _Draws) -> Float[np.ndarray, " draws"]:
     return np.clip(found, one.days[0], one.days[-1])
 
 
+def _quantiles(values: Float[np.ndarray, " draws"]) -> list[float]:
+    return np.quantile(values, [_TAIL, 0.5, 1.0 - _TAIL]).tolist()
+
+
 def _between(values: Float[np.ndarray, " draws"]) -> Between:
-    low, middle, high = np.quantile(values, [_TAIL, 0.5, 1.0 - _TAIL]).tolist()
+    low, middle, high = _quantiles(values)
     return Between(middle, low, high)
 
 
@@ -184,25 +182,21 @@ def _horizon(
     b: Float[np.ndarray, "draws own"],
 ) -> tuple[Between, str]:
     """When the limit is passed, and what is said of it."""
-    last = float(one.days[-1])
+    last, passed = float(one.days[-1]), "the limit is passed"
     if limit is None:
         return Between(), "no limit was given" if state == "rising" else ""
-    if state == "stepped":
-        above = level * float(np.exp(np.median(draws.size) / 100.0)) >= limit
-        return (Between(last, None, None), "the limit is passed") if above else (Between(), "")
+    if state == "stepped" and level * float(np.exp(np.median(draws.size) / 100.0)) >= limit:
+        return Between(last), passed
     if state != "rising":
         return Between(), ""
     spread = (b[:, 0] - np.median(b[:, 0])) / 100.0
     months = (np.log(limit / level) - spread) / np.maximum(draws.size / 100.0, 1e-9)
-    when = np.minimum(one.changes.onsets[draws.at] + MONTH * months, last + 2 * _FAR * YEAR)
-    found = _between(when)
     far = last + _FAR * YEAR
-    if found.value is None or found.value > far:
+    when = np.minimum(one.changes.onsets[draws.at] + MONTH * months, far + _FAR * YEAR)
+    low, middle, high = _quantiles(when)
+    if middle > far:
         return Between(), f"the limit is more than {_FAR:.0f} years away"
-    high = found.high if found.high is not None and found.high <= far else None
-    return Between(
-        found.value, found.low, high
-    ), "the limit is passed" if found.value <= last else ""
+    return Between(middle, low, high if high <= far else None), passed if middle <= last else ""
 
 
 def _reason(
@@ -225,6 +219,4 @@ def _reason(
         )
     if "season" in one.regressors.names:
         parts.append("no temperature is known, so seasons are not taken out")
-    if words:
-        parts.append(words)
-    return "; ".join(parts)
+    return "; ".join([*parts, *([words] if words else [])])

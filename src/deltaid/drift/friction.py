@@ -28,9 +28,10 @@ from deltaid.model.record import IdentifiedModel
 # What is held beside what was told: so many times what the carrier weighs, this far off its axis
 # [m], as a standard deviation.
 _HELD, _ARM = 0.3, 0.03
-# Loads that were told are known to this share before a recording.
-_TOLD = 0.3
-_HELD_SYMBOLS = ("m", "mcx", "mcy", "Izz")
+_HELD_SYMBOLS = {"m": 1.0, "mcx": _ARM, "mcy": _ARM, "Izz": _ARM**2}
+# Loads that were told are known to this share before a recording; by how much scales of their
+# parameters are wider than the load.
+_TOLD, _WIDE = 0.3, 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +54,7 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class DayFriction:
-    """What one recording says.
-
-    Attributes:
-        values: of the unknowns.
-        covariance: of them.
-        products: HᵀH of each drive's friction columns, by unknowns.
-    """
+    """What one recording says of the unknowns, and HᵀH of each drive's friction columns."""
 
     values: Float[np.ndarray, " unknowns"]
     covariance: Float[np.ndarray, "unknowns unknowns"]
@@ -103,15 +98,12 @@ class FrictionSeries:
     @property
     def held(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Mass beside what was told, with its standard deviation [kg]; NaN where none shows."""
-        at = [k for k, name in enumerate(self.unknowns.names) if name == "held.m"]
-        if not at:
+        if "held.m" not in self.unknowns.names:
             none = np.full(len(self.days), np.nan)
             return none, none
-        k = at[0]
-        return (
-            np.array([day.values[k] for day in self.days]),
-            np.sqrt([day.covariance[k, k] for day in self.days]),
-        )
+        k = self.unknowns.names.index("held.m")
+        found = np.array([(day.values[k], day.covariance[k, k]) for day in self.days])
+        return found[:, 0], np.sqrt(found[:, 1])
 
 
 def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> FrictionSeries:
@@ -141,90 +133,72 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
 
 def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
     robot, layout = model.robot, merging.dynamics.layout
-    active = merging.active.tolist()
+    place = {k: at for at, k in enumerate(merging.active.tolist())}
     rows = list[tuple[str, int, int, float, float]]()
     for term in robot.friction_terms:
-        place = layout.names.index(term.name)
-        if term.joint in robot.drives and place in active:
-            rows.append((term.name, robot.drives.index(term.joint), active.index(place), 0.0, 0.0))
+        k = layout.names.index(term.name)
+        if term.joint in robot.drives and k in place:
+            rows.append((term.name, robot.drives.index(term.joint), place[k], 0.0, 0.0))
     carrier = "EE" if "EE" in layout.bodies else "P"
     if carrier in layout.bodies:
         mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
-        sizes = mass * np.array([1.0, _ARM, _ARM, _ARM**2])
-        for symbol, size in zip(_HELD_SYMBOLS, sizes.tolist(), strict=True):
-            place = layout.names.index(f"{carrier}.{symbol}")
-            if place in active:
-                rows.append((f"held.{symbol}", -1, active.index(place), 0.0, size**-2))
-    first = len(layout.names)
+        for symbol, arm in _HELD_SYMBOLS.items():
+            k = layout.names.index(f"{carrier}.{symbol}")
+            if k in place:
+                rows.append((f"held.{symbol}", -1, place[k], 0.0, (mass * arm) ** -2))
+    first, held = len(layout.names), {load.name: load.parameters for load in model.loads}
     for one in merging.additions:
         if isinstance(one, LoadColumns):
-            known = {held.name: held for held in model.loads}.get(one.load.name)
+            found = held.get(one.load.name)
             for k, own in enumerate(one.parameters):
-                if first + k in active:
-                    value = own.prior if known is None else (
-                        known.parameters[k].value - float(one.taken[k]))  # fmt: skip
+                if first + k in place:
+                    mean = found[k].value - float(one.taken[k]) if found else own.prior
                     size = _TOLD * own.scale / _WIDE
-                    rows.append((own.name, -1, active.index(first + k), value, size**-2))
+                    rows.append((own.name, -1, place[first + k], mean, size**-2))
         first += len(one.parameters)
     names, drives, at, mean, precision = zip(*rows, strict=True)
     return Unknowns(names, np.array(drives), np.array(at), np.array(mean), np.array(precision))
 
 
-# By how much scales of loads' parameters are wider than the load.
-_WIDE = 20.0
-
-
 def _day(
-    merging: Merging, unknowns: Unknowns, model: IdentifiedModel, one: FactorFile
+    merging: Merging, unknowns: Unknowns, model: IdentifiedModel, file: FactorFile
 ) -> DayFriction:
-    part, dof = merging.part(one), merging.dynamics.dof
+    part, dof, at = merging.part(file), merging.dynamics.dof, unknowns.at
     known = np.zeros(len(merging.active))
     own = merging.active < len(model.p)
     known[own] = model.p[merging.active[own]]
+    is_more = np.array([name.startswith("held.") for name in unknowns.names])
+    known[at[~is_more]] = 0.0
+    noise = np.maximum(np.array(file.record.noise), 1e-12)[:, None, None]
+    is_friction = unknowns.drives == np.arange(dof)[:, None]
+    shown = (is_friction | (unknowns.drives < 0))[:, None, :]
+
+    def problem(stretch: Information) -> LinearProblem:
+        F = stretch.factors / noise
+        b = (F[:, :, -1] - F[:, :, :-1] @ known).ravel()
+        A = (F[:, :, at] * shown).reshape(len(b), -1)
+        return LinearProblem(A, b, np.zeros(len(b), dtype=int), values=stretch.samples.sum())
+
     bodies = unknowns.precision > 0
-    held = [name.startswith("held.") for name in unknowns.names]
-    known[unknowns.at[~(bodies & held)]] = 0.0
-    noise = np.maximum(np.array(one.record.noise), 1e-12)
-    count = np.maximum(part.information.samples[:dof], 1.0)
-    seen = (unknowns.drives == np.arange(dof)[:, None]) | (unknowns.drives < 0)
-
-    def rows(given: Information) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of one stretch over the unknowns, and what is left of its torques."""
-        F = given.factors / noise[:, None, None]
-        X = F[:, :, unknowns.at] * seen[:, None, :]
-        left = F[:, :, -1] - F[:, :, :-1] @ known
-        return X.reshape(-1, X.shape[2]), left.ravel()
-
-    stretches = [rows(stretch) for stretch in part.stretches]
-    groups = np.repeat(np.arange(len(stretches)), [len(b) for _, b in stretches])
-    measured = LinearProblem(
-        np.vstack([A for A, _ in stretches]),
-        np.concatenate([b for _, b in stretches]),
-        groups,
-        values=float(part.information.samples.sum()),
-    )
     size = np.sqrt(unknowns.precision[bodies])
-    D = np.eye(len(bodies))[bodies] * size[:, None]
-    problem = measured.with_known(D, size * unknowns.mean[bodies])
-    own = part.information.factors[:, :, unknowns.at] * (seen & ~bodies)[:, None, :]
-    products = np.einsum("inu,inv,i->uv", own, own, 1.0 / count)
+    measured = LinearProblem.together([problem(stretch) for stretch in part.stretches])
+    found = measured.with_known(
+        np.diag(np.sqrt(unknowns.precision))[bodies], size * unknowns.mean[bodies]
+    )
+    H = part.information.factors[:, :, at] * is_friction[:, None, :]
+    count = np.maximum(part.information.samples[:dof], 1.0)
     # What has one stretch only tells nothing of its noise.
-    covariance = problem.covariance() if len(stretches) > 1 else np.full(D.shape[1:] * 2, np.nan)
-    return DayFriction(problem.x, covariance, products)
+    several = len(part.stretches) > 1
+    covariance = found.covariance() if several else np.full((len(at), len(at)), np.nan)
+    return DayFriction(found.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count))
 
 
 def _weights(
     unknowns: Unknowns, days: Sequence[DayFriction], drives: int
 ) -> Float[np.ndarray, "drives unknowns"]:
     """How coefficients make up a drive's mean friction, mean of sign(v) φ(v) over all samples."""
-    G = np.sum([day.products for day in days], axis=0)
-    W = np.zeros((drives, len(unknowns.at)))
-    for i in range(drives):
-        sign = np.array(
-            [unknowns.drives[k] == i and name.startswith(("coulomb.", "coulomb_back."))
-             for k, name in enumerate(unknowns.names)]
-        ).astype(float)  # fmt: skip
-        size = sign @ G @ sign
-        if size > 0:
-            W[i] = np.where(unknowns.drives == i, G @ sign, 0.0) / size
-    return W
+    own = unknowns.drives == np.arange(drives)[:, None]
+    sign = own & [name.startswith(("coulomb.", "coulomb_back.")) for name in unknowns.names]
+    products = sign @ np.sum([day.products for day in days], axis=0)
+    size = np.sum(products * sign, axis=1, keepdims=True)
+    return np.where(own & (size > 0), products, 0.0) / np.where(size > 0, size, 1.0)

@@ -19,13 +19,11 @@ _SINCE_1970 = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """One recording.
+    """One recording's factors, and when it was made; for the rest None is what the file says.
 
     Attributes:
-        file: its factors.
-        time: when it was made.
-        temperature: of gears or oil [°C]; None for what the factor file says, if it does.
-        load: mass that was held [kg]; None for what the factor file says.
+        temperature: of gears or oil [°C].
+        load: mass that was held [kg].
         name: of the recording; empty for that in the factor file.
     """
 
@@ -38,9 +36,10 @@ class Recorded:
     @property
     def degrees(self) -> float:
         """Temperature; NaN where it is not known."""
+        if self.temperature is not None:
+            return float(self.temperature)
         known = self.file.record.temperature
-        found = known.mean if self.temperature is None and known is not None else self.temperature
-        return float("nan") if found is None else float(found)
+        return float("nan") if known is None else known.mean
 
     @property
     def held(self) -> float:
@@ -66,8 +65,8 @@ def recorded(
         RecordingError: nothing says when one was made.
     """
     known = [_time(one) for one in files] if times is None else times
-    pairs = zip(files, known, strict=True)
-    return sorted((Recorded(one, time) for one, time in pairs), key=lambda one: one.time)
+    found = [Recorded(file, time) for file, time in zip(files, known, strict=True)]
+    return sorted(found, key=lambda recording: recording.time)
 
 
 def _time(one: FactorFile) -> datetime:

@@ -1,14 +1,16 @@
-"""Series of logarithms of friction, with all that explains them beside a change."""
+"""Series of logarithms of friction, with all that explains them beside a change.
+
+Single recordings that stand apart from their neighbours count less.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
 
-from deltaid.drift.evidence import SIZE, YEAR, Changes, Evidence
-from deltaid.drift.outliers import inflation
-from deltaid.drift.shared import first_prior, together
+from deltaid.drift.evidence import SIZE, YEAR, Changes, Evidence, first_prior, together
 from deltaid.drift.wander import Scatter, whitened_sums
 
 # Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
@@ -21,6 +23,9 @@ _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
 _WEEKS, _SLOW, _UNLIKE_SLOW = 7.0, 0.4, 0.02
 # A level may be anywhere.
 FLAT = 1e4
+# Outliers: neighbours on each side, how many robust deviations are still usual, the least of these
+# [%], and what makes a median of magnitudes the standard deviation of a normal distribution.
+_SIDE, _USUAL, _LEAST, ROBUST = 7, 3.0, 0.2, 1.4826
 # Friction that is known no better than to this share tells nothing.
 _VAGUE = 0.3
 # What a temperature that is not known adds, if the others are [%/K].
@@ -71,10 +76,8 @@ class Regressors:
             rows.append(("slow temperature", slow, _SLOW, _UNLIKE_SLOW))
         else:
             angle = 2.0 * np.pi * days / YEAR
-            rows += [
-                ("season", np.sin(angle), _SEASON, np.inf),
-                ("season'", np.cos(angle), _SEASON, np.inf),
-            ]
+            rows.append(("season", np.sin(angle), _SEASON, np.inf))
+            rows.append(("season'", np.cos(angle), _SEASON, np.inf))
         if np.ptp(load) > 0:
             rows.append(("load", load / np.max(np.abs(load)), _LOAD, np.inf))
         rows += [("tool", (days >= day).astype(float), _TOOL, np.inf) for day in tools]
@@ -134,18 +137,83 @@ def explained(
         y, std: as of `in_percent`; of a robot after the other.
         regressors: of each robot, as many columns of each.
     """
-    drives = len(y) // len(regressors)
+    drives, first = len(y) // len(regressors), regressors[0]
     X = np.repeat(np.stack([one.columns for one in regressors]), drives, axis=0)
     unknown = np.repeat(np.stack([one.unknown for one in regressors]), drives, axis=0)
-    told = np.isfinite(y)
-    start = np.array([np.median(own[there]) if there.any() else 0.0
-                      for own, there in zip(y, told, strict=True)])  # fmt: skip
+    some = np.isfinite(y).any(axis=1)
+    start = np.zeros(len(y))
+    start[some] = np.nanmedian(y[some], axis=1)
     z = y - start[:, None]
     variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
-    variance = np.where(told, variance * inflation(z, X[..., 1:]), np.inf)
-    base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
-    changes, scatter, first = Changes.over(days), Scatter.grid(), regressors[0]
-    sums = whitened_sums(days, variance, base, changes.columns, scatter)
-    prior = first_prior(first.scale, scatter, len(y))
-    found = together(sums, changes, prior, first.unlike, drives)
+    changes = Changes.over(days)
+    found = evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives)
     return Explained(days, z, start, first, changes, found)
+
+
+def evidence_of(
+    days: Float[np.ndarray, " n"],
+    z: Float[np.ndarray, "series n"],
+    variance: Float[np.ndarray, "series n"],
+    X: Float[np.ndarray, "series n regressors"],
+    changes: Changes,
+    scale: Float[np.ndarray, " regressors"],
+    unlike: Float[np.ndarray, " regressors"],
+    drives: int,
+) -> Evidence:
+    """Evidence of changes beside regressors, whose first is the level.
+
+    Args:
+        z: series, NaN where there is no recording.
+        variance: of each recording, in units of σ² of new scatter; outliers get more.
+        scale, unlike: as of `Regressors`.
+        drives: series of one robot, which follow each other.
+    """
+    variance = np.where(np.isfinite(z), variance * inflation(z, X[..., 1:]), np.inf)
+    base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
+    scatter = Scatter.grid()
+    sums = whitened_sums(days, variance, base, changes.columns, scatter)
+    return together(sums, changes, first_prior(scale, scatter, len(z)), unlike, drives)
+
+
+def inflation(
+    y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
+) -> Float[np.ndarray, "series n"]:
+    """By how much the variance of each recording grows: 1 where it is as its neighbours are.
+
+    Args:
+        y: series in percent, NaN where there is no recording.
+        regressors: what explains it beside its level.
+    """
+    z = y - _explained(y, regressors)
+    wide = np.pad(z, ((0, 0), (_SIDE, _SIDE)), constant_values=np.nan)
+    apart = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
+    scale = np.maximum(ROBUST * _median(apart)[:, None], _LEAST)
+    return np.nan_to_num(np.maximum(apart / (_USUAL * scale), 1.0) ** 2, nan=1.0)
+
+
+def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
+    """Along the last axis, of what is there; NaN where nothing is."""
+    found, some = np.full(values.shape[:-1], np.nan), np.isfinite(values).any(axis=-1)
+    found[some] = np.nanmedian(values[some], axis=-1)
+    return found
+
+
+def _explained(
+    y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
+) -> Float[np.ndarray, "series n"]:
+    """Roughly: by changes from one recording to the next, great ones clipped."""
+    found = np.zeros_like(y)
+    if not regressors.shape[2]:
+        return found
+    for k, (own, X) in enumerate(zip(y, regressors, strict=True)):
+        there = np.isfinite(own)
+        dy, dX = np.diff(own[there]), np.diff(X[there], axis=0)
+        slope = np.zeros(X.shape[1])
+        for _ in range(3):
+            left = dy - dX @ slope
+            scale = max(ROBUST * np.median(np.abs(left)), _LEAST) if len(left) else 1.0
+            target = dX @ slope + np.clip(left, -2.0 * scale, 2.0 * scale)
+            ridge = np.vstack([dX, scale * 0.1 * np.eye(len(slope))])
+            slope = np.linalg.lstsq(ridge, np.append(target, np.zeros(len(slope))), rcond=None)[0]
+        found[k] = X @ slope
+    return found

@@ -1,13 +1,13 @@
 """Drift as tidy tables, one row a fact, for whatever dashboard there is."""
 
-from collections.abc import Iterable, Sequence
-from datetime import datetime
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 
-from deltaid.drift.findings import Between
 from deltaid.drift.robot_drift import RobotDrift
 from deltaid.errors import DeltaidError
 from deltaid.files import write_bytes
@@ -25,26 +25,17 @@ FRICTION = {
     "temperature": pl.Float64,
     "load": pl.Float64,
 }
+# Each a number with the ends of its interval.
+_ENDS = ("", "_low", "_high")
 DRIFT = {
     "robot": pl.String,
     "drive": pl.String,
     "state": pl.String,
-    "change": _TIME,
-    "change_low": _TIME,
-    "change_high": _TIME,
-    "rate": pl.Float64,
-    "rate_low": pl.Float64,
-    "rate_high": pl.Float64,
-    "step": pl.Float64,
-    "step_low": pl.Float64,
-    "step_high": pl.Float64,
+    **{f"change{end}": _TIME for end in _ENDS},
+    **{f"{name}{end}": pl.Float64 for name in ("rate", "step") for end in _ENDS},
     "limit": pl.Float64,
-    "horizon": _TIME,
-    "horizon_low": _TIME,
-    "horizon_high": _TIME,
-    "temperature_slope": pl.Float64,
-    "temperature_slope_low": pl.Float64,
-    "temperature_slope_high": pl.Float64,
+    **{f"horizon{end}": _TIME for end in _ENDS},
+    **{f"temperature_slope{end}": pl.Float64 for end in _ENDS},
     "level": pl.Float64,
     "unit": pl.String,
     "recordings": pl.Int64,
@@ -61,28 +52,47 @@ DRIFT = {
 def friction_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
     """Friction of each recording: coefficients of each drive's law, and its mean."""
     rows = list[tuple[object, ...]]()
-    for one in found:
-        mean, std, unknowns = one.friction.mean, one.friction.std, one.friction.unknowns
-        terms = {term.name: term.unit for term in _terms(one)}
-        for n, (day, recording) in enumerate(zip(one.friction.days, one.recordings, strict=True)):
-            head = (recording.time, recording.label)
-            tail = (_known(recording.degrees), recording.held)
-            for i, drive in enumerate(one.drives):
-                rows.append((one.robot, drive, *head, "friction", float(mean[i, n]),
-                             float(std[i, n]), one.units[i], *tail))  # fmt: skip
-            for k, name in enumerate(unknowns.names):
-                if unknowns.drives[k] >= 0:
-                    deviation = float(max(day.covariance[k, k], 0.0) ** 0.5)
-                    rows.append((one.robot, one.drives[unknowns.drives[k]], *head,
-                                 name.partition(".")[0], float(day.values[k]), deviation,
-                                 terms[name], *tail))  # fmt: skip
+    for robot in found:
+        friction, unknowns = robot.friction, robot.friction.unknowns
+        units = {
+            term.name: term.unit for term in robot.recordings[0].file.record.robot.friction_terms
+        }
+        days = zip(friction.days, robot.recordings, friction.mean.T, friction.std.T, strict=True)
+        for day, recording, mean, std in days:
+            values = [("friction", *own) for own in zip(mean, std, robot.units, strict=True)]
+            known = list(zip(robot.drives, values, strict=True))
+            deviations = np.sqrt(np.maximum(np.diag(day.covariance), 0.0))
+            for k, (name, drive) in enumerate(zip(unknowns.names, unknowns.drives, strict=True)):
+                if drive >= 0:
+                    value = (name.partition(".")[0], day.values[k], deviations[k], units[name])
+                    known.append((robot.drives[drive], value))
+            rows += [
+                (robot.robot, drive, recording.time, recording.label, *value,
+                 _known(recording.degrees), recording.held)
+                for drive, value in known
+            ]  # fmt: skip
     return pl.DataFrame(rows, schema=FRICTION, orient="row")
 
 
 def drift_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
     """What is said of each drive."""
-    rows = [row for one in found for row in _rows(one)]
+    rows = [row for robot in found for row in _rows(robot)]
     return pl.DataFrame(rows, schema=DRIFT, orient="row")
+
+
+def _rows(robot: RobotDrift) -> Iterator[tuple[object, ...]]:
+    tool = (robot.date(robot.tools[-1].day), robot.tools[-1].mass) if robot.tools else (None, None)
+    for drive, unit, own in zip(robot.drives, robot.units, robot.findings, strict=True):
+        yield (
+            robot.robot, drive, own.state, *robot.dates(own.change), *astuple(own.rate),
+            *astuple(own.step), own.limit, *robot.dates(own.horizon), *astuple(own.temperature),
+            _known(own.level), unit, own.recordings, own.scatter, own.R, own.threshold,
+            robot.bound, *tool, own.reason,
+        )  # fmt: skip
+
+
+def _known(value: float) -> float | None:
+    return value if value == value else None
 
 
 def require_table(path: Path) -> None:
@@ -108,31 +118,3 @@ def save(table: pl.DataFrame, path: Path) -> None:
     else:
         table.write_parquet(buffer, compression="zstd")
     write_bytes(path, buffer.getvalue())
-
-
-def _rows(one: RobotDrift) -> Sequence[tuple[object, ...]]:
-    last = one.tools[-1] if one.tools else None
-    tool: tuple[datetime | None, float | None] = (
-        (None, None) if last is None else (one.date(last.day), last.mass)
-    )
-    return [
-        (
-            one.robot, drive, own.state, *one.dates(own.change), *_three(own.rate),
-            *_three(own.step), own.limit, *one.dates(own.horizon), *_three(own.temperature),
-            _known(own.level), one.units[i], own.recordings, own.scatter, own.R, own.threshold,
-            one.bound, *tool, own.reason,
-        )
-        for i, (drive, own) in enumerate(zip(one.drives, one.findings, strict=True))
-    ]  # fmt: skip
-
-
-def _three(one: Between) -> tuple[float | None, float | None, float | None]:
-    return one.value, one.low, one.high
-
-
-def _known(value: float) -> float | None:
-    return value if value == value else None
-
-
-def _terms(one: RobotDrift):
-    return one.recordings[0].file.record.robot.friction_terms

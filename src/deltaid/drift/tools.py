@@ -10,28 +10,19 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.drift.evidence import Changes
-from deltaid.drift.outliers import inflation
-from deltaid.drift.series import FLAT
-from deltaid.drift.shared import first_prior, together
-from deltaid.drift.wander import Scatter, whitened_sums
+from deltaid.drift.series import FLAT, ROBUST, evidence_of
 
 # Years that a robot may run for one tool change that is none.
 _YEARS = 40.0
-# Steps are looked for one after the other, so many at most; on each side so many recordings.
-_MOST, _LEAST = 8, 3
+# Steps are searched one after the other, so many at most; in so many recordings at least.
+_MOST, _FEWEST = 8, 12
 # A change of what is held by less than so many deviations of a day is none.
 _SMALL = 3.0
 
 
 @dataclass(frozen=True)
 class ToolChange:
-    """One change of what is held.
-
-    Attributes:
-        day: first recording with it.
-        mass: by how much what is held became heavier [kg].
-        std: of that.
-    """
+    """First day with what is held changed; how much heavier that became, with deviation [kg]."""
 
     day: float
     mass: float
@@ -44,20 +35,16 @@ def tool_changes(
     """Steps of the mass that is held, in the order of time."""
     there = np.isfinite(mass) & np.isfinite(std) & (std > 0)
     days, mass, std = days[there], mass[there], std[there]
-    found = list[float]()
-    if len(days) < 4 * _LEAST:
+    if len(days) < _FEWEST:
         return ()
-    daily = 1.4826 * float(np.median(np.abs(np.diff(mass)))) / np.sqrt(2.0)
+    daily = ROBUST * float(np.median(np.abs(np.diff(mass)))) / np.sqrt(2.0)
     unit = max(daily, float(np.median(std)))
-    for _ in range(_MOST):
-        day = _step(days, mass / unit, std / unit, found)
-        if day is None:
-            break
+    found = list[float]()
+    while len(found) < _MOST and (day := _step(days, mass / unit, std / unit, found)) is not None:
         found.append(day)
-    changes = list[ToolChange]()
-    for day in sorted(found):
-        before = (days < day) & (days >= max([x for x in found if x < day], default=-np.inf))
-        after = (days >= day) & (days < min([x for x in found if x > day], default=np.inf))
+    changes, ends = list[ToolChange](), [-np.inf, *sorted(set(found)), np.inf]
+    for first, day, last in zip(ends, ends[1:], ends[2:], strict=False):
+        before, after = (days >= first) & (days < day), (days >= day) & (days < last)
         size = float(np.median(mass[after]) - np.median(mass[before]))
         spread = 1.25 * unit * float(np.sqrt(1.0 / before.sum() + 1.0 / after.sum()))
         if abs(size) > max(_SMALL * spread, 0.5 * unit):
@@ -72,14 +59,10 @@ def _step(
     known: list[float],
 ) -> float | None:
     """The day of a further step; None if there is none."""
-    X = np.stack([np.ones(len(days)), *((days >= one).astype(float) for one in known)], axis=1)
-    wide, z = X[None], (y - np.median(y))[None]
-    variance = (0.5 + 0.5 * std[None] ** 2) * inflation(z, wide[..., 1:])
-    base = np.concatenate([wide, z[..., None]], axis=2)
-    changes, scatter = Changes.steps(days), Scatter.grid()
-    sums = whitened_sums(days, variance, base, changes.columns, scatter)
+    X = np.stack([np.ones(len(days)), *((days >= day).astype(float) for day in known)], axis=1)
+    z, variance, changes = (y - np.median(y))[None], 0.5 + 0.5 * std[None] ** 2, Changes.steps(days)
     scale = np.full(1 + len(known), FLAT)
-    found = together(sums, changes, first_prior(scale, scatter, 1), scale, 1)
+    found = evidence_of(days, z, variance, X[None], changes, scale, scale, 1)
     if found.R[0] < _YEARS:
         return None
     return float(changes.onsets[np.argmax(found.of_changes.sum(axis=(0, 1))[0])])

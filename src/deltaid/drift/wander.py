@@ -25,13 +25,7 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Kinds of scatter that are tried.
-
-    Attributes:
-        memory: T of each [days].
-        share: ρ of each.
-        usual: how usual each is; together 1.
-    """
+    """Kinds of scatter: memory T [days], share ρ, and how usual each is, together 1."""
 
     memory: Float[np.ndarray, " kinds"]
     share: Float[np.ndarray, " kinds"]
@@ -84,13 +78,12 @@ def whitened_sums(
     forget = np.exp(-np.diff(days, prepend=days[:1]) / memory)
     known, count = np.isfinite(variance), alternatives.shape[1]
     P = np.broadcast_to(share, (kinds, series)).copy()
-    x, h = np.zeros((kinds, series, width)), np.zeros((kinds, series, count))
-    white_x, white_h = (np.zeros((kinds, series, _AT_ONCE, m)) for m in (width, count))
-    squares, cross = (
-        np.zeros((kinds, series, width, width)),
-        np.zeros((kinds, series, width, count)),
-    )
-    own, log_det = np.zeros_like(h), np.zeros((kinds, series))
+    log_det = np.zeros((kinds, series))
+    # What the past foretells of base and alternatives, and white rows of these.
+    x, h = (np.zeros((kinds, series, m)) for m in (width, count))
+    X, H = (np.zeros((kinds, series, _AT_ONCE, m)) for m in (width, count))
+    squares, cross = (np.zeros((kinds, series, width, m)) for m in (width, count))
+    own = np.zeros_like(h)
     for t in range(n):
         a = forget[:, t, None]
         if t:
@@ -100,15 +93,14 @@ def whitened_sums(
         S = P + (1.0 - share) * np.where(known[:, t], variance[:, t], 1.0)
         gain, weight = np.where(known[:, t], P / S, 0.0), known[:, t] / np.sqrt(S)
         new_x, new_h, k = base[:, t] - x, alternatives[t] - h, t % _AT_ONCE
-        white_x[:, :, k] = weight[..., None] * new_x
-        white_h[:, :, k] = weight[..., None] * new_h
+        X[:, :, k], H[:, :, k] = weight[..., None] * new_x, weight[..., None] * new_h
         log_det += np.where(known[:, t], np.log(S), 0.0)
         x += gain[..., None] * new_x
         h += gain[..., None] * new_h
         P = P * (1.0 - gain)
         if k == _AT_ONCE - 1 or t == n - 1:
-            X, H = white_x[:, :, : k + 1], white_h[:, :, : k + 1]
-            squares += X.swapaxes(2, 3) @ X
-            cross += X.swapaxes(2, 3) @ H
-            own += np.einsum("ksta,ksta->ksa", H, H)
+            some, others = X[:, :, : k + 1], H[:, :, : k + 1]
+            squares += some.swapaxes(2, 3) @ some
+            cross += some.swapaxes(2, 3) @ others
+            own += np.einsum("ksta,ksta->ksa", others, others)
     return Sums(squares, cross, own, log_det, known.sum(axis=1).astype(float))
