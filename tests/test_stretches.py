@@ -181,14 +181,14 @@ def test_columns_of_friction_are_judged_by_the_scatter_of_what_they_leave(alike:
     noise -= Q @ (Q.T @ noise)
     left, U = 20.0 * Q[:, 1] + noise, Q[:, 1:]
     rows = object.__new__(FrictionRows)  # of all that belongs to it only these count
-    object.__setattr__(rows, "drive_rows", ROWS)
-    object.__setattr__(rows, "span", Span(Q[:, :1], np.ones((1, 1))))
+    span = Span(Q[:, :1], np.ones((1, 1)))
+    rows.__dict__.update(drive_rows=ROWS, span=span, largest=np.ones(2))
     found = rows.judged(U, left, constants=2)
     level = noise @ noise / (len(left) - 3)
     if alike:
         level = np.sum(of_stretches(U, noise) ** 2) / 2 * STRETCHES / (STRETCHES - 1)
     x = 400 / level
-    np.testing.assert_allclose(found.after, noise, atol=1e-12)
+    assert found.error == pytest.approx(np.sqrt(np.mean(noise**2)))
     assert found.gain == pytest.approx(400 / (left @ left))
     assert found.times == pytest.approx(np.sqrt(x))
     # χ² with four degrees of freedom, two columns and two constants, exceeds x: (1 + x/2) e^(−x/2).

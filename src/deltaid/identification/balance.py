@@ -28,18 +28,12 @@ def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
     if not (information.channels or weighings):
         return gathered
     sigma = max(noise_level(information), NOISE_FLOOR)
-    facts = _facts(information, weighings, sigma)
-    levels = _levels(replace(information, facts=facts), sigma)
-    return replace(gathered, levels=levels, facts=facts)
-
-
-def _facts(
-    information: Information, weighings: Sequence[Weighing], sigma: float
-) -> Float[np.ndarray, "facts augmented"]:
     rows = [
         sigma / one.std * np.append(one.over(information.columns), one.value) for one in weighings
     ]
-    return np.reshape(rows, (len(rows), len(information.columns) + 1))
+    facts = np.reshape(rows, (len(rows), len(information.columns) + 1))
+    levels = _levels(replace(information, facts=facts), sigma)
+    return replace(gathered, levels=levels, facts=facts)
 
 
 def _levels(information: Information, sigma: float) -> Float[np.ndarray, " channels"]:

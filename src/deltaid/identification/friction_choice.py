@@ -14,27 +14,26 @@ Chance is measured by the scatter of the rows between stretches of time, or by w
 that is larger.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.effects.contest import surprise
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
-from deltaid.estimation.span import Rows, independent
+from deltaid.estimation.span import Columns, Rows, independent, lengths
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
-from deltaid.identification.friction_options import (
+from deltaid.identification.friction_rows import (
+    FrictionRows,
+    Judged,
     Option,
-    Options,
     Variant,
-    columns_of,
-    remaining,
+    friction_rows,
+    shapes_of,
 )
-from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
@@ -44,61 +43,66 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_text import written
 
-# A term is added where chance explains as much to one of all that were tried once in so many
-# decades of recordings; and where it makes this share of a drive's largest torque, less than which
-# is the error of differentiated positions.
-_SEEN, _LEAST = 3.5, 3e-4
-# Decades that the number of joints and kinds of terms takes.
-_TRIALS = 1.3
+# A term is added where chance explains as much to one of all that were tried once in 3.5 decades of
+# recordings; the number of joints and kinds of terms takes 1.3 more.
+_SEEN = 3.5 + 1.3
 # Terms that are added at most.
 _MOST = 25
 
-Columns = Float[np.ndarray, "rows _"]
+# Columns of each variant, without what has been explained.
+_Bare = dict[Variant, Columns]
 
 
 @dataclass(frozen=True, eq=False)
-class _Tried:
-    """An addition to a joint's law.
-
-    Attributes:
-        option, variant: which.
-        gain: by what share the squared error falls.
-        left: share of the largest torque that is left.
-        times: what it explains, as a multiple of what chance makes of that, as a root.
-        surprise: how unlikely that is by chance, in decades, the number of trials counted.
-        directions: orthonormal columns that it adds.
-        useful: whether it is beyond chance, and large enough to matter.
-    """
+class _Step:
+    """The variant of an addition that explains most, and what it explains."""
 
     option: Option
     variant: Variant
-    gain: float
-    left: float
-    times: float
-    surprise: float
-    directions: Columns
-    useful: bool
+    judged: Judged
+
+    @property
+    def is_useful(self) -> bool:
+        """Whether it is beyond chance, and large enough to matter."""
+        return self.judged.surprise > _SEEN and self.judged.is_large
+
+    def trial(self, *, useful: bool) -> FrictionTrial:
+        return FrictionTrial(
+            joint=self.option.joint,
+            addition=self.option.kind,
+            error=self.judged.error,
+            gain=self.judged.gain,
+            significance=self.judged.times,
+            useful=useful,
+        )
+
+
+def rows_for_friction(setup: Setup, progress: Progress, what: str) -> FrictionRows | None:
+    """Rows in which friction is searched; None where described laws are wanted, where loads come
+    and go that nobody declared, or where recordings are too short, which the fit reports."""
+    if setup.settings.friction != "choose" or not setup.robot.friction:
+        return None
+    if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
+        return None
+    progress(f"looking for friction that {what}")
+    beside = shown_by_torques(without_lags(setup.additions))
+    try:
+        return friction_rows(setup.dynamics, setup.recordings, beside)
+    except RecordingError:
+        return None
 
 
 def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     """The friction laws that recordings ask for, unless those of the description are wanted."""
-    if setup.settings.friction != "choose" or not setup.robot.friction:
+    rows = rows_for_friction(setup, progress, "the description lacks")
+    if rows is None:
         return setup
-    if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
-        return setup
-    progress("looking for friction that the description lacks")
-    beside = shown_by_torques(without_lags(setup.additions))
-    try:
-        rows = friction_rows(setup.dynamics, setup.recordings, beside)
-    except RecordingError:
-        return setup  # too short to look at; the fit says so where it matters
     robot, choice = choose_friction(rows, progress)
-    told = _corrections(setup.robot, robot, choice)
-    setup = setup.with_robot(robot).changed(friction_choice=choice).told(told, "friction")
+    corrections = _corrections(setup.robot, robot, choice)
+    setup = setup.with_robot(robot).changed(friction_choice=choice).told(corrections, "friction")
     constants = LawConstants(setup.dynamics)
-    return setup.changed(
-        additions=(*setup.additions, *([constants] if constants.parameters else []))
-    )
+    added = (constants,) if constants.parameters else ()
+    return setup.changed(additions=(*setup.additions, *added))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -106,18 +110,21 @@ def choose_friction(
     rows: FrictionRows, progress: Progress = lambda _: None
 ) -> tuple[RobotDescription, FrictionChoice]:
     """The robot with the friction laws that its recordings ask for, and how they were chosen."""
-    options, robot = Options(rows), rows.dynamics.robot
-    steps, first = _extended(rows, options)
-    rows = _carrying(rows, steps)
-    kept, laws, left = _refined(rows, steps, progress)
+    robot, moved = rows.dynamics.robot, rows.moved.copy()
+    steps, first = _extended(rows)
+    for step in steps:
+        if step.option.kind == "load":  # gears carry what losses were seen by
+            moved[robot.drives.index(step.option.joint)] = step.variant.joint.moved
+    rows = replace(rows, moved=moved)
+    kept, found = _refined(rows, steps, progress)
     choice = FrictionChoice(
         folds=STRETCHES,
         plain_error=rows.share(rows.left),
-        chosen_error=rows.share(left),
-        steps=tuple(_record(one, useful=one in kept) for one in steps),
-        trials=tuple(_record(one, useful=one.useful) for one in first),
+        chosen_error=rows.share(found.left),
+        steps=tuple(step.trial(useful=step in kept) for step in steps),
+        trials=tuple(step.trial(useful=step.is_useful) for step in first),
     )
-    return robot.changed(friction=dict(robot.friction) | laws), choice
+    return robot.changed(friction=dict(robot.friction) | found.laws), choice
 
 
 def _corrections(
@@ -126,169 +133,150 @@ def _corrections(
     """One for each joint whose law was changed."""
     found = list[Correction]()
     for joint, law in after.friction.items():
-        steps = [one for one in choice.steps if one.useful and one.joint == joint]
-        if not steps:
-            continue
-        left = float(np.prod([1 - one.gain for one in steps]))
-        sure = max(one.significance for one in steps)
-        found.append(
-            Correction(
-                kind="friction",
-                subject=joint,
-                text=f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
-                f"squared errors of the torques fall by {100 * (1 - left):.2g} %, {sure:.2g} times "
-                "what chance would explain",
+        steps = [step for step in choice.steps if step.useful and step.joint == joint]
+        if steps:
+            left = float(np.prod([1 - step.gain for step in steps]))
+            times = max(step.significance for step in steps)
+            text = (
+                f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
+                f"squared errors of the torques fall by {100 * (1 - left):.2g} %, {times:.2g} "
+                "times what chance would explain"
             )
-        )
+            found.append(Correction(kind="friction", subject=joint, text=text))
     return found
 
 
-def _extended(rows: FrictionRows, options: Options) -> tuple[list[_Tried], tuple[_Tried, ...]]:
+def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is left to say; and the first round's trials."""
-    bare, left = rows.bare(options.columns), rows.left
-    open_, steps, first = options.all, list[_Tried](), ()
+    options, left = rows.options(), rows.left
+    variants = [variant for option in options for variant in option.variants]
+    columns = rows.columns([(one.joint, shape) for one in variants for shape in one.shapes])
+    ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
+    bare = dict(zip(variants, np.split(_bare(rows, columns), ends, axis=1), strict=False))
+    steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
-        trials = tuple(
-            one for option in open_ if (one := _tried(rows, option, bare, left)) is not None
-        )
+        trials = [step for option in options if (step := _tried(rows, option, bare, left))]
         first = first or trials
-        useful = [one for one in trials if one.useful]
+        useful = [step for step in trials if step.is_useful]
         if not useful:
             break
-        best = _simplest(max(useful, key=lambda one: one.surprise), useful, rows, bare, left)
+        best = max(useful, key=lambda step: step.judged.surprise)
+        best = _simplest(best, useful, rows, bare, left)
         steps.append(best)
-        open_ = remaining(open_, best.option)
-        U = best.directions
-        bare, left = bare - U @ (U.T @ bare), left - U @ (U.T @ left)
+        # Laws for both directions have no offset, which says the same.
+        barred = {best.option.kind, *(["offset"] if best.option.kind == "both_ways" else [])}
+        options = [
+            option for option in options
+            if option.joint != best.option.joint or option.kind not in barred
+        ]  # fmt: skip
+        U = best.judged.directions
+        bare = {variant: _without(U, A) for variant, A in bare.items()}
+        left = _without(U, left)
     return steps, first
 
 
-def _carrying(rows: FrictionRows, steps: Sequence[_Tried]) -> FrictionRows:
-    """Rows whose gears carry what losses by load were seen by."""
-    moved = rows.moved.copy()
-    for one in steps:
-        if one.option.kind == "load":
-            moved[rows.dynamics.robot.drives.index(one.option.joint)] = one.variant.moved
-    return replace(rows, moved=moved)
-
-
 def _simplest(
-    best: _Tried, useful: Sequence[_Tried], rows: FrictionRows, bare: Columns, left: Rows
-) -> _Tried:
+    best: _Step, useful: Sequence[_Step], rows: FrictionRows, bare: _Bare, left: Rows
+) -> _Step:
     """An offset in place of a law for each direction, if what that has more is chance."""
     if best.option.kind != "both_ways":
         return best
-    same = (one for one in useful if one.option.joint == best.option.joint)
-    for one in (one for one in same if one.option.kind == "offset"):
-        U = one.directions
-        more = _tried(rows, best.option, bare - U @ (U.T @ bare), left - U @ (U.T @ left))
-        if more is None or not more.useful:
-            return one
+    for offset in useful:
+        if (offset.option.joint, offset.option.kind) == (best.option.joint, "offset"):
+            U = offset.judged.directions
+            beside = {one: _without(U, bare[one]) for one in best.option.variants}
+            more = _tried(rows, best.option, beside, _without(U, left))
+            return best if more is not None and more.is_useful else offset
     return best
 
 
 def _refined(
-    rows: FrictionRows, steps: Sequence[_Tried], progress: Progress
-) -> tuple[list[_Tried], dict[str, Friction], Rows]:
-    """What is kept of the steps, the laws that follow with refined constants, and what is left."""
+    rows: FrictionRows, steps: Sequence[_Step], progress: Progress
+) -> tuple[list[_Step], Refined]:
+    """What is kept of the steps, and the laws that follow with refined constants."""
     kept = list(steps)
     while kept:
-        progress(f"refining friction laws of {len({one.option.joint for one in kept})} joints")
+        progress(f"refining friction laws of {len({step.option.joint for step in kept})} joints")
         found = refined(rows, _laws(rows, kept))
         spare = _imitated(rows, kept, found) or _spare(rows, kept, found)
         if spare is None:
-            return kept, found.laws, found.left
+            return kept, found
         kept.remove(spare)
-    return [], {}, rows.left
+    return [], Refined({}, rows.left)
 
 
-def _laws(rows: FrictionRows, steps: Sequence[_Tried]) -> dict[str, Friction]:
-    """Laws after some steps."""
+def _laws(rows: FrictionRows, steps: Iterable[_Step]) -> dict[str, Friction]:
     laws = dict[str, Friction]()
-    for one in sorted(steps, key=lambda one: one.option.kind != "offset"):
-        joint = one.option.joint
-        laws[joint] = laws.get(joint, rows.dynamics.robot.friction[joint]).changed(
-            **one.variant.more
-        )
+    for step in sorted(steps, key=lambda step: step.option.kind != "offset"):
+        joint = step.option.joint
+        before = laws.get(joint, rows.dynamics.robot.friction[joint])
+        laws[joint] = before.changed(**step.variant.more)
     return laws
 
 
-def _imitated(rows: FrictionRows, steps: Sequence[_Tried], found: Refined) -> _Tried | None:
+def _imitated(rows: FrictionRows, steps: Sequence[_Step], found: Refined) -> _Step | None:
     """One of two terms with constants that a joint got, where the other one alone can do as well
     with constants of its own; None if all are needed."""
-    curved = [one for one in steps if one.option.constants]
-    doubled = [one for one in curved if sum(x.option.joint == one.option.joint for x in curved) > 1]
-    level = float(found.left @ found.left) / max(len(found.left) - rows.span.rank, 1)
-    worst: tuple[float, _Tried] | None = None
-    for one in doubled:
-        without = refined(rows, _laws(rows, [x for x in steps if x is not one])).left
-        more = float(without @ without) - float(found.left @ found.left)
-        seen = surprise(max(more, 0.0) / level, 1 + one.option.constants) - _TRIALS
-        if seen <= _SEEN and (worst is None or seen < worst[0]):
-            worst = seen, one
-    return worst[1] if worst else None
+    curved = [step for step in steps if step.option.constants]
+    joints = [step.option.joint for step in curved]
+    squares = float(found.left @ found.left)
+    level = squares / max(len(found.left) - rows.span.rank, 1)
+    seen = dict[_Step, float]()
+    for step in curved:
+        if joints.count(step.option.joint) > 1:
+            left = refined(rows, _laws(rows, (other for other in steps if other is not step))).left
+            more = max(float(left @ left) - squares, 0.0)
+            seen[step] = surprise(more / level, 1 + step.option.constants)
+    worst = min(seen, key=lambda step: seen[step], default=None)
+    return worst if worst is not None and seen[worst] <= _SEEN else None
 
 
-def _spare(rows: FrictionRows, steps: Sequence[_Tried], found: Refined) -> _Tried | None:
+def _spare(rows: FrictionRows, steps: Sequence[_Step], found: Refined) -> _Step | None:
     """The step that refined laws can do without best; None if they need all.
 
     Each is judged beside all others, with the constants as they are now.
     """
-    columns, places = np.zeros((len(rows.tau), 0)), list[range]()
-    for one in steps:
-        own = columns_of(rows, found.laws[one.option.joint], one.option)
-        places.append(range(columns.shape[1], columns.shape[1] + own.shape[1]))
-        columns = np.hstack([columns, own])
-    bare, left = rows.bare(columns / np.linalg.norm(columns, axis=0)), rows.left
-    worst: tuple[float, _Tried] | None = None
-    for one, place in zip(steps, places, strict=True):
-        others = [k for k in range(columns.shape[1]) if k not in place]
-        U = bare[:, others] @ independent(bare[:, others])
-        variant = replace(one.variant, columns=tuple(place))
-        option = replace(one.option, variants=(variant,), positive=False)
-        now = _tried(rows, option, bare - U @ (U.T @ bare), left - U @ (U.T @ left))
-        size = now.surprise if now is not None else 0.0
-        if (now is None or not now.useful) and (worst is None or size < worst[0]):
-            worst = size, one
-    return worst[1] if worst else None
+    robot, wanted = rows.dynamics.robot, []
+    of_step = list[int]()
+    for k, step in enumerate(steps):
+        joint = step.option.joint
+        shapes = shapes_of(robot, joint, found.laws[joint], step.option.kind)
+        wanted += [(rows.joints[joint], shape) for shape in shapes]
+        of_step += [k] * len(shapes)
+    bare, left = _bare(rows, rows.columns(wanted)), rows.left
+    seen = dict[_Step, float]()
+    for k, step in enumerate(steps):
+        own = np.array(of_step) == k
+        U = bare[:, ~own] @ independent(bare[:, ~own])
+        option = replace(step.option, variants=(step.variant,), positive=False)
+        now = _tried(rows, option, {step.variant: _without(U, bare[:, own])}, _without(U, left))
+        if now is None or not now.is_useful:
+            seen[step] = now.judged.surprise if now is not None else 0.0
+    return min(seen, key=lambda step: seen[step], default=None)
 
 
-def _tried(rows: FrictionRows, option: Option, bare: Columns, left: Rows) -> _Tried | None:
+def _tried(rows: FrictionRows, option: Option, bare: _Bare, left: Rows) -> _Step | None:
     """The variant of an option that explains most; None where there is nothing of it to see."""
     best: tuple[float, Variant, Columns] | None = None
     for variant in option.variants:
-        F = bare[:, variant.columns]
-        by = independent(F)
-        if not by.shape[1] or (option.positive and F[:, 0] @ left <= 0):
+        A = bare[variant]
+        by = independent(A)
+        if not by.shape[1] or (option.positive and A[:, 0] @ left <= 0):
             continue
-        U = F @ by
+        U = A @ by
         gain = float(np.sum((U.T @ left) ** 2))
         if best is None or gain > best[0]:
             best = gain, variant, U
     if best is None:
         return None
     _, variant, U = best
-    judged = rows.judged(U, left, option.constants)
-    seen = judged.surprise - _TRIALS
-    large = rows.share(left - judged.after) > _LEAST
-    return _Tried(
-        option=option,
-        variant=variant,
-        gain=judged.gain,
-        left=rows.share(judged.after),
-        times=judged.times,
-        surprise=seen,
-        directions=U,
-        useful=seen > _SEEN and large,
-    )
+    return _Step(option, variant, rows.judged(U, left, option.constants))
 
 
-def _record(one: _Tried, *, useful: bool) -> FrictionTrial:
-    return FrictionTrial(
-        joint=one.option.joint,
-        addition=one.option.kind,
-        error=one.left,
-        gain=one.gain,
-        significance=one.times,
-        useful=useful,
-    )
+def _bare(rows: FrictionRows, columns: Columns) -> Columns:
+    """Columns of unit length without what parameters, additions and lags explain."""
+    return rows.span.without(columns / lengths(columns))
+
+
+def _without(U: Columns, A: np.ndarray) -> np.ndarray:
+    return A - U @ (U.T @ A)

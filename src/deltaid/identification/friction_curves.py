@@ -12,13 +12,12 @@ linear; whoever judges the fit takes δx as free (`freed`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.effects.joint import entry_speeds
+from deltaid.effects.joint import Joint, joints_of
 from deltaid.estimation.additions import Addition, Values
 from deltaid.estimation.free_body import free_coefficients
 from deltaid.estimation.objective import data_term
@@ -35,17 +34,12 @@ from deltaid.robot.parameter import Parameter
 # Speeds of a curve each way: so many, from this share of the fastest.
 _POINTS, _SLOWEST = 15, 0.02
 
-Further = Float[np.ndarray, "further samples"]
 Speeds = Float[np.ndarray, " speeds"]
 
 
 @dataclass(frozen=True, eq=False)
 class LawConstants(Addition):
-    """Changes of a robot's friction with the constants of its laws, in logarithms.
-
-    Attributes:
-        dynamics: of the robot.
-    """
+    """Changes of a robot's friction with the constants of its laws, in logarithms."""
 
     dynamics: Dynamics
 
@@ -66,19 +60,18 @@ class LawConstants(Addition):
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the joints' Coulomb friction acts."""
-        rows, _ = self.dynamics.regressor_pattern
-        places = [self._coulomb(term.joint) for term, _ in self.constants]
-        columns = [np.full(len(at), k) for k, at in enumerate(places)]
-        return rows[np.concatenate(places)], np.concatenate(columns)
+        drives = [joint.drives for _, _, joint in self._with_joints]
+        columns = np.repeat(np.arange(len(drives)), [len(own) for own in drives])
+        return np.concatenate(drives), columns
 
-    def entries(self, w: Samples, own: Values, recording: Recording) -> Further:
+    def entries(self, w: Samples, own: Values, recording: Recording) -> Values:
         """size ∂φ/∂x times the Coulomb column, with the described size of the term."""
-        found = []
-        for term, name in self.constants:
-            steps = own[self._coulomb(term.joint)]
-            v = entry_speeds(own[self._entries(f"viscous.{term.joint}")], steps)
-            found.append(term.size * term.slopes(v)[name] * steps)
-        return np.vstack(found)
+        return np.vstack(
+            [
+                term.size * term.slopes(joint.speed(own))[name] * own[joint.coulomb]
+                for term, name, joint in self._with_joints
+            ]
+        )
 
     def on(self, dynamics: Dynamics) -> "LawConstants":
         return LawConstants(dynamics)
@@ -87,40 +80,35 @@ class LawConstants(Addition):
     def is_held(self) -> bool:
         return True  # the constants are those of the law
 
-    def _coulomb(self, joint: str) -> np.ndarray:
-        return self._entries(f"coulomb.{joint}")
-
-    def _entries(self, name: str) -> np.ndarray:
-        _, columns = self.dynamics.regressor_pattern
-        return np.flatnonzero(columns == self.dynamics.layout.names.index(name))
+    @property
+    def _with_joints(self) -> list[tuple[FrictionTerm, str, Joint]]:
+        joints = {joint.name: joint for joint in joints_of(self.dynamics)}
+        return [(term, name, joints[term.joint]) for term, name in self.constants]
 
 
 def law_constants(additions: Sequence[Addition]) -> LawConstants | None:
     """Those among additions."""
-    found = [one for one in additions if isinstance(one, LawConstants)]
-    return found[0] if found else None
+    return next((one for one in additions if isinstance(one, LawConstants)), None)
 
 
 def freed(problem: FittedProblem) -> FittedProblem:
     """A fit to be judged: its result, with what it holds unknown, such as constants of laws."""
     if not any(one.is_held for one in problem.additions):
         return problem
-    free = [
-        free_coefficients(one.parameters) if one.is_held else one.free for one in problem.additions
+    added = [
+        (one.parameters, free_coefficients(one.parameters) if one.is_held else one.free)
+        for one in problem.additions
     ]
-    added = [(one.parameters, own) for one, own in zip(problem.additions, free, strict=True)]
-    information = problem.information
-    reduction = replace(
-        build_reduction(
-            problem.dynamics.robot, information.columns, added, problem.settings.prior_spread
-        ),
-        widened=problem.reduction.widened,
+    information, settings = problem.information, problem.settings
+    reduction = build_reduction(
+        problem.dynamics.robot, information.columns, added, settings.prior_spread
     )
+    reduction = replace(reduction, widened=problem.reduction.widened)
     objective = replace(
         problem.objective,
         reduction=reduction,
         data=data_term(information, reduction),
-        regularizer=METRICS[problem.settings.regularizer].regularizer(reduction),
+        regularizer=METRICS[settings.regularizer].regularizer(reduction),
     )
     known = dict(zip(problem.reduction.names, problem.solution.x.tolist(), strict=True))
     x = np.array([known.get(name, 0.0) for name in reduction.names])
@@ -138,27 +126,25 @@ def friction_curves(
         fastest: largest speed of each drive in the recordings [rad/s or m/s].
     """
     problem = freed(problem)
-    robot, curves = problem.dynamics.robot, list[tuple[str, Speeds]]()
+    robot, speeds = problem.dynamics.robot, dict[str, Speeds]()
+    tops = dict(zip(robot.drives, fastest.tolist(), strict=True))
     for joint in robot.friction_joints:
-        top = robot.platform_speed
-        if joint in robot.drives:
-            top = float(fastest[robot.drives.index(joint)])
+        top = tops.get(joint, robot.platform_speed)
         if top > 0:
             v = np.geomspace(_SLOWEST * top, top, _POINTS)
-            curves.append((joint, np.concatenate([-v[::-1], v])))
-    rows = [curve_rows(problem, joint, v) for joint, v in curves]
-    if not rows:
+            speeds[joint] = np.concatenate([-v[::-1], v])
+    if not speeds:
         return ()
-    half = uncertainty(problem, np.vstack(rows)).interval
-    ends = np.cumsum([0, *(len(v) for _, v in curves)])
+    rows = [curve_rows(problem, joint, v) for joint, v in speeds.items()]
+    half = uncertainty(problem, np.vstack(rows)).interval.reshape(len(rows), -1)
     return tuple(
         FrictionCurve(
             joint=joint,
             speed=tuple(v.tolist()),
-            friction=tuple((part @ problem.values).tolist()),
-            half_width=tuple(half[start:stop].tolist()),
+            friction=tuple((own @ problem.values).tolist()),
+            half_width=tuple(width.tolist()),
         )
-        for (joint, v), part, (start, stop) in zip(curves, rows, pairwise(ends), strict=True)
+        for (joint, v), own, width in zip(speeds.items(), rows, half, strict=True)
     )
 
 
@@ -171,11 +157,10 @@ def curve_rows(
     for term in problem.dynamics.robot.friction_terms:
         if term.joint == joint and not term.of_load:
             rows[:, names.index(term.name)] = term.values(v)
-    one = law_constants(problem.additions)
-    if one is None:
-        return rows
-    for (term, name), parameter in zip(one.constants, one.parameters, strict=True):
-        if term.joint == joint:
-            at = names.index(parameter.name)
-            rows[:, at] = term.size * term.slopes(v)[name]
+    constants = law_constants(problem.additions)
+    if constants is not None:
+        pairs = zip(constants.constants, constants.parameters, strict=True)
+        for (term, name), parameter in pairs:
+            if term.joint == joint:
+                rows[:, names.index(parameter.name)] = term.size * term.slopes(v)[name]
     return rows

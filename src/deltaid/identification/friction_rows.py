@@ -1,4 +1,4 @@
-"""Recordings in memory as rows in which further friction terms are looked for.
+"""Recordings in memory as rows in which further friction terms are looked for, and these terms.
 
 Rows are masked as the fit's are, reversals of joints included. What a friction law lacks and a lag
 of the torques look alike, so next to the robot's own columns there is one free lag for each drive
@@ -6,18 +6,27 @@ of each recording: −τ̇ of the model. Whatever else is looked for, columns ar
 explain.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.contest import surprise
-from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
+from deltaid.effects.joint import (
+    Joint,
+    Shape,
+    joint_columns,
+    joints_of,
+    of_load,
+    one_way,
+    one_way_speed,
+)
 from deltaid.effects.lag_columns import LagColumns, alone
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import DriveRows
@@ -26,33 +35,75 @@ from deltaid.estimation.problem import level_along
 from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
+from deltaid.model.friction_record import AdditionKind
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction, PowerLaw, Stribeck
+from deltaid.robot.friction_terms import FrictionTerm, friction_terms
 
 # Windows of all recordings together at least, and seconds of each, that are looked at.
 _WINDOWS, _SECONDS = 6, 20.0
 # Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
 # in quick motions that is above what masses need.
 _CUTOFF = 50.0
-# What is left of a drive's torque at least, as a share of its largest, to be compared with.
-_FLOOR = 1e-5
+# Less of a drive's largest torque is the error of differentiated positions.
+_LEAST = 3e-4
+# First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
+_EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
+_SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
+FORMS = (1.0, 2.0)
+# Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
+_SIZE, _LOAD = 0.3, 0.05
+# Shares of a rotor's inertia that may be its link's, as torques show their sum only and losses what
+# the gear carries; below zero the other way.
+_SHARES = (0.0, -1.0, -0.5, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What columns explain.
+    """What columns explain of rows, against chance.
 
     Attributes:
+        directions: the columns, orthonormal.
         gain: by what share the squared error falls.
         times: what they explain as a multiple of what chance explains, in amplitude.
         surprise: how unlikely that is by chance, in decades.
-        after: the rows that are left.
+        error: what they leave, as a share of the drives' largest torques.
+        is_large: whether what they explain is more than the error of differentiated positions.
     """
 
+    directions: Columns
     gain: float
     times: float
     surprise: float
-    after: Rows
+    error: float
+    is_large: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One form of an addition to a joint's law: keys of `Friction`, and the columns it shows."""
+
+    more: dict[str, Any]
+    joint: Joint
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """One kind of addition to one joint's law; of a described term, other constants.
+
+    Attributes:
+        constants: how many are chosen with the variant, beside its coefficients.
+        positive: whether its coefficient must be.
+    """
+
+    joint: str
+    kind: AdditionKind
+    variants: tuple[Variant, ...]
+    constants: int
+    positive: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +111,10 @@ class FrictionRows:
     """Rows of some recordings, one drive under the other, in units of each drive's noise.
 
     Attributes:
-        dynamics: of the robot as described.
-        traces: the recordings.
         largest: torque of each drive.
         Y: active columns of the regressor, all recordings after each other.
         beside: columns of additions, and of a lag for each drive of each recording.
-        drive_rows: how samples of drives stand under each other, over the noise of each.
-        span: what parameters and lags explain.
+        span: what parameters and `beside` explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
         moved: of each drive, as `Joint.moved`.
@@ -88,42 +136,35 @@ class FrictionRows:
         """What parameters and lags leave of the torques."""
         return self.span.without(self.tau)
 
+    @property
+    def _is_friction(self) -> Bool[np.ndarray, " columns"]:
+        friction, active = self.dynamics.layout.friction, active_columns(self.dynamics)
+        return (friction.start <= active) & (active < friction.stop)
+
     @cached_property
     def rigid(self) -> Span:
         """What lags, additions and all parameters but those of friction explain."""
-        layout, Y = self.dynamics.layout, self.Y.copy()
-        friction = np.arange(len(layout.names))[layout.friction]
-        Y[:, :, np.isin(active_columns(self.dynamics), friction)] = 0.0
+        Y = np.where(self._is_friction, 0.0, self.Y)
         return Span.of(self.drive_rows.stack(Y)).with_columns(self.beside)
+
+    @cached_property
+    def friction(self) -> Float[np.ndarray, "dof samples"]:
+        """Torques of the robot's friction [N m or N]."""
+        own = self._is_friction
+        return self.Y[:, :, own] @ self.p[active_columns(self.dynamics)[own]]
 
     def own(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
         at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
         return self.drive_rows.stack(self.Y[:, :, at])
 
-    def rotor(self, joint: Joint) -> float:
-        """Inertia of a drive's rotor by p; zero without."""
-        names, name = self.dynamics.layout.names, f"rotor.{joint.name}"
-        return float(self.p[names.index(name)]) if name in names else 0.0
-
     def share(self, left: Rows) -> float:
         """Root mean square of rows as a share of the drives' largest torques."""
         of_drives = self.drive_rows.of_drives(left) / self.largest[:, None]
         return float(np.sqrt(np.mean(of_drives**2)))
 
-    @cached_property
-    def friction(self) -> Float[np.ndarray, "dof samples"]:
-        """Torques of the robot's friction [N m or N]."""
-        layout, active = self.dynamics.layout, active_columns(self.dynamics)
-        own = np.isin(active, np.arange(len(layout.names))[layout.friction])
-        return self.Y[:, :, own] @ self.p[active[own]]
-
-    def bare(self, columns: Columns) -> Columns:
-        """Without what parameters, additions and lags explain."""
-        return self.span.without(columns)
-
-    def judged(self, U: Columns, left: Rows, constants: int) -> "Judged":
-        """What orthonormal columns explain of rows, against chance.
+    def judged(self, U: Columns, left: Rows, constants: int) -> Judged:
+        """What orthonormal columns explain of rows.
 
         Chance is the scatter of their scores between stretches of time, or white noise where that
         is larger.
@@ -131,34 +172,118 @@ class FrictionRows:
         Args:
             constants: that were chosen with them.
         """
-        after = left - U @ (U.T @ left)
+        found = U @ (U.T @ left)
+        after = left - found
         gain = float(np.sum((U.T @ left) ** 2))
         freedom = max(len(left) - self.span.rank - U.shape[1], 1)
         level = level_along(U, after, self.drive_rows.groups, freedom)
         return Judged(
+            directions=U,
             gain=gain / max(float(left @ left), 1e-300),
             times=float(np.sqrt(gain / level)),
             surprise=surprise(gain / level, U.shape[1] + constants),
-            after=after,
+            error=self.share(after),
+            is_large=self.share(found) > _LEAST,
         )
 
     @cached_property
-    def joints(self) -> tuple[Joint, ...]:
+    def joints(self) -> dict[str, Joint]:
         """Joints whose friction may have further terms."""
-        motion = [one.entries(one.motion()) for one in self.traces]
-        found = []
-        for one in joints_of(self.dynamics):
-            fastest = max(float(one.speed(entries).max()) for entries in motion)
+        motions = [trace.entries(trace.motion()) for trace in self.traces]
+        found = dict[str, Joint]()
+        for joint in joints_of(self.dynamics):
+            fastest = max(float(joint.speed(entries).max()) for entries in motions)
             if fastest > 0:
-                moved = 0.0 if one.drive is None else float(self.moved[one.drive])
-                found.append(replace(one, fastest=fastest, moved=moved))
-        return tuple(found)
+                moved = 0.0 if joint.drive is None else float(self.moved[joint.drive])
+                found[joint.name] = replace(joint, fastest=fastest, moved=moved)
+        return found
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
     def columns(self, wanted: Sequence[tuple[Joint, Shape]]) -> Columns:
         """One column for each shape of a joint, whatever else explains of it."""
-        parts = [joint_columns(replace(one, load=self.p), self.p, wanted) for one in self.traces]
+        if not wanted:
+            return np.zeros((len(self.tau), 0))
+        traces = [replace(trace, load=self.p) for trace in self.traces]
+        parts = [joint_columns(trace, self.p, wanted) for trace in traces]
         return self.drive_rows.stack(np.concatenate(parts, axis=1))
+
+    def options(self) -> list[Option]:
+        """All additions to the laws of the robot."""
+        return [option for joint in self.joints.values() for option in self._options_of(joint)]
+
+    def _options_of(self, joint: Joint) -> Iterator[Option]:
+        robot, names = self.dynamics.robot, self.dynamics.layout.names
+        law, rotor = robot.friction[joint.name], f"rotor.{joint.name}"
+        for kind, changes in _changes(joint, law).items():
+            joints = [joint]
+            if kind == "load" and rotor in names:
+                inertia = float(self.p[names.index(rotor)])
+                joints = [replace(joint, moved=share * inertia) for share in _SHARES]
+            variants = tuple(
+                Variant(more, moved, shapes_of(robot, joint.name, law.changed(**more), kind))
+                for moved in joints
+                for more in changes
+            )
+            constants = min(len(variants) - 1, 2 if kind == "stribeck" else 1)
+            positive = kind in ("load", "power", "stribeck") and changes != [{}]
+            yield Option(joint.name, kind, variants, constants, positive)
+
+
+def _changes(joint: Joint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:
+    """Forms of what a law may get, as keys of `Friction`; none where constants are others."""
+    c, found = law.coulomb, dict[AdditionKind, list[dict[str, Any]]]()
+    if joint.drive is not None and law.both_ways:
+        if law.offset is None:
+            found["offset"] = [{"offset": 0.1 * c}]
+        found["both_ways"] = [{"viscous_back": law.viscous, "coulomb_back": c, "offset": None}]
+    if joint.drive is not None and law.load is None:
+        found["load"] = [{"load": _LOAD}]
+    found["power"] = [{}] if law.power else [
+        {"power": PowerLaw(coefficient=_SIZE * c / joint.fastest**e, exponent=e)}
+        for e in _EXPONENTS
+    ]  # fmt: skip
+    if law.stribeck or not law.hess_soom:
+        found["stribeck"] = [{}] if law.stribeck else [
+            {"stribeck": Stribeck(
+                coefficient=_SIZE * c, speed=share * joint.fastest, exponent=form)}
+            for share in _SPEEDS for form in FORMS
+        ]  # fmt: skip
+    return found
+
+
+_SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
+    "offset": (one_way,),
+    "both_ways": (one_way, one_way_speed),
+    "load": (of_load,),
+}
+
+
+def shapes_of(
+    robot: RobotDescription, joint: str, law: Friction, kind: AdditionKind
+) -> tuple[Shape, ...]:
+    """What shows an addition in a law: its terms, or slopes by constants of a described one."""
+    if kind in _SHAPES:
+        return _SHAPES[kind]
+    terms = friction_terms({joint: (law, robot.units(joint))})
+    term = next(term for term in terms if term.kind == kind)
+    if getattr(robot.friction[joint], kind) is None:
+        return (of_term(term),)
+    return tuple(of_slope(term, name) for name in term.constants)
+
+
+def of_term(term: FrictionTerm) -> Shape:
+    """A term: what changes its sign with the speed by Coulomb's entries, the rest as it is."""
+
+    def shape(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+        forth, back = term.h(v, 1.0, load), term.h(-v, -1.0, load)
+        return C * (0.5 * (forth - back)) + 0.5 * (forth + back)
+
+    return shape
+
+
+def of_slope(term: FrictionTerm, constant: str) -> Shape:
+    """A term's change with the logarithm of a constant."""
+    return lambda v, C, load: C * term.slopes(v)[constant]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -174,52 +299,40 @@ def friction_rows(
         RecordingError: a log is too short or too slow to be differentiated.
     """
     prior, share = prior_parameters(dynamics.robot), 1.0 / len(recordings)
-    traces = []
-    for one in recordings:
-        windows = max(2, round(_WINDOWS * share), round(_SECONDS * one.log.rate / WINDOW * share))
-        traces.append(
-            trace(
-                dynamics,
-                one,
-                prior,
-                cutoff=cutoff_of(one),
-                windows=windows,
-            )
-        )
-    Y = np.concatenate([one.regressor() for one in traces], axis=1)
-    still = np.zeros(dynamics.dof)
-    tau = np.concatenate([one.torques() for one in traces], axis=1)
-    largest = np.max([one.log.torque_max for one in recordings], axis=0)
-    rows = DriveRows(largest, Y.shape[1])
-    left = Span.of(rows.stack(Y)).without(rows.stack(tau)).reshape(dynamics.dof, -1)
-    rows = replace(rows, scale=np.maximum(np.sqrt(np.mean(left**2, axis=1)), _FLOOR) * largest)
-    span, right = Span.of(rows.stack(Y)), rows.stack(tau)
-    off = right - rows.stack(Y @ prior[active_columns(dynamics)])
+    traces = list[Trace]()
+    for recording in recordings:
+        long = _SECONDS * recording.log.rate / WINDOW
+        windows = max(2, round(_WINDOWS * share), round(long * share))
+        cutoff = cutoff_of(recording)
+        traces.append(trace(dynamics, recording, prior, cutoff=cutoff, windows=windows))
+    Y = np.concatenate([trace.regressor() for trace in traces], axis=1)
+    torques = np.concatenate([trace.torques() for trace in traces], axis=1)
+    largest = np.max([recording.log.torque_max for recording in recordings], axis=0)
+    rows = DriveRows(largest, Y.shape[1]).by_misfit(Y, torques)
+    span, tau = Span.of(rows.stack(Y)), rows.stack(torques)
+    off = tau - rows.stack(Y @ prior[active_columns(dynamics)])
     p = prior + parameters_of(dynamics, span, off)
-    beside = _beside(rows, traces, p, additions)
-    span = span.with_columns(beside)
-    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, rows, span, right, p, still)
+    beside = rows.stack(_beside(traces, p, additions))
+    span, still = span.with_columns(beside), np.zeros(dynamics.dof)
+    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, rows, span, tau, p, still)
 
 
 def _beside(
-    rows: DriveRows, traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
-) -> Columns:
+    traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
+) -> Float[np.ndarray, "dof samples columns"]:
     """Columns of additions, and a lag for each drive in each recording."""
-    dynamics, found = traces[0].dynamics, []
-    own = len(active_columns(dynamics))
+    dynamics, found = traces[0].dynamics, list[np.ndarray]()
+    own, dof = len(active_columns(dynamics)), dynamics.dof
     for k, one in enumerate(traces):
-        lags = LagColumns(dynamics, (), p, one.recording, alone(dynamics.dof))
-        columns = one.regressor((*additions, lags))[:, :, own:]
-        width = columns.shape[2] - dynamics.dof
-        padded = np.zeros((*columns.shape[:2], width + len(traces) * dynamics.dof))
-        padded[:, :, :width] = columns[:, :, :width]
-        first = width + k * dynamics.dof
-        padded[:, :, first : first + dynamics.dof] = columns[:, :, width:]
-        found.append(padded)
-    return rows.stack(np.concatenate(found, axis=1))
+        lags = LagColumns(dynamics, (), p, one.recording, alone(dof))
+        columns = one.regressor((*additions, lags))
+        places = (k * dof, (len(traces) - 1 - k) * dof)
+        alone_here = np.pad(columns[:, :, -dof:], ((0, 0), (0, 0), places))
+        found.append(np.concatenate([columns[:, :, own:-dof], alone_here], axis=2))
+    return np.concatenate(found, axis=1)
 
 
 def cutoff_of(recording: Recording) -> float | None:
-    """Of the rows; None for the recording's own."""
+    """Of the rows [Hz]; None for the recording's own."""
     held = recording.motion_cutoff
     return None if held is None else max(recording.cutoff or 0.0, min(held, _CUTOFF))

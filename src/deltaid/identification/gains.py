@@ -13,7 +13,7 @@ scale of all c and p is free. Limbs that are alike tell the ratios of their driv
 where these explain more of a recording than anything else, Σ log c_i = 0 over these drives.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.free_body import Free
-from deltaid.identification.fit import FittedProblem, fit
+from deltaid.identification.fit import fit
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction
@@ -64,10 +64,15 @@ class Gains(Addition):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        return self._coefficients(self.dynamics.robot.drives, -np.log(self.gain))
+
+    def _coefficients(
+        self, names: Iterable[str], priors: Float[np.ndarray, " names"]
+    ) -> tuple[Parameter, ...]:
         scale = SPREAD / self.prior_spread
         return tuple(
-            Parameter("gain", drive, "gain", "", -np.inf, np.inf, -float(np.log(c)), scale)
-            for drive, c in zip(self.dynamics.robot.drives, self.gain, strict=True)
+            Parameter("gain", name, "gain", "", -np.inf, np.inf, prior, scale)
+            for name, prior in zip(names, priors.tolist(), strict=True)
         )
 
     @property
@@ -82,12 +87,8 @@ class Gains(Addition):
         ratios = null_space(np.ones((1, len(self.alike))))
         A = np.zeros((self.dynamics.dof, ratios.shape[1]))
         A[list(self.alike)] = ratios
-        scale = SPREAD / self.prior_spread
-        priors = (-A.T @ np.log(self.gain)).tolist()
-        variables = tuple(
-            Parameter("gain", f"ratio{k + 1}", "gain", "", -np.inf, np.inf, prior, scale)
-            for k, prior in enumerate(priors)
-        )
+        names = (f"ratio{k + 1}" for k in range(ratios.shape[1]))
+        variables = self._coefficients(names, -A.T @ np.log(self.gain))
         return Free(variables, A, np.zeros(len(A)), ())
 
     @property
@@ -98,15 +99,12 @@ class Gains(Addition):
         """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
         if dynamics is self.dynamics:
             return self
-        before, own = self.dynamics.layout.names, len(self.dynamics.layout.names)
-        known = dict(zip(before, self.values[:own].tolist(), strict=True))
+        before = self.dynamics.layout.names
+        p, others = np.split(self.values, [len(before)])
+        known = dict(zip(before, p.tolist(), strict=True))
         p = [known.get(name, 0.0) for name in dynamics.layout.names]
-        return replace(
-            self,
-            dynamics=dynamics,
-            values=np.append(p, self.values[own:]),
-            others=tuple(one.on(dynamics) for one in self.others),
-        )
+        moved = tuple(one.on(dynamics) for one in self.others)
+        return replace(self, dynamics=dynamics, values=np.append(p, others), others=moved)
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
@@ -127,53 +125,41 @@ class Gains(Addition):
             one.is_absolute and len(one.pattern[0]) > 0 for one in self.others
         )
 
-    @property
-    def _witness(self) -> str:
-        """What knows N m by itself."""
-        return " and by ".join(one.witness for one in self.others if one.is_absolute)
-
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        pairs = list(zip(self.gain.tolist(), judged, strict=True))
-        if not self.alike:
-            return tuple(_told(c, one, self._witness) for c, one in pairs)
+        drives, found = self.dynamics.robot.drives, list[Correction]()
+        for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
+            if self.alike and i not in self.alike:
+                continue
+            ends = (gain.value, gain.low, gain.high)
+            value, low, high = (float(c * np.exp(np.nan if x is None else x)) for x in ends)
+            torque = f"the joint gets {value:.4g} times the torque that {drive} records"
+            if self.alike:
+                text = self._by_ratio(torque)
+            elif gain.std < _TOLD * SPREAD:
+                witness = " and by ".join(one.witness for one in self.others if one.is_absolute)
+                exact = ", which is 1 as far as this can tell" if low <= 1.0 <= high else ""
+                text = f"{torque}, told by {witness}{exact}"
+            else:
+                text = (
+                    f"what is known in N m by itself hardly shows in {drive}, so its gain rests on "
+                    f"torque constants being right within {100 * SPREAD:.0f} % (one sigma); a load "
+                    "of known inertia about this drive's axis, off the tool's axis where this is "
+                    "the tool's drive, or a torque sensor at its gear would tell it"
+                )
+            found.append(
+                Correction(kind="gain", subject=drive, value=value, low=low, high=high, text=text)
+            )
+        return tuple(found)
+
+    def _by_ratio(self, torque: str) -> str:
         drives = self.dynamics.robot.drives
         silent = [drive for i, drive in enumerate(drives) if i not in self.alike]
-        return tuple(_told_ratio(*pairs[i], silent) for i in self.alike)
-
-
-def _told_ratio(c: float, judged: Judged, silent: Sequence[str]) -> Correction:
-    """Of a drive of a limb; `silent` are the drives of which no limb tells."""
-    drive, value = judged.name.removeprefix("gain."), c * np.exp(judged.value)
-    low, high = (c * np.exp(np.nan if x is None else x) for x in (judged.low, judged.high))
-    rest = f", {' and '.join(silent)} is taken to be right" if silent else ""
-    text = (
-        f"limbs are alike, so the joint gets {value:.4g} times the torque that {drive} records, "
-        "against the mean of the limbs' drives; what is common to all shows nowhere and is taken "
-        f"to be right{rest}: a second recording with a known load tells these too"
-    )
-    return Correction(
-        kind="gain", subject=drive, value=float(value), low=float(low), high=float(high), text=text
-    )
-
-
-def _told(c: float, judged: Judged, witness: str) -> Correction:
-    drive, value = judged.name.removeprefix("gain."), c * np.exp(judged.value)
-    low, high = (c * np.exp(np.nan if x is None else x) for x in (judged.low, judged.high))
-    if judged.std < _TOLD * SPREAD:
-        text = (
-            f"the joint gets {value:.4g} times the torque that {drive} records, told by {witness}"
-            + (", which is 1 as far as this can tell" if low <= 1.0 <= high else "")
+        rest = f", {' and '.join(silent)} is taken to be right" if silent else ""
+        return (
+            f"limbs are alike, so {torque}, against the mean of the limbs' drives; what is common "
+            f"to all shows nowhere and is taken to be right{rest}: a second recording with a known "
+            "load tells these too"
         )
-    else:
-        text = (
-            f"what is known in N m by itself hardly shows in {drive}, so its gain "
-            f"rests on torque constants being right within {100 * SPREAD:.0f} % (one sigma); a "
-            "load of known inertia about this drive's axis, off the tool's axis where this is the "
-            "tool's drive, or a torque sensor at its gear would tell it"
-        )
-    return Correction(
-        kind="gain", subject=drive, value=float(value), low=float(low), high=float(high), text=text
-    )
 
 
 def gains(setup: Setup, progress: Progress) -> Setup:
@@ -193,7 +179,8 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     problem = fit(dynamics, _with(setup, c), settings, additions=others)
 
     def found() -> Gains:
-        values = _values(problem, others)
+        # Of the robot and of all additions but the gains.
+        values = problem.values[: len(problem.p) + sum(len(one.parameters) for one in others)]
         return Gains(dynamics, c, values, others, settings.prior_spread, alike)
 
     for _ in range(_ROUNDS):
@@ -216,7 +203,7 @@ def _alike(setup: Setup) -> tuple[int, ...]:
     if limbs is None or not limbs.identical:
         return ()
     drives = setup.robot.drives[: limbs.count]
-    uneven = any(one is not None and _by_gains(one, drives) for one in setup.studies)
+    uneven = any(study is not None and _by_gains(study, drives) for study in setup.studies)
     return tuple(range(limbs.count)) if uneven else ()
 
 
@@ -225,17 +212,11 @@ def _by_gains(study: Study, drives: Sequence[str]) -> bool:
     largest = study.largest
     if largest is None or largest.kind != "drive-gain" or largest.subject not in ("", *drives):
         return False
-    alone = [(one.candidate.kind, one.gain) for one in study.account.first]
-    gains, zeros = (
-        max((gain for kind, gain in alone if kind == which), default=0.0)
-        for which in ("drive-gain", "homing-or-tilt")
-    )
-    return zeros < _ZEROS * gains
-
-
-def _values(problem: FittedProblem, others: Sequence[Addition]) -> Parameters:
-    """Those of the robot and of all additions but the gains."""
-    return problem.values[: len(problem.p) + sum(len(one.parameters) for one in others)]
+    most = {"drive-gain": 0.0, "homing-or-tilt": 0.0}
+    for one in study.account.first:
+        kind = one.candidate.kind
+        most[kind] = max(most.get(kind, 0.0), one.gain)
+    return most["homing-or-tilt"] < _ZEROS * most["drive-gain"]
 
 
 def _with(setup: Setup, c: Float[np.ndarray, " dof"]) -> tuple[Recording, ...]:

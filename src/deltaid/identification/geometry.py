@@ -17,12 +17,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.geometry import geometric_errors
+from deltaid.dynamics.geometry import Error, geometric_errors
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import Information, active_columns
 from deltaid.estimation.regularizer import parameter_scale
+from deltaid.estimation.span import lengths
 from deltaid.identification.gathering import thinned
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.recording import Recording
@@ -39,12 +40,8 @@ _BESIDE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """What each geometric quantity that may be off does to base parameters.
-
-    Attributes:
-        names: of the quantities.
-        shifts: of the least-squares base parameters by one standard deviation of each.
-    """
+    """Quantities that may be off, and what one standard deviation of each shifts least-squares
+    base parameters by."""
 
     names: tuple[str, ...]
     shifts: Float[np.ndarray, "base quantities"]
@@ -84,22 +81,18 @@ def geometry(
     """What the tolerances of a robot's description do to base parameters from recordings.
 
     Args:
-        dynamics: of the robot.
-        recordings: that the information comes from.
         base: base parameters, those of additions included.
         information: of all recordings.
         values: parameters of the robot, and of the additions behind them.
-        additions: what torques were explained with beside the robot.
     """
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
-    weights, regressor = np.sqrt(information.weights), extended(dynamics, additions)
-    drives, p = weights[information.drives], values[: len(dynamics.layout.names)]
-    active, seen = information.columns, MeasuredRows(regressor)
-    rows: list[GeometricRows] = []
-    for one in recordings:
-        rows.append(geometric_rows(regressor, dynamics, one, p, drives, active=active))
-        rows += sensor_geometry(seen, dynamics, one, values, weights[len(drives) :], active)
+    regressor, active = extended(dynamics, additions), information.columns
+    drives, sensors = np.split(np.sqrt(information.weights), [information.drives.stop])
+    seen, p, rows = MeasuredRows(regressor), values[: len(dynamics.layout.names)], []
+    for recording in recordings:
+        rows.append(geometric_rows(regressor, dynamics, recording, p, drives, active=active))
+        rows += _sensor_rows(seen, dynamics, recording, values, sensors, active)
     return shifted(rows, base, information, additions)
 
 
@@ -114,25 +107,20 @@ def shifted(
     told = tuple(start for one in additions for start in one.tells)
     every = dict.fromkeys(name for one in rows for name in one.names)
     names = tuple(name for name in every if not (told and name.startswith(told)))
-    columns = [group.representative for group in base.groups]
-    at = np.searchsorted(active, columns)
+    at = np.searchsorted(active, [group.representative for group in base.groups])
     Y, D = np.vstack([one.Y for one in rows])[:, at], np.vstack([one.over(names) for one in rows])
     whole = replace(information, facts=None).weighted()[:, at]
-    norms = np.linalg.norm(whole, axis=0)
-    norms[norms == 0] = 1.0  # shown by measured values alone
+    norms = lengths(whole)  # 1 for those that measured values alone show
     share = np.linalg.norm(Y / norms) / np.sqrt(base.rank)
     # Measured values are of the machine as it is: they hold a shift as they hold the fit.
     facts = np.zeros((0, len(at))) if information.facts is None else information.facts[:, at]
     beside = share / norms * np.vstack([np.sqrt(_BESIDE) * whole, facts])
-    shifts, *_ = np.linalg.lstsq(
-        np.vstack([Y / norms, beside]),
-        np.vstack([D, np.zeros((len(beside), len(names)))]),
-        rcond=None,
-    )
+    D = np.vstack([D, np.zeros((len(beside), len(names)))])
+    shifts, *_ = np.linalg.lstsq(np.vstack([Y / norms, beside]), D, rcond=None)
     return Geometry(names, shifts / norms[:, None])
 
 
-def sensor_geometry(
+def _sensor_rows(
     seen: MeasuredRows,
     dynamics: Dynamics,
     recording: Recording,
@@ -151,30 +139,22 @@ def sensor_geometry(
     windows = list(_beginning(recording, dynamics))
     shown = [one for one in (seen.shown(w, recording) for w in windows) if one is not None]
     own = [w.own.part(slice(None, None, w.thinned)) for w in windows]
-    z, qd, qdd = (np.vstack([getattr(w, name) for w in own]) for name in ("z", "qd", "qdd"))
+    every = slice(None, None, -(-sum(len(w.z) for w in own) // _SAMPLES))
+    z, qd, qdd = (np.vstack([getattr(w, name) for w in own])[every] for name in ("z", "qd", "qdd"))
     entries, y, counted = (
-        np.hstack([getattr(one, name) for one in shown]) for name in ("values", "y", "counted")
+        np.hstack([getattr(one, name) for one in shown])[:, every]
+        for name in ("values", "y", "counted")
     )
-    every = slice(None, None, -(-len(z) // _SAMPLES))
     rows, columns = seen.regressor_pattern
     of_sensors, first = rows >= seen.drives, 0
     rows, columns = rows[of_sensors] - seen.drives, columns[of_sensors]
+    p = values[: len(dynamics.layout.names)]
     for part in seen.sensors:
-        channels, beside = np.arange(first, first + part.channels), len(dynamics.layout.names)
+        channels = np.arange(first, first + part.channels)
         mine = np.isin(rows, channels)
-        u = part.unknowns(values)
-        found = sensor_errors(part.graph, z[every], qd[every], qdd[every],
-                              np.append(values[:beside], u))  # fmt: skip
-        w, m = weights[channels, None], np.sqrt(counted[channels][:, every])
-        Y = np.zeros((part.channels, m.shape[1], len(active)))
-        Y[rows[mine] - first, :, np.searchsorted(active, columns[mine])] = entries[mine][:, every]
-        D = [w * m * one.effect for one in found]
-        yield GeometricRows(
-            (w[:, :, None] * Y).reshape(-1, len(active)),
-            (w * y[channels][:, every]).ravel(),
-            np.reshape(D, (len(D), m.size)).T,
-            tuple(one.name for one in found),
-        )
+        errors = sensor_errors(part.graph, z, qd, qdd, np.append(p, part.unknowns(values)))
+        at, counts = (rows[mine] - first, columns[mine]), np.sqrt(counted[channels])
+        yield _rows(weights[channels], entries[mine], at, y[channels], counts, errors, active)
         first += part.channels
 
 
@@ -189,25 +169,42 @@ def geometric_rows(
 ) -> GeometricRows:
     """Samples spread evenly over the beginning of a recording, and what tolerances, by default
     those of the description, do to torques there; with the columns of torques, or those given."""
-    rows, columns = regressor.regressor_pattern
-    active, dof = active_columns(regressor) if active is None else active, dynamics.dof
+    active, drives = (
+        active_columns(regressor) if active is None else active,
+        np.arange(dynamics.dof),
+    )
     parts = []
     for window in _beginning(recording, dynamics):
         values, tau, _ = thinned(regressor, recording, window, p)
         own = window.own.part(slice(None, None, window.thinned))
-        m = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), np.arange(dof)))
+        m = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
         parts.append((values, tau, own.z.T, own.qd.T, own.qdd.T, m))
-    values, tau, z, qd, qdd, m = (np.hstack(part) for part in zip(*parts, strict=True))
-    every = slice(None, None, -(-values.shape[1] // _SAMPLES))
-    errors = geometric_errors(dynamics, z.T[every], qd.T[every], qdd.T[every], p, tolerances)
-    Y = np.zeros((dof, values[:, every].shape[1], len(active)))
-    Y[rows, :, np.searchsorted(active, columns)] = values[:, every]
-    D = [weights[:, None] * m[:, every] * one.effect for one in errors]
+    parts = [np.hstack(part) for part in zip(*parts, strict=True)]
+    every = slice(None, None, -(-parts[0].shape[1] // _SAMPLES))
+    values, tau, z, qd, qdd, m = (part[:, every] for part in parts)
+    errors = geometric_errors(dynamics, z.T, qd.T, qdd.T, p, tolerances)
+    return _rows(weights, values, regressor.regressor_pattern, tau, m, errors, active)
+
+
+def _rows(
+    weights: Float[np.ndarray, " channels"],
+    entries: Float[np.ndarray, "entries samples"],
+    at: tuple[np.ndarray, np.ndarray],
+    y: Float[np.ndarray, "channels samples"],
+    counts: Float[np.ndarray, "channels samples"],
+    errors: Sequence[Error],
+    active: Int[np.ndarray, " columns"],
+) -> GeometricRows:
+    """Rows of channels with entries of the regressor `at` channel and column, and what counts."""
+    Y = np.zeros((*y.shape, len(active)))
+    Y[at[0], :, np.searchsorted(active, at[1])] = entries
+    w = weights[:, None]
+    D = [w * counts * error.effect for error in errors]
     return GeometricRows(
-        (weights[:, None, None] * Y).reshape(-1, len(active)),
-        (weights[:, None] * tau[:, every]).ravel(),
-        np.reshape(D, (len(D), dof * Y.shape[1])).T,
-        tuple(one.name for one in errors),
+        (w[:, :, None] * Y).reshape(-1, len(active)),
+        (w * y).ravel(),
+        np.reshape(D, (len(D), y.size)).T,
+        tuple(error.name for error in errors),
     )
 
 

@@ -8,7 +8,7 @@ are positive. A wrong sign of τ_i or q_i makes them negative, whatever the othe
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.information import Information
@@ -37,7 +37,9 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
     """The drives whose torques work against their motion."""
     found = []
     for i, drive in enumerate(dynamics.robot.drives):
-        probes = _among(_probes(dynamics, i), information.columns)
+        # Columns beside the robot come last, and are no part of either.
+        added = max(0, int(information.columns[-1]) + 1 - len(dynamics.layout.names))
+        probes = np.pad(_probes(dynamics, i), ((0, 0), (0, added)))[:, information.columns]
         problem = information.problem_of(i)
         values = probes @ problem.x
         stds = problem.noise * np.linalg.norm(probes @ problem.inverse, axis=1)
@@ -77,11 +79,3 @@ def _probes(dynamics: Dynamics, i: int) -> Float[np.ndarray, "2 parameters"]:
     # Coriolis forces are the same both ways.
     friction = 0.5 * (row_at_home(dynamics, i, e, zero) - row_at_home(dynamics, i, -e, zero))
     return np.stack([inertia, friction])
-
-
-def _among(
-    rows: Float[np.ndarray, "2 parameters"], columns: Int[np.ndarray, " columns"]
-) -> Float[np.ndarray, "2 columns"]:
-    """Rows of a robot's parameters for some columns, of which those beside the robot come last."""
-    added = max(0, int(columns[-1]) + 1 - rows.shape[1])
-    return np.pad(rows, ((0, 0), (0, added)))[:, columns]

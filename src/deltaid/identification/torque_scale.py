@@ -6,7 +6,6 @@ scale says is in kg, and other bodies then take up the difference, more of it th
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.dynamics.geometry import CONSTANTS
 from deltaid.estimation.span import Span
@@ -24,7 +23,16 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
     if problem.information.facts is None or known or stated:
         return ()
     found, own = uncertainty(problem), len(problem.p)
-    more = 0.01 * _by_scale(problem) @ found.follows[:, :own]
+    # Slopes of least-squares base parameters by ε; sensors and measured values stay.
+    information = problem.information
+    columns = [group.representative for group in problem.base.groups]
+    at = np.searchsorted(information.columns, columns)
+    torques, inverse = (
+        information.of_drives.weighted(),
+        Span.of(information.weighted()[:, at]).inverse,
+    )
+    slopes = inverse @ (inverse.T @ (torques[:, at].T @ torques[:, -1]))
+    more = 0.01 * slopes @ found.follows[:, :own]
     moved = np.abs(more) / np.where(found.std[:own] > 0, found.std[:own], np.inf)
     inertial = np.array([one.kind == "inertia" for one in problem.layout.parameters[:own]])
     order = [k for k in np.argsort(-moved) if inertial[k] and moved[k] > _MOVED][:_NAMED]
@@ -39,14 +47,3 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
         "State how good they are (`tolerances: {torque_constants: 0.03}` for 3 %), or record a "
         "known load, a plate or a torque sensor, which tell them",
     )
-
-
-def _by_scale(problem: FittedProblem) -> Float[np.ndarray, " base"]:
-    """Slopes of least-squares base parameters by ε; sensors and measured values stay."""
-    information = problem.information
-    at = np.searchsorted(
-        information.columns, [group.representative for group in problem.base.groups]
-    )
-    whole, torques = information.weighted()[:, at], information.of_drives.weighted()
-    inverse = Span.of(whole).inverse
-    return inverse @ (inverse.T @ (torques[:, at].T @ torques[:, -1]))
