@@ -29,7 +29,6 @@ from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_rows import (
     FrictionRows,
     Judged,
-    Option,
     Variant,
     friction_rows,
     shapes_of,
@@ -57,9 +56,12 @@ _Bare = dict[Variant, Columns]
 class _Step:
     """The variant of an addition that explains most, and what it explains."""
 
-    option: Option
     variant: Variant
     judged: Judged
+
+    @property
+    def joint(self) -> str:
+        return self.variant.joint.name
 
     @property
     def is_useful(self) -> bool:
@@ -67,14 +69,11 @@ class _Step:
         return self.judged.surprise > _SEEN and self.judged.is_large
 
     def trial(self, *, useful: bool) -> FrictionTrial:
+        judged, kind = self.judged, self.variant.kind
         return FrictionTrial(
-            joint=self.option.joint,
-            addition=self.option.kind,
-            error=self.judged.error,
-            gain=self.judged.gain,
-            significance=self.judged.times,
-            useful=useful,
-        )
+            joint=self.joint, addition=kind, error=judged.error, gain=judged.gain,
+            significance=judged.times, useful=useful,
+        )  # fmt: skip
 
 
 def rows_for_friction(setup: Setup, progress: Progress, what: str) -> FrictionRows | None:
@@ -113,8 +112,8 @@ def choose_friction(
     robot, moved = rows.dynamics.robot, rows.moved.copy()
     steps, first = _extended(rows)
     for step in steps:
-        if step.option.kind == "load":  # gears carry what losses were seen by
-            moved[robot.drives.index(step.option.joint)] = step.variant.joint.moved
+        if step.variant.kind == "load":  # gears carry what losses were seen by
+            moved[robot.drives.index(step.joint)] = step.variant.joint.moved
     rows = replace(rows, moved=moved)
     kept, found = _refined(rows, steps, progress)
     choice = FrictionChoice(
@@ -148,8 +147,8 @@ def _corrections(
 
 def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is left to say; and the first round's trials."""
-    options, left = rows.options(), rows.left
-    variants = [variant for option in options for variant in option.variants]
+    options, left = list(rows.options()), rows.left
+    variants = [variant for option in options for variant in option]
     columns = rows.columns([(one.joint, shape) for one in variants for shape in one.shapes])
     ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
     bare = dict(zip(variants, np.split(_bare(rows, columns), ends, axis=1), strict=False))
@@ -161,14 +160,13 @@ def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
         if not useful:
             break
         best = max(useful, key=lambda step: step.judged.surprise)
-        best = _simplest(best, useful, rows, bare, left)
+        if best.variant.kind == "both_ways":
+            best = _simplest(best, useful, rows, bare, left)
         steps.append(best)
         # Laws for both directions have no offset, which says the same.
-        barred = {best.option.kind, *(["offset"] if best.option.kind == "both_ways" else [])}
-        options = [
-            option for option in options
-            if option.joint != best.option.joint or option.kind not in barred
-        ]  # fmt: skip
+        kinds = {best.variant.kind} | ({"offset"} if best.variant.kind == "both_ways" else set())
+        barred = {(best.joint, kind) for kind in kinds}
+        options = [one for one in options if (one[0].joint.name, one[0].kind) not in barred]
         U = best.judged.directions
         bare = {variant: _without(U, A) for variant, A in bare.items()}
         left = _without(U, left)
@@ -176,18 +174,16 @@ def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
 
 
 def _simplest(
-    best: _Step, useful: Sequence[_Step], rows: FrictionRows, bare: _Bare, left: Rows
+    both: _Step, useful: Sequence[_Step], rows: FrictionRows, bare: _Bare, left: Rows
 ) -> _Step:
     """An offset in place of a law for each direction, if what that has more is chance."""
-    if best.option.kind != "both_ways":
-        return best
     for offset in useful:
-        if (offset.option.joint, offset.option.kind) == (best.option.joint, "offset"):
+        if (offset.joint, offset.variant.kind) == (both.joint, "offset"):
             U = offset.judged.directions
-            beside = {one: _without(U, bare[one]) for one in best.option.variants}
-            more = _tried(rows, best.option, beside, _without(U, left))
-            return best if more is not None and more.is_useful else offset
-    return best
+            beside = {both.variant: _without(U, bare[both.variant])}
+            more = _tried(rows, [both.variant], beside, _without(U, left))
+            return both if more is not None and more.is_useful else offset
+    return both
 
 
 def _refined(
@@ -196,7 +192,7 @@ def _refined(
     """What is kept of the steps, and the laws that follow with refined constants."""
     kept = list(steps)
     while kept:
-        progress(f"refining friction laws of {len({step.option.joint for step in kept})} joints")
+        progress(f"refining friction laws of {len({step.joint for step in kept})} joints")
         found = refined(rows, _laws(rows, kept))
         spare = _imitated(rows, kept, found) or _spare(rows, kept, found)
         if spare is None:
@@ -207,26 +203,25 @@ def _refined(
 
 def _laws(rows: FrictionRows, steps: Iterable[_Step]) -> dict[str, Friction]:
     laws = dict[str, Friction]()
-    for step in sorted(steps, key=lambda step: step.option.kind != "offset"):
-        joint = step.option.joint
-        before = laws.get(joint, rows.dynamics.robot.friction[joint])
-        laws[joint] = before.changed(**step.variant.more)
+    for step in sorted(steps, key=lambda step: step.variant.kind != "offset"):
+        before = laws.get(step.joint, rows.dynamics.robot.friction[step.joint])
+        laws[step.joint] = before.changed(**step.variant.more)
     return laws
 
 
 def _imitated(rows: FrictionRows, steps: Sequence[_Step], found: Refined) -> _Step | None:
     """One of two terms with constants that a joint got, where the other one alone can do as well
     with constants of its own; None if all are needed."""
-    curved = [step for step in steps if step.option.constants]
-    joints = [step.option.joint for step in curved]
+    curved = [step for step in steps if step.variant.constants]
+    joints = [step.joint for step in curved]
     squares = float(found.left @ found.left)
     level = squares / max(len(found.left) - rows.span.rank, 1)
     seen = dict[_Step, float]()
     for step in curved:
-        if joints.count(step.option.joint) > 1:
+        if joints.count(step.joint) > 1:
             left = refined(rows, _laws(rows, (other for other in steps if other is not step))).left
             more = max(float(left @ left) - squares, 0.0)
-            seen[step] = surprise(more / level, 1 + step.option.constants)
+            seen[step] = surprise(more / level, 1 + step.variant.constants)
     worst = min(seen, key=lambda step: seen[step], default=None)
     return worst if worst is not None and seen[worst] <= _SEEN else None
 
@@ -237,31 +232,28 @@ def _spare(rows: FrictionRows, steps: Sequence[_Step], found: Refined) -> _Step 
     Each is judged beside all others, with the constants as they are now.
     """
     robot, wanted = rows.dynamics.robot, []
-    of_step = list[int]()
-    for k, step in enumerate(steps):
-        joint = step.option.joint
-        shapes = shapes_of(robot, joint, found.laws[joint], step.option.kind)
-        wanted += [(rows.joints[joint], shape) for shape in shapes]
-        of_step += [k] * len(shapes)
-    bare, left = _bare(rows, rows.columns(wanted)), rows.left
-    seen = dict[_Step, float]()
-    for k, step in enumerate(steps):
-        own = np.array(of_step) == k
+    for step in steps:
+        shapes = shapes_of(robot, step.joint, found.laws[step.joint], step.variant.kind)
+        wanted += [(step, (rows.joints[step.joint], shape)) for shape in shapes]
+    bare = _bare(rows, rows.columns([column for _, column in wanted]))
+    left, seen = rows.left, dict[_Step, float]()
+    for step in steps:
+        own = np.array([whose is step for whose, _ in wanted])
         U = bare[:, ~own] @ independent(bare[:, ~own])
-        option = replace(step.option, variants=(step.variant,), positive=False)
-        now = _tried(rows, option, {step.variant: _without(U, bare[:, own])}, _without(U, left))
+        variant = replace(step.variant, positive=False)
+        now = _tried(rows, [variant], {variant: _without(U, bare[:, own])}, _without(U, left))
         if now is None or not now.is_useful:
             seen[step] = now.judged.surprise if now is not None else 0.0
     return min(seen, key=lambda step: seen[step], default=None)
 
 
-def _tried(rows: FrictionRows, option: Option, bare: _Bare, left: Rows) -> _Step | None:
-    """The variant of an option that explains most; None where there is nothing of it to see."""
+def _tried(rows: FrictionRows, option: Sequence[Variant], bare: _Bare, left: Rows) -> _Step | None:
+    """The variant of an addition that explains most; None where there is nothing of it to see."""
     best: tuple[float, Variant, Columns] | None = None
-    for variant in option.variants:
+    for variant in option:
         A = bare[variant]
         by = independent(A)
-        if not by.shape[1] or (option.positive and A[:, 0] @ left <= 0):
+        if not by.shape[1] or (variant.positive and A[:, 0] @ left <= 0):
             continue
         U = A @ by
         gain = float(np.sum((U.T @ left) ** 2))
@@ -270,7 +262,7 @@ def _tried(rows: FrictionRows, option: Option, bare: _Bare, left: Rows) -> _Step
     if best is None:
         return None
     _, variant, U = best
-    return _Step(option, variant, rows.judged(U, left, option.constants))
+    return _Step(variant, rows.judged(U, left, variant.constants))
 
 
 def _bare(rows: FrictionRows, columns: Columns) -> Columns:

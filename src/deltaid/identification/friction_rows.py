@@ -83,25 +83,19 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One form of an addition to a joint's law: keys of `Friction`, and the columns it shows."""
-
-    more: dict[str, Any]
-    joint: Joint
-    shapes: tuple[Shape, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Option:
-    """One kind of addition to one joint's law; of a described term, other constants.
+    """One form of an addition to a joint's law; of a described term, other constants.
 
     Attributes:
-        constants: how many are chosen with the variant, beside its coefficients.
+        more: what the law gets, as keys of `Friction`.
+        shapes: of the columns that show it.
+        constants: how many are chosen with it, beside its coefficients.
         positive: whether its coefficient must be.
     """
 
-    joint: str
+    joint: Joint
     kind: AdditionKind
-    variants: tuple[Variant, ...]
+    more: dict[str, Any]
+    shapes: tuple[Shape, ...]
     constants: int
     positive: bool
 
@@ -207,26 +201,25 @@ class FrictionRows:
         parts = [joint_columns(trace, self.p, wanted) for trace in traces]
         return self.drive_rows.stack(np.concatenate(parts, axis=1))
 
-    def options(self) -> list[Option]:
-        """All additions to the laws of the robot."""
-        return [option for joint in self.joints.values() for option in self._options_of(joint)]
-
-    def _options_of(self, joint: Joint) -> Iterator[Option]:
+    def options(self) -> Iterator[list[Variant]]:
+        """All additions to the laws of the robot, each with its variants."""
         robot, names = self.dynamics.robot, self.dynamics.layout.names
-        law, rotor = robot.friction[joint.name], f"rotor.{joint.name}"
-        for kind, changes in _changes(joint, law).items():
-            joints = [joint]
-            if kind == "load" and rotor in names:
-                inertia = float(self.p[names.index(rotor)])
-                joints = [replace(joint, moved=share * inertia) for share in _SHARES]
-            variants = tuple(
-                Variant(more, moved, shapes_of(robot, joint.name, law.changed(**more), kind))
-                for moved in joints
-                for more in changes
-            )
-            constants = min(len(variants) - 1, 2 if kind == "stribeck" else 1)
-            positive = kind in ("load", "power", "stribeck") and changes != [{}]
-            yield Option(joint.name, kind, variants, constants, positive)
+        for joint in self.joints.values():
+            law, rotor = robot.friction[joint.name], f"rotor.{joint.name}"
+            for kind, changes in _changes(joint, law).items():
+                joints = [joint]
+                if kind == "load" and rotor in names:
+                    inertia = float(self.p[names.index(rotor)])
+                    joints = [replace(joint, moved=share * inertia) for share in _SHARES]
+                count = len(joints) * len(changes)
+                constants = min(count - 1, 2 if kind == "stribeck" else 1)
+                positive = kind in ("load", "power", "stribeck") and changes != [{}]
+                laws = [(more, law.changed(**more)) for more in changes]
+                yield [
+                    Variant(one, kind, more, shapes_of(robot, one.name, changed, kind), constants,
+                            positive)
+                    for one in joints for more, changed in laws
+                ]  # fmt: skip
 
 
 def _changes(joint: Joint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:

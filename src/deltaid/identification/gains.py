@@ -22,7 +22,7 @@ from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
-from deltaid.estimation.additions import Addition, Own, Values
+from deltaid.estimation.additions import Addition, Own, Values, extended
 from deltaid.estimation.free_body import Free
 from deltaid.identification.fit import fit
 from deltaid.identification.setup import Progress, Setup
@@ -66,9 +66,7 @@ class Gains(Addition):
     def parameters(self) -> tuple[Parameter, ...]:
         return self._coefficients(self.dynamics.robot.drives, -np.log(self.gain))
 
-    def _coefficients(
-        self, names: Iterable[str], priors: Float[np.ndarray, " names"]
-    ) -> tuple[Parameter, ...]:
+    def _coefficients(self, names: Iterable[str], priors: np.ndarray) -> tuple[Parameter, ...]:
         scale = SPREAD / self.prior_spread
         return tuple(
             Parameter("gain", name, "gain", "", -np.inf, np.inf, prior, scale)
@@ -87,7 +85,7 @@ class Gains(Addition):
         ratios = null_space(np.ones((1, len(self.alike))))
         A = np.zeros((self.dynamics.dof, ratios.shape[1]))
         A[list(self.alike)] = ratios
-        names = (f"ratio{k + 1}" for k in range(ratios.shape[1]))
+        names = [f"ratio{k + 1}" for k in range(ratios.shape[1])]
         variables = self._coefficients(names, -A.T @ np.log(self.gain))
         return Free(variables, A, np.zeros(len(A)), ())
 
@@ -108,14 +106,10 @@ class Gains(Addition):
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
-        torque, first = w.carried.T.copy(), len(self.dynamics.layout.names)
-        drives, columns = self.dynamics.regressor_pattern
-        np.add.at(torque, drives, own * self.values[columns][:, None])
-        for one in self.others:
-            drives, columns = one.pattern
-            part = one.entries(w, own, recording) * self.values[first + columns][:, None]
-            np.add.at(torque, drives, part)
-            first += len(one.parameters)
+        torque = w.carried.T.copy()
+        every = np.vstack([own, *(one.entries(w, own, recording) for one in self.others)])
+        drives, columns = extended(self.dynamics, self.others).regressor_pattern
+        np.add.at(torque, drives, every * self.values[columns][:, None])
         return -torque
 
     @property

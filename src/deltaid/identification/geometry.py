@@ -9,7 +9,7 @@ and the fit with a prior as much of these as of everything else that the data sa
 at the fitted parameters, at some samples spread over the beginning of the recordings.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -36,6 +36,8 @@ from deltaid.sensors.geometry import sensor_errors
 _WINDOWS, _SECONDS, _SAMPLES = 32, 40.0, 1500
 # Weight of all information beside that of these samples, which may show less.
 _BESIDE = 1e-3
+# Some quantities, each over the samples of a window.
+_OfWindow = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +138,13 @@ def _sensor_rows(
     """
     if not seen.sensors:
         return
-    windows = list(_beginning(recording, dynamics))
-    shown = [one for one in (seen.shown(w, recording) for w in windows) if one is not None]
-    own = [w.own.part(slice(None, None, w.thinned)) for w in windows]
-    every = slice(None, None, -(-sum(len(w.z) for w in own) // _SAMPLES))
-    z, qd, qdd = (np.vstack([getattr(w, name) for w in own])[every] for name in ("z", "qd", "qdd"))
-    entries, y, counted = (
-        np.hstack([getattr(one, name) for one in shown])[:, every]
-        for name in ("values", "y", "counted")
-    )
+
+    def of(window: Window) -> _OfWindow:
+        shown = seen.shown(window, recording)
+        assert shown is not None
+        return shown.values, shown.y, shown.counted
+
+    (entries, y, counted), (z, qd, qdd) = _beginning(recording, dynamics, of)
     rows, columns = seen.regressor_pattern
     of_sensors, first = rows >= seen.drives, 0
     rows, columns = rows[of_sensors] - seen.drives, columns[of_sensors]
@@ -169,21 +169,17 @@ def geometric_rows(
 ) -> GeometricRows:
     """Samples spread evenly over the beginning of a recording, and what tolerances, by default
     those of the description, do to torques there; with the columns of torques, or those given."""
-    active, drives = (
-        active_columns(regressor) if active is None else active,
-        np.arange(dynamics.dof),
-    )
-    parts = []
-    for window in _beginning(recording, dynamics):
+    drives = np.arange(dynamics.dof)
+
+    def of(window: Window) -> _OfWindow:
         values, tau, _ = thinned(regressor, recording, window, p)
-        own = window.own.part(slice(None, None, window.thinned))
-        m = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
-        parts.append((values, tau, own.z.T, own.qd.T, own.qdd.T, m))
-    parts = [np.hstack(part) for part in zip(*parts, strict=True)]
-    every = slice(None, None, -(-parts[0].shape[1] // _SAMPLES))
-    values, tau, z, qd, qdd, m = (part[:, every] for part in parts)
-    errors = geometric_errors(dynamics, z.T, qd.T, qdd.T, p, tolerances)
-    return _rows(weights, values, regressor.regressor_pattern, tau, m, errors, active)
+        counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
+        return values, tau, counts
+
+    (values, tau, counts), (z, qd, qdd) = _beginning(recording, dynamics, of)
+    errors = geometric_errors(dynamics, z, qd, qdd, p, tolerances)
+    active = active_columns(regressor) if active is None else active
+    return _rows(weights, values, regressor.regressor_pattern, tau, counts, errors, active)
 
 
 def _rows(
@@ -208,13 +204,20 @@ def _rows(
     )
 
 
-def _beginning(recording: Recording, dynamics: Dynamics) -> Iterator[Window]:
-    """The first windows of a recording."""
-    most = _SECONDS * recording.log.rate
+def _beginning(
+    recording: Recording, dynamics: Dynamics, of: Callable[[Window], _OfWindow]
+) -> tuple[_OfWindow, _OfWindow]:
+    """What the first windows of a recording give, at samples spread evenly, and z, q̇, q̈ there."""
+    most, parts = _SECONDS * recording.log.rate, []
     for window in islice(recording.brief.windows(dynamics.kinematics), _WINDOWS):
-        yield window
+        own = window.own.part(slice(None, None, window.thinned))
+        parts.append((*of(window), own.z.T, own.qd.T, own.qdd.T))
         if window.start + len(window.own.time) > most:
-            return
+            break
+    found = [np.hstack(part) for part in zip(*parts, strict=True)]
+    every = slice(None, None, -(-found[0].shape[1] // _SAMPLES))
+    a, b, c, z, qd, qdd = (part[:, every] for part in found)
+    return (a, b, c), (z.T, qd.T, qdd.T)
 
 
 def nearest(
