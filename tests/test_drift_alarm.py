@@ -17,9 +17,9 @@ from deltaid.drift.evidence import (
     Changes,
     Evidence,
     Prior,
-    _with_others,
     evidence,
     first_prior,
+    with_others,
 )
 from deltaid.drift.findings import finding
 from deltaid.drift.series import Explained, Regressors, explained
@@ -154,7 +154,7 @@ def test_what_a_drive_shows_of_scatter_reckons_with_a_change() -> None:
     sums = whitened_sums(days, np.ones((2, 30)), base, changes.columns, SCATTER)
     prior = first_prior(np.array([1e4]), SCATTER, 2)
     alone = evidence(sums, changes, prior)
-    found: Prior = _with_others(alone, changes, prior, np.array([np.inf]), drives=2)
+    found: Prior = with_others(alone, changes, prior, np.array([np.inf]), drives=2)
     factor = np.exp(alone.log_factor).sum(axis=(0, 3)) * WEEK / YEAR
     likely = np.exp(alone.log_none - alone.log_none.max()) * (1 + _A_YEAR * factor)
     likely /= SCATTER.usual[:, None]

@@ -13,9 +13,9 @@ from deltaid.drift.evidence import (
     Changes,
     Prior,
     _moments,
-    _with_others,
     evidence,
     first_prior,
+    with_others,
 )
 from deltaid.drift.findings import finding
 from deltaid.drift.series import Regressors, _slow, explained, inflation
@@ -99,7 +99,7 @@ def test_what_a_drive_is_told_comes_from_the_other_alone() -> None:
     sums = whitened_sums(DAYS, variance, base, changes.columns, scatter)
     prior, unlike = first_prior(np.array([2.0, 0.7]), scatter, 2), np.array([np.inf, 0.3])
     alone = evidence(sums, changes, prior)
-    found = _with_others(alone, changes, prior, unlike, drives=2)
+    found = with_others(alone, changes, prior, unlike, drives=2)
     changed = _A_YEAR * alone.R / (1 + _A_YEAR * alone.R)
     mean, covariance = _moments(alone, changed)
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)

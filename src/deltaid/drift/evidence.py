@@ -47,10 +47,10 @@ _TOGETHER = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes that are tried.
+    """Changes that are tried: ramps, then steps.
 
     Attributes:
-        onsets: when each begins [days]; those of ramps, then the same for steps.
+        onsets: when each begins [days].
         columns: what each does to the series, for 1 % a month or 1 %.
         scale: standard deviation of its size in units of σ.
         years: time between onsets.
@@ -67,11 +67,10 @@ class Changes:
         span = float(days[-1] - days[0])
         apart = max(_APART, span / _MOST)
         onsets = days[0] + np.arange(0.0, max(span, apart), apart)
-        since = days[:, None] - onsets
-        ramps, steps = np.maximum(since, 0.0) / MONTH, (since[:, 1:] >= 0.0).astype(float)
-        scale = np.repeat([RAMP, STEP], [ramps.shape[1], steps.shape[1]])
-        both = np.concatenate([onsets, onsets[1:]])
-        return cls(both, np.hstack([ramps, steps]), scale, apart / YEAR)
+        since, count = days[:, None] - onsets, len(onsets)
+        columns = np.hstack([np.maximum(since, 0.0) / MONTH, since[:, 1:] >= 0.0])
+        scale = np.repeat([RAMP, STEP], [count, count - 1])
+        return cls(np.append(onsets, onsets[1:]), columns, scale, apart / YEAR)
 
     @classmethod
     def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
@@ -89,13 +88,8 @@ class Changes:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of a series' regressors and scatter before it is looked at.
-
-    Attributes:
-        mean: of the coefficients b.
-        precision: inverse of their covariance in units of σ².
-        log_kinds: logarithm of the shares of kinds of scatter.
-    """
+    """What is known of a series before: the mean of b, the inverse of its covariance in units of
+    σ², and logarithms of the shares of kinds of scatter."""
 
     mean: Float[np.ndarray, "series regressors"]
     precision: Float[np.ndarray, "series regressors regressors"]
@@ -184,33 +178,20 @@ def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, serie
     return Prior(np.zeros((series, p)), precision, log)
 
 
-def together(
-    sums: Sums,
-    changes: Changes,
-    prior: Prior,
-    unlike: Float[np.ndarray, " regressors"],
-    drives: int,
-) -> Evidence:
-    """Evidence of all series, each with what the others of its robot show.
-
-    Args:
-        prior: of each by itself.
-        unlike: standard deviation between drives of one robot; infinite where nothing is common.
-        drives: series of one robot, which follow each other.
-    """
-    alone = evidence(sums, changes, prior)
-    if drives == 1:
-        return alone
-    return evidence(sums, changes, _with_others(alone, changes, prior, unlike, drives))
-
-
-def _with_others(
+def with_others(
     alone: Evidence,
     changes: Changes,
     prior: Prior,
     unlike: Float[np.ndarray, " regressors"],
     drives: int,
 ) -> Prior:
+    """What is known of each drive before, with what the others of its robot show.
+
+    Args:
+        alone: evidence of each by itself, with `prior`.
+        unlike: standard deviation between drives of one robot; infinite where nothing is common.
+        drives: series of one robot, which follow each other.
+    """
     changed = _A_YEAR * alone.R / (1.0 + _A_YEAR * alone.R)
     kinds = alone.log_none - prior.log_kinds
     some = logsumexp(alone.log_factor, axis=(0, 3)) + np.log(changes.years)

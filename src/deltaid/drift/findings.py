@@ -95,18 +95,21 @@ def finding(one: Explained, drive: int, settings: DriftSettings, drives: int) ->
     limit = settings.limit if count else None
     if limit is not None and settings.limit_is == "share":
         limit *= level
-    low, middle, high = _quantiles(np.expm1(draws.size / 100.0))
+    middle, low, high = _between(np.expm1(draws.size / 100.0))
     shares = Between(middle, low, high)
     rate = Between() if few or state == "stepped" else shares
     if few or (not alarm and 50.0 * (high - low) > _VAGUE):
         state = "unknown"
+    # Changes began anywhere between the onsets that are tried.
+    apart = np.random.default_rng(2).uniform(-0.5, 0.5, len(draws.at)) * one.changes.years * YEAR
+    onsets = np.clip(one.changes.onsets[draws.at] + apart, one.days[0], one.days[-1])
     horizon, words = _horizon(one, draws, state, level, limit, b)
     temperature, names = Between(), one.regressors.names
     if "temperature" in names and not few:
-        temperature = _between(b[:, names.index("temperature")] / 100.0)
+        temperature = Between(*_between(b[:, names.index("temperature")] / 100.0))
     return Finding(
         state=state,
-        change=_between(_onsets(one, draws)) if alarm else Between(),
+        change=Between(*_between(onsets)) if alarm else Between(),
         rate=rate,
         step=shares if state == "stepped" else Between(),
         horizon=horizon,
@@ -157,20 +160,9 @@ def _coefficients(one: Explained, drive: int, draws: _Draws) -> Float[np.ndarray
     return plain - per_size * draws.size[:, None] + noise
 
 
-def _onsets(one: Explained, draws: _Draws) -> Float[np.ndarray, " draws"]:
-    """When changes began: anywhere between the onsets that are tried."""
-    u = np.random.default_rng(2).uniform(-0.5, 0.5, size=len(draws.at))
-    found = one.changes.onsets[draws.at] + u * one.changes.years * YEAR
-    return np.clip(found, one.days[0], one.days[-1])
-
-
-def _quantiles(values: Float[np.ndarray, " draws"]) -> list[float]:
-    return np.quantile(values, [_TAIL, 0.5, 1.0 - _TAIL]).tolist()
-
-
-def _between(values: Float[np.ndarray, " draws"]) -> Between:
-    low, middle, high = _quantiles(values)
-    return Between(middle, low, high)
+def _between(values: Float[np.ndarray, " draws"]) -> list[float]:
+    """Median, and the ends of the 95 % interval."""
+    return np.quantile(values, [0.5, _TAIL, 1.0 - _TAIL]).tolist()
 
 
 def _horizon(
@@ -193,7 +185,7 @@ def _horizon(
     months = (np.log(limit / level) - spread) / np.maximum(draws.size / 100.0, 1e-9)
     far = last + _FAR * YEAR
     when = np.minimum(one.changes.onsets[draws.at] + MONTH * months, far + _FAR * YEAR)
-    low, middle, high = _quantiles(when)
+    middle, low, high = _between(when)
     if middle > far:
         return Between(), f"the limit is more than {_FAR:.0f} years away"
     return Between(middle, low, high if high <= far else None), passed if middle <= last else ""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.drift.findings import Between, Finding, finding
 from deltaid.drift.friction import FrictionSeries, friction_series
@@ -24,14 +23,10 @@ class RobotDrift:
     """Friction of a robot's drives over time.
 
     Attributes:
-        robot: what it is called.
-        drives: names.
         units: of each drive's friction.
         recordings: in the order of time.
-        friction: of each recording.
-        findings: what is said of each drive.
+        findings: of each drive.
         tools: changes of what is held that nobody told.
-        settings: what was asked for.
     """
 
     robot: str
@@ -97,10 +92,8 @@ def robot_drift(
     """
     settings = settings or DriftSettings()
     since = settings.since
-    own = sorted(
-        (one for one in recordings if since is None or one.time >= since),
-        key=lambda one: (one.time, one.file.record.sha256),
-    )
+    own = [one for one in recordings if since is None or one.time >= since]
+    own.sort(key=lambda one: (one.time, one.file.record.sha256))
     if not own:
         raise RecordingError(
             "there is none" if since is None else f"there is none since {since:%Y-%m-%d}",
@@ -123,14 +116,11 @@ def drift_of(
         recordings: in the order of time.
         friction: of them.
     """
-    days = days_of([one.time for one in recordings])
+    since = [recording.time - recordings[0].time for recording in recordings]
+    days = np.array([time.total_seconds() / _DAY for time in since])
     tools = tool_changes(days, *friction.held)
-    beside = Regressors.of(
-        days,
-        np.array([one.degrees for one in recordings]),
-        np.array([one.held for one in recordings]),
-        [one.day for one in tools],
-    )
+    degrees, held = np.array([(one.degrees, one.held) for one in recordings]).T
+    beside = Regressors.of(days, degrees, held, [tool.day for tool in tools])
     found = explained(days, *in_percent(friction.mean, friction.std), [beside])
     drives = model.robot.drives
     return RobotDrift(
@@ -143,8 +133,3 @@ def drift_of(
         tools=tools,
         settings=settings,
     )
-
-
-def days_of(times: Sequence[datetime]) -> Float[np.ndarray, " n"]:
-    """Days since the first."""
-    return np.array([(one - times[0]).total_seconds() / _DAY for one in times])

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from deltaid.drift.evidence import SIZE, YEAR, Changes, Evidence, first_prior, together
+from deltaid.drift.evidence import SIZE, YEAR, Changes, Evidence, evidence, first_prior, with_others
 from deltaid.drift.wander import Scatter, whitened_sums
 
 # Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
@@ -37,8 +37,6 @@ class Regressors:
     """What explains friction beside a change, the level first.
 
     Attributes:
-        names: of the columns.
-        columns: their values.
         scale: standard deviations of coefficients before any recording, in units of σ.
         unlike: the same between drives of one robot; infinite where nothing is common.
         unknown: what is not known of a column that should be, as a standard deviation [%].
@@ -90,12 +88,8 @@ class Explained:
     """Series and what was found in them.
 
     Attributes:
-        days: of the recordings, ascending.
-        y: logarithms of friction [%], less `start`; NaN where a recording tells nothing.
-        start: median of the logarithms [%].
-        regressors: beside changes.
-        changes: that were tried.
-        found: evidence.
+        y: logarithms of friction [%], less `start`, their median; NaN where a recording tells
+            nothing.
     """
 
     days: Float[np.ndarray, " n"]
@@ -172,7 +166,11 @@ def evidence_of(
     base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
     scatter = Scatter.grid()
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
-    return together(sums, changes, first_prior(scale, scatter, len(z)), unlike, drives)
+    prior = first_prior(scale, scatter, len(z))
+    alone = evidence(sums, changes, prior)
+    if drives == 1:
+        return alone
+    return evidence(sums, changes, with_others(alone, changes, prior, unlike, drives))
 
 
 def inflation(

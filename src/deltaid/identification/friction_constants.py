@@ -101,7 +101,8 @@ def _refined(rows: FrictionRows, laws: Laws, usual: Collection[str]) -> Refined:
         law = found.get(term.joint)
         described = rows.dynamics.robot.friction[term.joint]
         if law is not None and getattr(described, term.kind) is None:
-            size = max(abs(value), _SMALL * _unit(term, law))
+            units = {"load": 1.0, "power": term.size}  # about as large as Coulomb's friction
+            size = max(abs(value), _SMALL * units.get(term.kind, law.coulomb))
             prior = {"offset": size} if term.signed else term.in_law(size)
             found[term.joint] = law.changed(**prior)
     return Refined(found, fitted.left)
@@ -125,7 +126,10 @@ def _fit(
     """
     described = rows.dynamics.robot
     terms = described.changed(friction=dict(described.friction) | dict(laws)).friction_terms
-    columns, tau = rows.rigid.without(_columns(rows, terms)), rows.rigid.without(rows.tau)
+    own, joints = set(described.friction_terms), rows.joints
+    made = iter(rows.columns([(joints[t.joint], of_term(t)) for t in terms if t not in own]).T)
+    columns = [rows.own(t.name) if t in own else next(made) for t in terms]
+    columns, tau = rows.rigid.without(np.column_stack(columns)), rows.rigid.without(rows.tau)
     low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
     priors = np.array([t.parameter.prior for t in terms])
     first = _bounded(columns, tau, low, high, priors)
@@ -137,7 +141,7 @@ def _fit(
     }  # fmt: skip
     if not constants:
         return _Fit(coefficients, {}, left)
-    wanted = [(rows.joints[joint], of_slope(t, name)) for (joint, _, name), t in constants.items()]
+    wanted = [(joints[joint], of_slope(t, name)) for (joint, _, name), t in constants.items()]
     sizes, n = np.array([coefficients[t] for t in constants.values()]), len(constants)
     slopes = rows.rigid.without(rows.columns(wanted) * sizes)
     prior = np.hstack([np.zeros((n, len(terms))), np.eye(n) / _SPREAD])
@@ -147,14 +151,6 @@ def _fit(
     bounds = np.append(low, -limit), np.append(high, limit)
     x = _bounded(A, b, *bounds, np.append(priors, np.zeros(n)))
     return _Fit(coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), left)
-
-
-def _columns(rows: FrictionRows, terms: tuple[FrictionTerm, ...]) -> np.ndarray:
-    """One column for each term, those of the description from the regressor."""
-    own = set(rows.dynamics.robot.friction_terms)
-    made = rows.columns([(rows.joints[t.joint], of_term(t)) for t in terms if t not in own])
-    new = iter(made.T)
-    return np.column_stack([rows.own(t.name) if t in own else next(new) for t in terms])
 
 
 def _bounded(
@@ -172,11 +168,6 @@ def _bounded(
     pulled = np.vstack([A / norms, _PULL * np.eye(A.shape[1])])
     R = triangle(np.column_stack([pulled, np.append(b, _PULL * norms * prior)]))
     return lsq_linear(R[:, :-1], R[:, -1], (low * norms, high * norms)).x / norms
-
-
-def _unit(term: FrictionTerm, law: Friction) -> float:
-    """A coefficient that makes the term about as large as Coulomb's friction."""
-    return 1.0 if term.kind == "load" else term.size if term.kind == "power" else law.coulomb
 
 
 def moved(law: Friction, kind: str, name: str, step: float) -> Friction:

@@ -157,10 +157,8 @@ def curve_rows(
     for term in problem.dynamics.robot.friction_terms:
         if term.joint == joint and not term.of_load:
             rows[:, names.index(term.name)] = term.values(v)
-    constants = law_constants(problem.additions)
-    if constants is not None:
-        pairs = zip(constants.constants, constants.parameters, strict=True)
-        for (term, name), parameter in pairs:
+    if (known := law_constants(problem.additions)) is not None:
+        for (term, name), parameter in zip(known.constants, known.parameters, strict=True):
             if term.joint == joint:
                 rows[:, names.index(parameter.name)] = term.size * term.slopes(v)[name]
     return rows

@@ -121,6 +121,8 @@ class Gains(Addition):
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         drives, found = self.dynamics.robot.drives, list[Correction]()
+        silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
+        rest = f", {silent} is taken to be right" if silent else ""
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
             if self.alike and i not in self.alike:
                 continue
@@ -128,7 +130,11 @@ class Gains(Addition):
             value, low, high = (float(c * np.exp(np.nan if x is None else x)) for x in ends)
             torque = f"the joint gets {value:.4g} times the torque that {drive} records"
             if self.alike:
-                text = self._by_ratio(torque)
+                text = (
+                    f"limbs are alike, so {torque}, against the mean of the limbs' drives; what is "
+                    f"common to all shows nowhere and is taken to be right{rest}: a second "
+                    "recording with a known load tells these too"
+                )
             elif gain.std < _TOLD * SPREAD:
                 witness = " and by ".join(one.witness for one in self.others if one.is_absolute)
                 exact = ", which is 1 as far as this can tell" if low <= 1.0 <= high else ""
@@ -144,16 +150,6 @@ class Gains(Addition):
                 Correction(kind="gain", subject=drive, value=value, low=low, high=high, text=text)
             )
         return tuple(found)
-
-    def _by_ratio(self, torque: str) -> str:
-        drives = self.dynamics.robot.drives
-        silent = [drive for i, drive in enumerate(drives) if i not in self.alike]
-        rest = f", {' and '.join(silent)} is taken to be right" if silent else ""
-        return (
-            f"limbs are alike, so {torque}, against the mean of the limbs' drives; what is common "
-            f"to all shows nowhere and is taken to be right{rest}: a second recording with a known "
-            "load tells these too"
-        )
 
 
 def gains(setup: Setup, progress: Progress) -> Setup:
@@ -206,11 +202,12 @@ def _by_gains(study: Study, drives: Sequence[str]) -> bool:
     largest = study.largest
     if largest is None or largest.kind != "drive-gain" or largest.subject not in ("", *drives):
         return False
-    most = {"drive-gain": 0.0, "homing-or-tilt": 0.0}
-    for one in study.account.first:
-        kind = one.candidate.kind
-        most[kind] = max(most.get(kind, 0.0), one.gain)
-    return most["homing-or-tilt"] < _ZEROS * most["drive-gain"]
+    alone = [(one.candidate.kind, one.gain) for one in study.account.first]
+    zeros, gains = (
+        max((gain for kind, gain in alone if kind == which), default=0.0)
+        for which in ("homing-or-tilt", "drive-gain")
+    )
+    return zeros < _ZEROS * gains
 
 
 def _with(setup: Setup, c: Float[np.ndarray, " dof"]) -> tuple[Recording, ...]:

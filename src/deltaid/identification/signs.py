@@ -37,9 +37,16 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
     """The drives whose torques work against their motion."""
     found = []
     for i, drive in enumerate(dynamics.robot.drives):
+        e = np.eye(dynamics.dof)[i]
+        rest, quick, forth, back = (
+            row_at_home(dynamics, i, qd, qdd)
+            for qd, qdd in ((0 * e, 0 * e), (0 * e, e), (e, 0 * e), (-e, 0 * e))
+        )
+        # Coriolis forces are the same both ways.
+        probes = np.stack([quick - rest, 0.5 * (forth - back)])
         # Columns beside the robot come last, and are no part of either.
-        added = max(0, int(information.columns[-1]) + 1 - len(dynamics.layout.names))
-        probes = np.pad(_probes(dynamics, i), ((0, 0), (0, added)))[:, information.columns]
+        added = max(0, int(information.columns[-1]) + 1 - probes.shape[1])
+        probes = np.pad(probes, ((0, 0), (0, added)))[:, information.columns]
         problem = information.problem_of(i)
         values = probes @ problem.x
         stds = problem.noise * np.linalg.norm(probes @ problem.inverse, axis=1)
@@ -70,12 +77,3 @@ def row_at_home(
     """The row c with c p = τ_i of a motion at home; friction that depends on load left out."""
     home = dynamics.kinematics.home[None]
     return dynamics.regressor_at(home, qd[None], qdd[None], np.zeros_like(home))[0, i]
-
-
-def _probes(dynamics: Dynamics, i: int) -> Float[np.ndarray, "2 parameters"]:
-    """Rows c with c p = M_ii at home, and c p = f_i at unit speed."""
-    zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
-    inertia = row_at_home(dynamics, i, zero, e) - row_at_home(dynamics, i, zero, zero)
-    # Coriolis forces are the same both ways.
-    friction = 0.5 * (row_at_home(dynamics, i, e, zero) - row_at_home(dynamics, i, -e, zero))
-    return np.stack([inertia, friction])

@@ -27,10 +27,8 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
     information = problem.information
     columns = [group.representative for group in problem.base.groups]
     at = np.searchsorted(information.columns, columns)
-    torques, inverse = (
-        information.of_drives.weighted(),
-        Span.of(information.weighted()[:, at]).inverse,
-    )
+    torques = information.of_drives.weighted()
+    inverse = Span.of(information.weighted()[:, at]).inverse
     slopes = inverse @ (inverse.T @ (torques[:, at].T @ torques[:, -1]))
     more = 0.01 * slopes @ found.follows[:, :own]
     moved = np.abs(more) / np.where(found.std[:own] > 0, found.std[:own], np.inf)
