@@ -16,7 +16,6 @@ from deltaid.drift.evidence import (
     YEAR,
     Changes,
     Evidence,
-    Prior,
     evidence,
     first_prior,
     with_others,
@@ -154,7 +153,7 @@ def test_what_a_drive_shows_of_scatter_reckons_with_a_change() -> None:
     sums = whitened_sums(days, np.ones((2, 30)), base, changes.columns, SCATTER)
     prior = first_prior(np.array([1e4]), SCATTER, 2)
     alone = evidence(sums, changes, prior)
-    found: Prior = with_others(alone, changes, prior, np.array([np.inf]), drives=2)
+    found = with_others(alone, changes, prior, np.array([np.inf]), drives=2)
     factor = np.exp(alone.log_factor).sum(axis=(0, 3)) * WEEK / YEAR
     likely = np.exp(alone.log_none - alone.log_none.max()) * (1 + _A_YEAR * factor)
     likely /= SCATTER.usual[:, None]

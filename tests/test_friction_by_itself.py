@@ -234,10 +234,8 @@ def test_what_columns_leave_open_of_coefficients_stays_near_the_prior() -> None:
     """As where gains stand beside all friction; what they determine is that of least squares."""
     rng = np.random.default_rng(0)
     A, prior = rng.standard_normal((200, 3)), np.array([3.0, 1.0, 2.0, 0.5])
-    A, b = (
-        np.column_stack([A, A @ [1.0, 2.0, -1.0]]) * [1e4, 1.0, 1.0, 0.1],
-        rng.standard_normal(200),
-    )
+    A, b = np.column_stack([A, A @ [1.0, 2.0, -1.0]]), rng.standard_normal(200)
+    A *= [1e4, 1.0, 1.0, 0.1]
     bounds = np.full(4, -np.inf), np.full(4, np.inf)
     x = _bounded(A, b, *bounds, prior)
     left = np.linalg.norm(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])

@@ -69,22 +69,23 @@ def recorded(
     return sorted(found, key=lambda recording: recording.time)
 
 
-def _time(one: FactorFile) -> datetime:
-    if one.record.first > _SINCE_1970:
-        return datetime.fromtimestamp(one.record.first, UTC).replace(tzinfo=None)
-    found = _DATE.search(one.record.log)
-    if found is None:
-        raise RecordingError(
-            f"nothing says when {one.record.log} was made: its stamps do not count from 1970, and "
-            "its name has no date",
-            where=one.path or one.record.log,
-            cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them "
-            "again; or give times",
-        )
-    year, month, day, hour, minute, second = (int(x or 0) for x in found.groups())
-    try:
-        return datetime(year, month, day, hour, minute, second)
-    except ValueError:
-        raise RecordingError(
-            f"the date in {one.record.log} is none", where=one.path, cure="correct its name"
-        ) from None
+def _time(file: FactorFile) -> datetime:
+    record = file.record
+    if record.first > _SINCE_1970:
+        return datetime.fromtimestamp(record.first, UTC).replace(tzinfo=None)
+    what = (
+        f"nothing says when {record.log} was made: its stamps do not count from 1970, and its name "
+        "has no date"
+    )
+    if found := _DATE.search(record.log):
+        year, month, day, hour, minute, second = (int(x or 0) for x in found.groups())
+        try:
+            return datetime(year, month, day, hour, minute, second)
+        except ValueError:
+            what = f"the date in {record.log} is none"
+    raise RecordingError(
+        what,
+        where=file.path or record.log,
+        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
+        "or give times",
+    )

@@ -200,18 +200,16 @@ def _explained(
     y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
 ) -> Float[np.ndarray, "series n"]:
     """Roughly: by changes from one recording to the next, great ones clipped."""
-    found = np.zeros_like(y)
-    if not regressors.shape[2]:
-        return found
-    for k, (own, X) in enumerate(zip(y, regressors, strict=True)):
+    found, count = np.zeros_like(y), regressors.shape[2]
+    for k, (own, X) in enumerate(zip(y, regressors, strict=True) if count else ()):
         there = np.isfinite(own)
         dy, dX = np.diff(own[there]), np.diff(X[there], axis=0)
-        slope = np.zeros(X.shape[1])
+        slope = np.zeros(count)
         for _ in range(3):
             left = dy - dX @ slope
             scale = max(ROBUST * np.median(np.abs(left)), _LEAST) if len(left) else 1.0
             target = dX @ slope + np.clip(left, -2.0 * scale, 2.0 * scale)
-            ridge = np.vstack([dX, scale * 0.1 * np.eye(len(slope))])
-            slope = np.linalg.lstsq(ridge, np.append(target, np.zeros(len(slope))), rcond=None)[0]
+            ridge = np.vstack([dX, scale * 0.1 * np.eye(count)])
+            slope = np.linalg.lstsq(ridge, np.append(target, np.zeros(count)), rcond=None)[0]
         found[k] = X @ slope
     return found

@@ -113,8 +113,6 @@ def save(table: pl.DataFrame, path: Path) -> None:
     """
     require_table(path)
     buffer = BytesIO()
-    if path.suffix.lower() == ".csv":
-        table.write_csv(buffer)
-    else:
-        table.write_parquet(buffer, compression="zstd")
+    write = table.write_csv if path.suffix.lower() == ".csv" else table.write_parquet
+    write(buffer)
     write_bytes(path, buffer.getvalue())

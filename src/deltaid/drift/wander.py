@@ -77,30 +77,27 @@ def whitened_sums(
     share, memory = scatter.share[:, None], scatter.memory[:, None]
     forget = np.exp(-np.diff(days, prepend=days[:1]) / memory)
     known, count = np.isfinite(variance), alternatives.shape[1]
+    every = np.broadcast_to(alternatives, (series, n, count))
+    columns = np.concatenate([base, every], axis=2)
     P = np.broadcast_to(share, (kinds, series)).copy()
-    log_det = np.zeros((kinds, series))
-    # What the past foretells of base and alternatives, and white rows of these.
-    x, h = (np.zeros((kinds, series, m)) for m in (width, count))
-    X, H = (np.zeros((kinds, series, _AT_ONCE, m)) for m in (width, count))
-    squares, cross = (np.zeros((kinds, series, width, m)) for m in (width, count))
-    own = np.zeros_like(h)
+    foretold, white = (np.zeros((kinds, series, *m, width + count)) for m in ((), (_AT_ONCE,)))
+    products = np.zeros((kinds, series, width, width + count))
+    own, log_det = np.zeros((kinds, series, count)), np.zeros((kinds, series))
     for t in range(n):
         a = forget[:, t, None]
         if t:
             P = a**2 * P + share * (1.0 - a**2)
-            x *= a[..., None]
-            h *= a[..., None]
+            foretold *= a[..., None]
         S = P + (1.0 - share) * np.where(known[:, t], variance[:, t], 1.0)
         gain, weight = np.where(known[:, t], P / S, 0.0), known[:, t] / np.sqrt(S)
-        new_x, new_h, k = base[:, t] - x, alternatives[t] - h, t % _AT_ONCE
-        X[:, :, k], H[:, :, k] = weight[..., None] * new_x, weight[..., None] * new_h
+        new, k = columns[:, t] - foretold, t % _AT_ONCE
+        white[:, :, k] = weight[..., None] * new
         log_det += np.where(known[:, t], np.log(S), 0.0)
-        x += gain[..., None] * new_x
-        h += gain[..., None] * new_h
+        foretold += gain[..., None] * new
         P = P * (1.0 - gain)
         if k == _AT_ONCE - 1 or t == n - 1:
-            some, others = X[:, :, : k + 1], H[:, :, : k + 1]
-            squares += some.swapaxes(2, 3) @ some
-            cross += some.swapaxes(2, 3) @ others
-            own += np.einsum("ksta,ksta->ksa", others, others)
-    return Sums(squares, cross, own, log_det, known.sum(axis=1).astype(float))
+            some = white[:, :, : k + 1]
+            products += some[..., :width].swapaxes(2, 3) @ some
+            own += np.einsum("ksta,ksta->ksa", some[..., width:], some[..., width:])
+    told = known.sum(axis=1).astype(float)
+    return Sums(products[..., :width], products[..., width:], own, log_det, told)

@@ -10,6 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
+from deltaid.robot.friction_terms import FrictionTerm
 
 # A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.
 Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -108,3 +109,18 @@ def one_way_speed(v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray
 def of_load(_v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
     """A share of what the gear carries."""
     return C * np.abs(load)
+
+
+def of_term(term: FrictionTerm) -> Shape:
+    """A term: what changes its sign with the speed by Coulomb's entries, the rest as it is."""
+
+    def shape(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
+        forth, back = term.h(v, 1.0, load), term.h(-v, -1.0, load)
+        return C * (0.5 * (forth - back)) + 0.5 * (forth + back)
+
+    return shape
+
+
+def of_slope(term: FrictionTerm, constant: str) -> Shape:
+    """A term's change with the logarithm of a constant."""
+    return lambda v, C, load: C * term.slopes(v)[constant]

@@ -13,9 +13,10 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.effects.contest import surprise
+from deltaid.effects.joint import of_slope, of_term
 from deltaid.estimation.information import triangle
 from deltaid.estimation.span import Rows, lengths
-from deltaid.identification.friction_rows import FORMS, FrictionRows, of_slope, of_term
+from deltaid.identification.friction_rows import FORMS, FrictionRows
 from deltaid.robot.friction import EXPONENTS, Friction
 from deltaid.robot.friction_terms import FrictionTerm
 

@@ -24,6 +24,8 @@ from deltaid.effects.joint import (
     joint_columns,
     joints_of,
     of_load,
+    of_slope,
+    of_term,
     one_way,
     one_way_speed,
 )
@@ -40,7 +42,7 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
-from deltaid.robot.friction_terms import FrictionTerm, friction_terms
+from deltaid.robot.friction_terms import friction_terms
 
 # Windows of all recordings together at least, and seconds of each, that are looked at.
 _WINDOWS, _SECONDS = 6, 20.0
@@ -262,21 +264,6 @@ def shapes_of(
     if getattr(robot.friction[joint], kind) is None:
         return (of_term(term),)
     return tuple(of_slope(term, name) for name in term.constants)
-
-
-def of_term(term: FrictionTerm) -> Shape:
-    """A term: what changes its sign with the speed by Coulomb's entries, the rest as it is."""
-
-    def shape(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
-        forth, back = term.h(v, 1.0, load), term.h(-v, -1.0, load)
-        return C * (0.5 * (forth - back)) + 0.5 * (forth + back)
-
-    return shape
-
-
-def of_slope(term: FrictionTerm, constant: str) -> Shape:
-    """A term's change with the logarithm of a constant."""
-    return lambda v, C, load: C * term.slopes(v)[constant]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

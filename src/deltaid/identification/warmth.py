@@ -165,74 +165,63 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def _found(rows: FrictionRows) -> list[Warmth]:
-    motions = [trace.motion() for trace in rows.traces]
-    recordings, found = [trace.recording for trace in rows.traces], list[Warmth]()
+    found, motions = list[Warmth](), {trace.recording: trace.motion() for trace in rows.traces}
+    several = len(motions) > 1
     known = {
-        one: temperature(one, w)
-        for one, w in zip(recordings, motions, strict=True)
+        one: temperature(one, w) for one, w in motions.items()
         if one.log.columns.temperature is not None
-    }
+    }  # fmt: skip
     if known:
         together = np.concatenate(list(known.values()))
         mean, span = float(np.mean(together)), float(np.ptp(together))
         courses = tuple(Course(one, 0.0, None, mean, span) for one in known)
         if span > 0 and _best(rows, motions, [courses]) is not None:
-            found.append(Warmth(rows.dynamics, courses, len(known) < len(recordings)))
-    for recording, w in zip(recordings, motions, strict=True):
+            found.append(Warmth(rows.dynamics, courses, len(known) < len(motions)))
+    for recording, w in motions.items():
         if recording not in known and len(w.time):
             course = _warming(rows, motions, recording)
-            if course is not None:
-                found.append(Warmth(rows.dynamics, (course,), len(recordings) > 1))
+            found += [Warmth(rows.dynamics, (course,), several)] if course is not None else []
     return found
 
 
-def _best(
-    rows: FrictionRows, motions: Sequence[Samples], tried: Sequence[tuple[Course, ...]]
-) -> int | None:
+_Motions = dict[Recording, Samples]
+
+
+def _best(rows: FrictionRows, motions: _Motions, tried: Sequence[tuple[Course, ...]]) -> int | None:
     """Number of the courses with which friction as a whole changes most; None if that is chance.
 
     A course is slow against the filter's memory, so it may come after the filter.
     """
-    columns = np.stack([_column(rows, motions, courses) for courses in tried], axis=1)
-    columns = rows.span.without(columns)
-    sizes = np.linalg.norm(columns, axis=0)
-    shown = sizes > _DEPENDENT * np.sqrt(len(columns))
+    columns = []
+    for courses in tried:
+        g = {one: np.zeros(len(w.time)) for one, w in motions.items()}
+        g |= {course.recording: course.of(motions[course.recording]) for course in courses}
+        columns.append(rows.drive_rows.stack(rows.friction * np.concatenate(list(g.values()))))
+    bare = rows.span.without(np.stack(columns, axis=1))
+    shown = np.linalg.norm(bare, axis=0) > _DEPENDENT * np.sqrt(len(bare))
     if not shown.any():
         return None
-    directions = np.where(shown, columns / lengths(columns), 0.0)
+    directions = np.where(shown, bare / lengths(bare), 0.0)
     best = int(np.argmax((directions.T @ rows.left) ** 2))
     judged = rows.judged(directions[:, [best]], rows.left, constants=min(len(tried) - 1, 1))
     return best if judged.surprise > _SEEN and judged.is_large else None
 
 
-def _column(rows: FrictionRows, motions: Sequence[Samples], courses: Sequence[Course]):
-    """All friction times g."""
-    by_recording = {course.recording: course for course in courses}
-    g = [
-        by_recording[trace.recording].of(w) if trace.recording in by_recording
-        else np.zeros(len(w.time))
-        for trace, w in zip(rows.traces, motions, strict=True)
-    ]  # fmt: skip
-    return rows.drive_rows.stack(rows.friction * np.concatenate(g))
-
-
-def _warming(rows: FrictionRows, motions: Sequence[Samples], recording: Recording) -> Course | None:
+def _warming(rows: FrictionRows, motions: _Motions, recording: Recording) -> Course | None:
     """The time constant with which a recording's friction changes; None if it does not."""
     start, length = recording.log.clock.first, recording.log.samples / recording.log.rate
     shares, course = _CONSTANTS, None
-    for spacing in (*_FINER, None):
+    for spacing in (*_FINER, 1.0):
         ends = np.exp(-1 / shares)
         means = shares * (1 - ends)
         courses = [
-            Course(recording, start, share * length, mean, end - 1)
-            for share, mean, end in zip(shares.tolist(), means.tolist(), ends.tolist(), strict=True)
+            Course(recording, start, *numbers)
+            for numbers in np.stack([shares * length, means, ends - 1], axis=1).tolist()
         ]
         best = _best(rows, motions, [(one,) for one in courses])
         if best is None:
             return None
-        course = courses[best]
-        if spacing is not None:
-            shares = shares[best] * np.geomspace(1 / spacing, spacing, _NEAR)
+        course, shares = courses[best], shares[best] * np.geomspace(1 / spacing, spacing, _NEAR)
     return course
 
 
