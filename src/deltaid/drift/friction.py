@@ -11,7 +11,8 @@ between the recording's stretches of time.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -53,57 +54,55 @@ class Unknowns:
 
 
 @dataclass(frozen=True, eq=False)
-class DayFriction:
-    """What one recording says of the unknowns, and HᵀH of each drive's friction columns."""
-
-    values: Float[np.ndarray, " unknowns"]
-    covariance: Float[np.ndarray, "unknowns unknowns"]
-    products: Float[np.ndarray, "unknowns unknowns"]
-
-
-@dataclass(frozen=True, eq=False)
 class FrictionSeries:
     """Friction of all recordings.
 
     Attributes:
         drives: names.
-        unknowns: what was asked for.
-        days: what each recording says.
-        weights: for each drive how much each coefficient adds to its mean friction.
+        values, covariance: of the unknowns in each recording.
+        products: HᵀH of each drive's friction columns.
     """
 
     drives: tuple[str, ...]
     unknowns: Unknowns
-    days: tuple[DayFriction, ...]
-    weights: Float[np.ndarray, "drives unknowns"]
+    values: Float[np.ndarray, "n unknowns"]
+    covariance: Float[np.ndarray, "n unknowns unknowns"]
+    products: Float[np.ndarray, "n unknowns unknowns"]
 
     def first(self, count: int) -> "FrictionSeries":
         """What the first recordings say alone."""
-        days = self.days[:count]
-        weights = _weights(self.unknowns, days, len(self.drives))
-        return replace(self, days=days, weights=weights)
+        arrays = (x[:count] for x in (self.values, self.covariance, self.products))
+        return FrictionSeries(self.drives, self.unknowns, *arrays)
+
+    @cached_property
+    def weights(self) -> Float[np.ndarray, "drives unknowns"]:
+        """How much each coefficient adds to a drive's mean friction, the mean of sign(v) φ(v) over
+        all samples."""
+        own = self.unknowns.drives == np.arange(len(self.drives))[:, None]
+        names = self.unknowns.names
+        sign = own & [name.startswith(("coulomb.", "coulomb_back.")) for name in names]
+        products = sign @ self.products.sum(axis=0)
+        size = np.sum(products * sign, axis=1, keepdims=True)
+        return np.where(own & (size > 0), products, 0.0) / np.where(size > 0, size, 1.0)
 
     @property
     def mean(self) -> Float[np.ndarray, "drives n"]:
         """Mean friction of each drive at the speeds of all recordings together [N m or N]."""
-        return np.stack([self.weights @ day.values for day in self.days], axis=1)
+        return self.weights @ self.values.T
 
     @property
     def std(self) -> Float[np.ndarray, "drives n"]:
         """Its standard deviation within a recording."""
-        W = self.weights
-        each = [np.einsum("du,uv,dv->d", W, day.covariance, W) for day in self.days]
-        return np.sqrt(np.stack(each, axis=1))
+        return np.sqrt(np.einsum("du,nuv,dv->dn", self.weights, self.covariance, self.weights))
 
     @property
     def held(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Mass beside what was told, with its standard deviation [kg]; NaN where none shows."""
         if "held.m" not in self.unknowns.names:
-            none = np.full(len(self.days), np.nan)
+            none = np.full(len(self.values), np.nan)
             return none, none
         k = self.unknowns.names.index("held.m")
-        found = np.array([(day.values[k], day.covariance[k, k]) for day in self.days])
-        return found[:, 0], np.sqrt(found[:, 1])
+        return self.values[:, k], np.sqrt(self.covariance[:, k, k])
 
 
 def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> FrictionSeries:
@@ -127,8 +126,9 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
         )
     merging = merging_of(files, robot, model.settings)
     unknowns = _unknowns(merging, model)
-    days = tuple(_day(merging, unknowns, model, one) for one in files)
-    return FrictionSeries(robot.drives, unknowns, days, _weights(unknowns, days, len(robot.drives)))
+    found = (_friction(merging, unknowns, model, file) for file in files)
+    arrays = (np.stack(each) for each in zip(*found, strict=True))
+    return FrictionSeries(robot.drives, unknowns, *arrays)
 
 
 def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
@@ -160,9 +160,10 @@ def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
     return Unknowns(names, np.array(drives), np.array(at), np.array(mean), np.array(precision))
 
 
-def _day(
+def _friction(
     merging: Merging, unknowns: Unknowns, model: IdentifiedModel, file: FactorFile
-) -> DayFriction:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What one recording says: values, covariance and products."""
     part, dof, at = merging.part(file), merging.dynamics.dof, unknowns.at
     known = np.zeros(len(merging.active))
     own = merging.active < len(model.p)
@@ -190,15 +191,4 @@ def _day(
     # What has one stretch only tells nothing of its noise.
     several = len(part.stretches) > 1
     covariance = found.covariance() if several else np.full((len(at), len(at)), np.nan)
-    return DayFriction(found.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count))
-
-
-def _weights(
-    unknowns: Unknowns, days: Sequence[DayFriction], drives: int
-) -> Float[np.ndarray, "drives unknowns"]:
-    """How coefficients make up a drive's mean friction, mean of sign(v) φ(v) over all samples."""
-    own = unknowns.drives == np.arange(drives)[:, None]
-    sign = own & [name.startswith(("coulomb.", "coulomb_back.")) for name in unknowns.names]
-    products = sign @ np.sum([day.products for day in days], axis=0)
-    size = np.sum(products * sign, axis=1, keepdims=True)
-    return np.where(own & (size > 0), products, 0.0) / np.where(size > 0, size, 1.0)
+    return found.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count)

@@ -54,23 +54,23 @@ def friction_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
     rows = list[tuple[object, ...]]()
     for robot in found:
         friction, unknowns = robot.friction, robot.friction.unknowns
-        units = {
-            term.name: term.unit for term in robot.recordings[0].file.record.robot.friction_terms
-        }
-        days = zip(friction.days, robot.recordings, friction.mean.T, friction.std.T, strict=True)
-        for day, recording, mean, std in days:
-            values = [("friction", *own) for own in zip(mean, std, robot.units, strict=True)]
-            known = list(zip(robot.drives, values, strict=True))
-            deviations = np.sqrt(np.maximum(np.diag(day.covariance), 0.0))
-            for k, (name, drive) in enumerate(zip(unknowns.names, unknowns.drives, strict=True)):
-                if drive >= 0:
-                    value = (name.partition(".")[0], day.values[k], deviations[k], units[name])
-                    known.append((robot.drives[drive], value))
-            rows += [
-                (robot.robot, drive, recording.time, recording.label, *value,
-                 _known(recording.degrees), recording.held)
-                for drive, value in known
-            ]  # fmt: skip
+        terms = robot.recordings[0].file.record.robot.friction_terms
+        units = {term.name: term.unit for term in terms}
+        std = np.sqrt(np.maximum(np.einsum("nuu->un", friction.covariance), 0.0))
+        means = zip(robot.drives, friction.mean, friction.std, robot.units, strict=True)
+        series = [(drive, "friction", *values) for drive, *values in means]
+        for name, drive, *values in zip(
+            unknowns.names, unknowns.drives, friction.values.T, std, strict=True
+        ):
+            if drive >= 0:
+                kind, _, _ = name.partition(".")
+                series.append((robot.drives[drive], kind, *values, units[name]))
+        rows += [
+            (robot.robot, drive, recording.time, recording.label, quantity, value[n], std[n], unit,
+             _known(recording.degrees), recording.held)
+            for n, recording in enumerate(robot.recordings)
+            for drive, quantity, value, std, unit in series
+        ]  # fmt: skip
     return pl.DataFrame(rows, schema=FRICTION, orient="row")
 
 
