@@ -1,5 +1,7 @@
 """Evidence of changes: against dense formulas, and what it finds and does not find in series."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -11,7 +13,6 @@ from deltaid.drift.evidence import (
     MONTH,
     SIZE,
     Changes,
-    Prior,
     _moments,
     evidence,
     first_prior,
@@ -68,10 +69,8 @@ def test_factors_are_ratios_of_marginal_likelihoods() -> None:
     changes = Changes.over(DAYS)
     sums = whitened_sums(DAYS, variance, base, changes.columns, scatter)
     mean, flat = np.array([0.0, 0.4]), 1e7
-    prior = Prior(
-        np.stack([mean, mean]), np.broadcast_to(np.diag([1 / flat, 4.0]), (2, 2, 2)),
-        np.log(np.repeat(scatter.usual[:, None], 2, axis=1)),
-    )  # fmt: skip
+    prior = first_prior(np.array([np.sqrt(flat), 0.5]), scatter, 2)
+    prior = replace(prior, mean=np.stack([mean, mean]))
     found = evidence(sums, changes, prior)
     for k, s, a in ((0, 0, 3), (1, 0, 8), (1, 1, 12), (0, 1, 1)):
         there = np.isfinite(variance[s])
@@ -120,13 +119,10 @@ def _log_kinds(changes: Changes, a: int) -> np.ndarray:
 def _series(rng: np.random.Generator, robots: int, n: int = 140, drives: int = 3):
     """Friction that follows temperature and wanders."""
     days = np.arange(n, dtype=float)
-    T = 6.0 * np.sin(days / 58 + rng.uniform(0, 6, (robots, 1))) + 3 * rng.standard_normal(
-        (robots, n)
-    )
-    y = rng.normal(-0.9, 0.2, (robots, 1, 1)) * T[:, None] + 0.8 * rng.standard_normal(
-        (robots, drives, n)
-    )
-    return days, T + 25, y
+    T = 6.0 * np.sin(days / 58 + rng.uniform(0, 6, (robots, 1)))
+    T += 3 * rng.standard_normal((robots, n))
+    y = rng.normal(-0.9, 0.2, (robots, 1, 1)) * T[:, None]
+    return days, T + 25, y + 0.8 * rng.standard_normal((robots, drives, n))
 
 
 def _looked(days, T, y, n: int, known: bool = True, tools: tuple[float, ...] = ()):
