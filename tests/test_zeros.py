@@ -97,6 +97,6 @@ def test_where_it_may_be_either_both_are_told() -> None:
 
 
 def test_of_right_zeros_the_tilt_that_may_be_is_told() -> None:
-    found = _good(seen("clavel-delta3", "rad"), told())
+    found = _good(told())
     assert found.seen.endswith("a tilt of 10 ± 4 mrad")
     assert found.number == pytest.approx(10.0)

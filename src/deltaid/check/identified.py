@@ -9,7 +9,7 @@ from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdicts import Verdicts
-from deltaid.check.wiring.confirmed import still_seen
+from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.identify import Identification

@@ -22,10 +22,10 @@ _ALONG, _ALONG_LOOSE, _SHOWN = 0.85, 0.6, 4.0
 # Least correlation with the prior's torques, and most of the torques left, of a hypothesis that is
 # believed, and of one with factors of positions.
 _SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
+# Another order must leave so much less, signs against the prior so much less than those with it.
+_OTHER_ORDER, _CLEARLY = 0.7, 0.7
 # One that leaves more than this must leave half of what the mapping does.
 _DOUBTED = 0.03
-# Signs against the prior must leave so much less than those that go with it.
-_CLEARLY = 0.7
 # A hypothesis must leave so much less than the mapping does; one with factors of positions, which
 # fit anything, so much less.
 _BETTER, _SURELY, _FAR_BETTER = 1.06, 100.0, 3.0
@@ -56,7 +56,7 @@ class Candidate:
     residual: Residual
     order: tuple[int, ...]
     gains: Float[np.ndarray, " drives"]
-    loose: np.ndarray
+    loose: Bool[np.ndarray, " drives"]
     left: float
     shown: float
 
@@ -68,8 +68,7 @@ class Candidate:
     @property
     def along(self) -> Float[np.ndarray, " drives"]:
         """Correlation of each drive's torque with that of the prior."""
-        n = len(self.order)
-        return np.sign(self.gains) * self.residual.along[np.arange(n), list(self.order)]
+        return np.sign(self.gains) * _along(self.residual, self.order)
 
     @property
     def closes(self) -> bool:
@@ -85,32 +84,26 @@ class Candidate:
     @property
     def sensible(self) -> bool:
         """Whether it makes torques go with the motion at all."""
-        along, left = _SENSIBLE_SCALED if self.scaled else _SENSIBLE
+        along, left = _SENSIBLE_SCALED if self.map.scaled else _SENSIBLE
         return bool(np.all(self.along[~self.loose] > along)) and self.left < left
 
     @property
     def changes(self) -> int:
         """How many columns are not what the mapping says."""
-        m, plain = self.map, range(len(self.order))
-        moved = sum(a != b for a, b in zip(m.order, plain, strict=True))
-        moved += sum(a != b for a, b in zip(self.order, plain, strict=True))
-        return moved + _distinct(np.array(m.scale)) + _distinct(self.gains)
-
-    @property
-    def scaled(self) -> bool:
-        """Whether some positions are in another unit or of another shaft."""
-        return any(abs(factor) != 1 for factor in self.map.scale)
+        orders = (*enumerate(self.map.order), *enumerate(self.order))
+        moved = sum(drive != column for drive, column in orders)
+        return moved + _distinct(np.array(self.map.scale)) + _distinct(self.gains)
 
     @property
     def unnamed(self) -> bool:
-        """Whether they are in no unit that has a name."""
+        """Whether positions are in no unit that has a name."""
         return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
 
     def beats(self, plain: "Candidate") -> bool:
         """Whether it leaves so much less than the positions as mapped that these are out."""
         if self is plain:
             return True
-        if self.scaled:
+        if self.map.scaled:
             return plain.left > _FAR_BETTER * self.left
         if self.left > _DOUBTED and plain.left < 2 * self.left:
             return False
@@ -123,6 +116,10 @@ class Candidate:
         """Whether noise can have made the difference to what leaves least."""
         rows = len(self.residual.Y)
         return bool(rows * np.log(self.left**2 / best.left**2) < _CERTAIN)
+
+
+def _along(found: Residual, order: tuple[int, ...]) -> Float[np.ndarray, " drives"]:
+    return found.along[np.arange(len(order)), list(order)]
 
 
 def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
@@ -151,41 +148,33 @@ def tried(
         least: the share of the samples at which they must.
         as_is: whether torque columns stay in their order.
     """
-    for one in maps:
-        if closed_share(dynamics, motion, one) < least:
+    plain = tuple(range(dynamics.dof))
+    for map in maps:
+        if closed_share(dynamics, motion, map) < least:
             continue
-        found = residual(dynamics, motion, one)
-        if found is not None:
-            plain = tuple(range(dynamics.dof))
-            yield assigned(found, plain) if as_is else best_of(found)
-
-
-def best_of(found: Residual) -> Candidate:
-    """The best order, signs and gains of torque columns."""
-    plain = assigned(found, tuple(range(len(found.weights))))
-    others = [assigned(found, order) for order in permutations(range(len(found.weights)))]
-    best = min(others, key=lambda one: one.left)
-    return best if best.left < 0.7 * plain.left else plain
+        found = residual(dynamics, motion, map)
+        if found is None:
+            continue
+        best = as_mapped = assigned(found, plain)
+        if not as_is:
+            orders = (assigned(found, order) for order in permutations(plain))
+            best = min(orders, key=lambda candidate: candidate.left)
+        yield best if best.left < _OTHER_ORDER * as_mapped.left else as_mapped
 
 
 def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
     """The best signs and gains of one order of the torque columns."""
-    S, D = found.of(order)
-    n = len(order)
+    (S, D), along = found.of(order), _along(found, order)
     loose = _loose(S)
-    values, vectors = eigh(S, np.diag(D))
-    u = vectors[:, 0]
-    tied = np.flatnonzero(~loose)
-    shown = np.inf
+    u, tied, shown = eigh(S, np.diag(D))[1][:, 0], np.flatnonzero(~loose), np.inf
     if len(tied) > 1:
         values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
         u[tied] = vectors[:, 0]
         shown = float(np.sqrt(max(values[1], 0.0) / max(values[0], 1e-30)))
-    sign, gains = _settled(found.along[np.arange(n), list(order)], u, loose)
+    sign, gains = _settled(along, u, loose)
     sign[found.still] = gains[found.still] = 1.0
     raised, left = 1 + 3 * (1 - found.poses.share), found.share(order, sign)
-    against = (found.along[np.arange(n), list(order)] < 0) & ~found.still
-    expected = np.where(against, -1.0, 1.0)
+    expected = np.where((along < 0) & ~found.still, -1.0, 1.0)
     if np.any(expected != sign) and left > _CLEARLY * found.share(order, expected):
         # The recording does not tell signs, such as one without noise or of one drive.
         sign = gains = expected

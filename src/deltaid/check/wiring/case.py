@@ -1,18 +1,17 @@
 """A recording under the columns that explain it best, which all verdicts on wiring look at."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.wiring.candidate import SLIDING, TURNING, Candidate
-from deltaid.check.wiring.cures import Entries, Values
+from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
 from deltaid.check.wiring.scale import overall, ratios, unit_of
-from deltaid.check.wiring.velocity import rates
+from deltaid.check.wiring.velocity import Rate, rates
 from deltaid.model.words import listed, percent
 from deltaid.recording.mapping import Quantity
 
@@ -27,7 +26,6 @@ class Case:
     """A recording under the columns that explain it best.
 
     Attributes:
-        evidence: the recording.
         motion: the stretch that was looked at.
         good: the hypotheses that explain it equally well, the simplest first.
         entries: of the mapping.
@@ -70,12 +68,8 @@ class Case:
     @cached_property
     def units(self) -> dict[int, float]:
         """Factors of units that only the prior tells, of drives that nothing ties to others."""
-        found = {}
-        for i in self.untied:
-            units = SLIDING if self.linear(i) else TURNING
-            unit = unit_of(self.ratios[i], self._beyond(i), units)
-            found |= {i: unit} if unit != 1 else {}
-        return found
+        found = {i: unit_of(self.ratios[i], self._beyond(i), self.named(i)) for i in self.untied}
+        return {i: unit for i, unit in found.items() if unit != 1}
 
     def _beyond(self, i: int) -> float:
         """How many times a drive goes beyond what is described of its speed or workspace."""
@@ -91,12 +85,18 @@ class Case:
     @property
     def map(self) -> Map:
         """Of the positions, with these units."""
-        scale = [f * self.units.get(i, 1.0) for i, f in enumerate(self.best.map.scale)]
-        return replace(self.best.map, scale=tuple(scale))
+        map = self.best.map
+        for i, unit in self.units.items():
+            map = map.times(unit, [i])
+        return map
 
     def linear(self, drive: int) -> bool:
         """Whether a drive slides."""
         return self.evidence.robot.is_linear(self.names[drive])
+
+    def named(self, drive: int) -> dict[float, str]:
+        """Units that its positions may be in, by factor."""
+        return SLIDING if self.linear(drive) else TURNING
 
     def whose(self, drives: list[int]) -> str:
         """A subject: empty for all drives."""
@@ -104,31 +104,25 @@ class Case:
 
     def all_or(self, drives: list[int]) -> str:
         """The drives in a sentence."""
-        if len(drives) == len(self.names):
-            return "all drives" if len(drives) > 1 else self.names[0]
-        return listed([self.names[i] for i in drives])
+        every = len(drives) == len(self.names) > 1
+        return "all drives" if every else listed([self.names[i] for i in drives])
 
     @property
     def fits(self) -> str:
         """How well the best hypothesis explains the recording."""
         return f"leaves {percent(self.best.left)} of the torques unexplained"
 
+    @cached_property
+    def _rates(self) -> tuple[Rate, ...]:
+        return rates(self.motion, Map.identity(len(self.names)))
 
-def velocities_follow(case: Case, drives: list[int]) -> bool:
-    """Whether velocities are derivatives of the positions as mapped, and so change with them."""
-    plain = rates(case.motion, Map.identity(len(case.names)))
-    return all(0.8 < one.scale < 1.25 for one in plain if one.drive in drives) and bool(plain)
+    def follow(self, drives: list[int]) -> tuple[Quantity, ...]:
+        """Positions; and velocities, where they are their derivatives as mapped, and so change
+        with them."""
+        own = (0.8 < rate.scale < 1.25 for rate in self._rates if rate.drive in drives)
+        return ("position", "velocity") if self._rates and all(own) else ("position",)
 
-
-def torques_of_motor(case: Case, factor: float) -> bool:
-    """Whether torques are too small by the gear that positions are too large by."""
-    size = overall(case.ratios)
-    return size < 1 / DOUBTFUL_SCALE and 0.25 < size / factor < 4
-
-
-def stated(values: Mapping[Quantity, Values]) -> dict[Quantity, Values]:
-    """Without drives of which nothing changes."""
-    return {
-        quantity: {i: entry for i, entry in drives.items() if entry}
-        for quantity, drives in values.items()
-    }
+    def of_motors(self, factor: float) -> bool:
+        """Whether torques are too small by the gear that positions are too large by."""
+        size = overall(self.ratios)
+        return size < 1 / DOUBTFUL_SCALE and 0.25 < size / factor < 4

@@ -55,14 +55,6 @@ class Entries:
         """The column's name."""
         return getattr(self._evidence.columns, quantity)[drive].column
 
-    def recorded(self, quantity: Quantity) -> bool:
-        """Whether the log has the quantity."""
-        return bool(getattr(self._evidence.columns, quantity))
-
-    def scale(self, quantity: Quantity, drive: int) -> float:
-        """Joint value per number."""
-        return getattr(self._evidence.columns, quantity)[drive].scale
-
     def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
         """With the other sign."""
         return {"sign": -self.of(quantity, drive).sign}
@@ -91,7 +83,8 @@ class Entries:
 
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
         """With a zero at which the joint value is larger by `shift` [rad or m]."""
-        zero = self.of("position", drive).zero - shift / self.scale("position", drive)
+        scale = self._evidence.columns.position[drive].scale
+        zero = self.of("position", drive).zero - shift / scale
         return {"zero": float(f"{zero:.6g}")}
 
     def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
@@ -99,14 +92,11 @@ class Entries:
         changes: list[tuple[str, object]] = []
         for quantity, drives in values.items():
             given = getattr(self._evidence.mapping, quantity, None)
+            entries = [(i, key, value) for i, own in drives.items() for key, value in own.items()]
             if not isinstance(given, AllDrives):
-                changes += [
-                    (f"{quantity}[{i}].{key}", value)
-                    for i, entry in drives.items()
-                    for key, value in entry.items()
-                ]
+                changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
                 continue
-            for key in dict.fromkeys(key for entry in drives.values() for key in entry):
+            for key in dict.fromkeys(key for _, key, _ in entries):
                 now = [getattr(self.of(quantity, i), key) for i in range(len(self._linear))]
                 each = [drives.get(i, {}).get(key, value) for i, value in enumerate(now)]
                 same = all(value == each[0] for value in each)

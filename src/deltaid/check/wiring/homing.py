@@ -5,6 +5,7 @@ of Y. Their values are a Gauss–Newton step; how far to trust it, the scatter o
 blocks of time says, for noise of any colour.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -17,6 +18,7 @@ from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.drive_rows import of_own_drives
 from deltaid.estimation.span import Span
 
 # Blocks of time, step of the slopes [rad or m], and spread of the prior.
@@ -63,11 +65,6 @@ class Shifts:
         scores = np.stack([products[a:b].sum(axis=0) for a, b in pairwise(edges)])
         return cls(D.T @ D, scores, float(e @ e), len(e), drives, angles)
 
-    @property
-    def homing(self) -> list[int]:
-        """Columns of zeros."""
-        return list(range(self.drives))
-
     @cached_property
     def tilt(self) -> list[int]:
         """Columns of the direction of gravity that show."""
@@ -75,37 +72,36 @@ class Shifts:
         most = max((self.H[i, i] for i in both), default=0.0)
         return [i for i in both if self.H[i, i] > _SHOWN * most]  # a plane shows one angle
 
-    @cached_property
+    @property
     def offsets(self) -> list[int]:
         """Columns of constant torques."""
         first = self.drives + self.angles
         return list(range(first, first + self.drives))
 
-    @cached_property
+    @property
     def gains(self) -> list[int]:
         """Columns of gains; all together are the torques, so one must be left out then."""
-        if self.drives == 1:
-            return []
-        return list(range(self.drives + self.angles + self.drives, len(self.H)))
+        first = 2 * self.drives + self.angles
+        return list(range(first, len(self.H))) if self.drives > 1 else []
 
     def told(
-        self, which: list[int], beside: list[int] | None = None
+        self, which: list[int], beside: Sequence[int] = ()
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """Values of some columns and their covariance, with others free beside them."""
-        at = [*which, *(beside or [])]
-        H, n = self.H[np.ix_(at, at)], len(which)
+        columns = [*which, *beside]
+        H, n = self.H[np.ix_(columns, columns)], len(which)
         scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
         inverse = np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9) * np.outer(scale, scale)
-        s = self.scores[:, at]
-        value = inverse @ s.sum(axis=0)
-        centred = s - s.mean(axis=0)
-        blocks = len(s)
-        spread = centred.T @ centred * blocks / max(blocks - len(at), 1)
-        covariance = inverse @ spread @ inverse
-        return value[:n], covariance[:n, :n]
+        s = self.scores[:, columns]
+        centred, blocks = s - s.mean(axis=0), len(s)
+        spread = centred.T @ centred * blocks / max(blocks - len(columns), 1)
+        return (inverse @ s.sum(axis=0))[:n], (inverse @ spread @ inverse)[:n, :n]
 
-    def certainty(self, which: list[int], beside: list[int] | None = None) -> float:
-        """Wald's distance of some columns from zero, a number of standard deviations each."""
+    def certainty(self, which: list[int], beside: Sequence[int] = ()) -> float:
+        """Wald's distance of some columns from zero, a number of standard deviations each; 0 where
+        the recording does not show these at all."""
+        if not all(self.H[i, i] > 0 for i in which):
+            return 0.0
         value, covariance = self.told(which, beside)
         values, vectors = np.linalg.eigh(covariance)
         sure = values > 1e-9 * values[-1]
@@ -120,83 +116,58 @@ class Shifts:
 
 def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     """What a recording says about zeros and gravity, the rest being as a candidate has it."""
-    found = best.residual
-    dof = dynamics.dof
+    found, dof = best.residual, dynamics.dof
     tau = found.torques(best.order, best.gains)
-    p = _parameters(dynamics, best, tau)
-    D = _columns(dynamics, motion, best, p)
-    angles = len(D) - dof
-    D = np.concatenate([D, _others(dof, motion, best)])
-    D = (D[:, :, found.keep] * found.weights[:, None]).reshape(len(D), -1)
-    return Shifts.of(found.span, D.T, tau, dof, angles)
-
-
-def _parameters(
-    dynamics: Dynamics, best: Candidate, tau: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " parameters"]:
-    """All parameters: from the prior as far as the torques ask for it."""
-    found = best.residual
-    prior = prior_parameters(dynamics.robot)
+    # All parameters: from the prior as far as the torques ask for it.
+    p = prior_parameters(dynamics.robot)
     scale = np.array([one.scale for one in dynamics.layout.parameters])[found.columns]
     noise = best.left * np.linalg.norm(tau) / np.sqrt(len(tau))
     A = np.vstack([found.Y / noise, np.diag(1.0 / (_SPREAD * scale))])
-    b = np.append((tau - found.Y @ prior[found.columns]) / noise, np.zeros(len(scale)))
-    prior[found.columns] += Span.of(A).coefficients(b)
-    return prior
+    b = np.append((tau - found.Y @ p[found.columns]) / noise, np.zeros(len(scale)))
+    p[found.columns] += Span.of(A).coefficients(b)
+    slopes = _slopes(dynamics, motion, best, p)[:, found.keep]
+    numbers = motion.tau[found.keep].T[list(best.order)]
+    own = np.stack([np.ones_like(numbers), best.gains[:, None] * numbers], axis=2)
+    others = of_own_drives(own).reshape(*numbers.shape, dof, 2).swapaxes(2, 3)
+    D = np.concatenate([slopes, others.reshape(*numbers.shape, 2 * dof)], axis=2)
+    return Shifts.of(found.span, found.rows.stack(D), tau, dof, slopes.shape[2] - dof)
 
 
-def _columns(
+def _slopes(
     dynamics: Dynamics, motion: Motion, best: Candidate, p: Float[np.ndarray, " parameters"]
-) -> Float[np.ndarray, "columns drives kept"]:
+) -> Float[np.ndarray, "drives kept columns"]:
     """Slopes of the torques at the kept samples; they are smooth enough to need no filter."""
-    low_pass, map, dof = motion.low_pass, best.map, dynamics.dof
-    at = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
-    q = map.values(motion.q[at])
-    qd, qdd = map.rates(motion.qd[at]), map.rates(motion.qdd[at])
+    low_pass, map, kinematics = motion.low_pass, best.map, dynamics.kinematics
+    kept = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
+    q = map.values(motion.q[kept])
+    qd, qdd = map.rates(motion.qd[kept]), map.rates(motion.qdd[kept])
     p = p.copy()
     p[dynamics.layout.friction] = 0.0  # its steps have no slope
 
     def torque(q: np.ndarray) -> np.ndarray:
-        z, good = dynamics.kinematics.forward_unchecked(q)
-        z = np.where(good[:, None], z, dynamics.kinematics.home)
+        z, good = kinematics.forward_unchecked(q)
+        z = np.where(good[:, None], z, kinematics.home)
         return np.where(good[:, None], dynamics.torque(z, qd, qdd, p), 0.0)
 
-    slopes = []
-    for i in range(dof):
-        step = _STEP * np.eye(dof)[i]
-        slopes.append((torque(q + step) - torque(q - step)).T / (2 * _STEP))
-    z = best.residual.poses.z[at]
-    moments = _moments(dynamics, z, p)  # ∂(Σ m r)/∂q
-    g = np.array(dynamics.robot.gravity)
-    slopes += [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]
-    return np.stack(slopes)
-
-
-def _others(dof: int, motion: Motion, best: Candidate) -> Float[np.ndarray, "columns drives kept"]:
-    """Offsets and gains of all drives."""
-    tau = best.gains[:, None] * motion.tau.T[list(best.order)]
-    offsets, gains = np.zeros((2, dof, *tau.shape))
-    at = np.arange(dof)
-    offsets[at, at], gains[at, at] = 1.0, tau
-    return np.concatenate([offsets, gains])
-
-
-def _moments(
-    dynamics: Dynamics, z: Float[np.ndarray, "samples dof"], p: Float[np.ndarray, " parameters"]
-) -> Float[np.ndarray, "samples 3 dof"]:
-    """∂(Σ m r)/∂q, by differences along z and ∂z/∂q."""
-    kinematics, layout = dynamics.kinematics, dynamics.layout
-    counts = [body.count for body in kinematics.mechanism.bodies]
-
     def moment(z: np.ndarray) -> np.ndarray:
+        """Σ m r"""
         total = np.zeros((len(z), 3))
-        for body, count in zip(kinematics.poses(z), counts, strict=True):
-            own = p[layout.body(body.name)]
-            total += count * (own[0] * body.r_WB + body.R_WB @ own[1:4])
+        for own, body in zip(kinematics.poses(z), kinematics.mechanism.bodies, strict=True):
+            m = p[dynamics.layout.body(own.name)]
+            total += body.count * (m[0] * own.r_WB + own.R_WB @ m[1:4])
         return total
 
-    along = [
-        (moment(z + step) - moment(z - step)) / (2 * _STEP) for step in _STEP * np.eye(dynamics.dof)
-    ]
-    J = kinematics.jacobian(z)
-    return np.linalg.solve(J.swapaxes(1, 2), np.stack(along, axis=1)).swapaxes(1, 2)
+    z, g = best.residual.poses.z[kept], np.array(dynamics.robot.gravity)
+    J, along = kinematics.jacobian(z), _differences(moment, z)
+    moments = np.linalg.solve(J.swapaxes(1, 2), along.swapaxes(1, 2)).swapaxes(1, 2)
+    turned = [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]
+    zeros = _differences(torque, q).swapaxes(0, 1)
+    return np.concatenate([zeros, *(column[:, :, None] for column in turned)], axis=2)
+
+
+def _differences(
+    of: Callable[[np.ndarray], np.ndarray], x: Float[np.ndarray, "samples dof"]
+) -> Float[np.ndarray, "samples values dof"]:
+    """Central differences of values of each sample."""
+    steps = _STEP * np.eye(x.shape[1])
+    return np.stack([(of(x + step) - of(x - step)) / (2 * _STEP) for step in steps], axis=-1)

@@ -48,9 +48,7 @@ class Motion:
         awake: (kept,) where no drive stands still that moves at other times: at rest friction is
             whatever balances the torque. All, where else too few were left.
         low_pass: what makes kept ones of samples.
-        time: of the rows as they are [s].
-        raw_q, raw_qd: of the same rows, unfiltered.
-        full: the low-pass for these; `every` which of its outputs a sample is.
+        recorded: q̇ of columns for it, if there are any.
     """
 
     q: Values
@@ -60,11 +58,7 @@ class Motion:
     tau: Values
     awake: Bool[np.ndarray, " kept"]
     low_pass: LowPass
-    time: Float[np.ndarray, " rows"]
-    raw_q: Values
-    raw_qd: Values
-    full: LowPass
-    every: int
+    recorded: Values
 
     def filtered(self, x: Float[np.ndarray, "channels samples"]) -> Values:
         """The low-pass over something that follows from samples, thinned: (channels, kept)."""
@@ -96,28 +90,23 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
     full = design_low_pass(cutoff, rate, single=True)
     every = max(1, int(rate / (oversampled * max(cutoff, _SLOWEST))))
     again = design_low_pass(cutoff, rate / every, single=True)
-    inner = slice(full.margin - full.half, len(time) - (full.margin - full.half))
-    x = q.T
-    lost = again.half * every  # of the second filter, at either end
+    edge = full.margin - full.half
+    inner = slice(edge, len(time) - edge)
+    smoothed = apply(full.smooth, np.hstack([q, tau, qd]).T[:, inner], every).T
+    samples, load, recorded = np.split(smoothed, np.cumsum([q.shape[1], tau.shape[1]]), axis=1)
+    speeds = apply(full.first, q.T, every).T
     # The torques pass once, by a filter that is centred on the samples that the second one keeps.
-    wide = tau[full.margin - full.half + lost : len(tau) - (full.margin - full.half)].T
-    smoothed = apply(full.smooth, wide, every * again.decimation)
-    samples = apply(full.smooth, x[:, inner], every).T
+    wide = tau.T[:, edge + again.half * every : len(tau) - edge]
     count = -(-(len(samples) - len(again.smooth) + 1) // again.decimation)
-    speeds = apply(full.first, x, every).T
     return Motion(
         q=samples,
         qd=speeds,
-        qdd=apply(full.second, x, every).T,
-        load=apply(full.smooth, tau.T[:, inner], every).T,
-        tau=smoothed.T[:count],
+        qdd=apply(full.second, q.T, every).T,
+        load=load,
+        tau=apply(full.smooth, wide, every * again.decimation).T[:count],
         awake=_awake(speeds, rate / every, again, count),
         low_pass=again,
-        time=time,
-        raw_q=q,
-        raw_qd=qd,
-        full=full,
-        every=every,
+        recorded=recorded,
     )
 
 
@@ -158,16 +147,12 @@ def _cutoff(q: Values, rate: float) -> float:
 
 def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Values] | None:
     """Time, q, q̇ and τ of the liveliest stretch without a gap, evenly spaced."""
-    finite = np.isfinite(rows.time)
-    for values in (rows.q, rows.qd, rows.tau):
-        finite &= np.isfinite(values).all(axis=1)
+    columns = rows.q, rows.qd, rows.tau
+    finite = np.isfinite(np.column_stack([rows.time, *columns])).all(axis=1)
     keep = np.flatnonzero(finite)
-    if len(keep) < SpectrumEstimate.SHORTEST or not rows.q.shape[1]:
-        return None
-    forward = np.diff(np.maximum.accumulate(rows.time[keep]), prepend=-np.inf) > 0
-    keep = keep[forward]
+    keep = keep[np.diff(np.maximum.accumulate(rows.time[keep]), prepend=-np.inf) > 0]
     time = rows.time[keep]
-    if len(keep) < SpectrumEstimate.SHORTEST:
+    if len(keep) < SpectrumEstimate.SHORTEST or not rows.q.shape[1]:
         return None
     step = float(np.median(np.diff(time)))
     ends = np.flatnonzero(np.diff(time) > _BRIDGED * step)
@@ -177,19 +162,13 @@ def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Value
     t = rows.time[part]
     if len(part) < SpectrumEstimate.SHORTEST:
         return None
-    q, qd, tau = rows.q[part], rows.qd[part], rows.tau[part]
+    q, qd, tau = (values[part] for values in columns)
     if np.diff(t).max() < 1.5 * step:
         return t, q, qd, tau
     grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step) + 1)
-    return grid, _at(grid, t, q), _at(grid, t, qd), _at(grid, t, tau)
-
-
-def _at(grid: Float[np.ndarray, " samples"], t: Float[np.ndarray, " rows"], x: Values) -> Values:
-    """Values on an even grid, by straight lines."""
-    out = np.empty((len(grid), x.shape[1]))
-    for k in range(x.shape[1]):
-        out[:, k] = np.interp(grid, t, x[:, k])
-    return out
+    lines = ([np.interp(grid, t, x) for x in values.T] for values in (q, qd, tau))
+    q, qd, tau = (np.reshape(values, (-1, len(grid))).T for values in lines)
+    return grid, q, qd, tau
 
 
 def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, most: int) -> tuple[int, int]:

@@ -5,20 +5,24 @@ assignment u of torque columns to drives, with signs and gains, is uᵀS u, and 
 torques uᵀS u / uᵀD u with D = diag ‖E_ij‖².
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation.drive_rows import DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.span import Span
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
 # Weight of a drive at rest, whose torque friction balances as it likes.
 _AT_REST = 1e-3
+# Least share of the samples that have poses, and number of them.
+_POSED, _FEWEST = 0.2, 30
 
 
 @dataclass(frozen=True)
@@ -36,26 +40,29 @@ class Map:
 
     def values(self, q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "samples dof"]:
         """q of columns."""
-        return q[:, list(self.order)] * self.scale + self.shift
+        return self.rates(q) + self.shift
 
     def rates(self, qd: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "samples dof"]:
         """q̇ or q̈ of columns."""
         return qd[:, list(self.order)] * self.scale
 
+    def times(self, factor: float, drives: Iterable[int]) -> "Map":
+        """The same with the scale of some drives times a factor."""
+        scale = (f * factor if i in drives else f for i, f in enumerate(self.scale))
+        return replace(self, scale=tuple(scale))
+
+    @property
+    def scaled(self) -> list[int]:
+        """Drives whose positions are in another unit or of another shaft."""
+        return [i for i, factor in enumerate(self.scale) if abs(factor) != 1]
+
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of a stretch under a map.
-
-    Attributes:
-        z: (samples, dof).
-        good: where the loops close, in a regular pose on the branch of most of the samples.
-        worst: condition number there.
-    """
+    """Poses z of a stretch, `good` where the loops close, regular and on the branch of most."""
 
     z: Float[np.ndarray, "samples dof"]
     good: Bool[np.ndarray, " samples"]
-    worst: Float[np.ndarray, " samples"]
 
     @property
     def share(self) -> float:
@@ -70,8 +77,7 @@ def poses(dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]) -> Poses:
     regular = dynamics.kinematics.regularity(z)
     good = closed & (regular.worst < SINGULAR_CONDITION)
     sign = np.sign(regular.determinant)
-    good &= sign == (1 if sign[good].sum() >= 0 else -1)
-    return Poses(z, good, np.where(good, regular.worst, np.inf))
+    return Poses(z, good & (sign == (1 if sign[good].sum() >= 0 else -1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +85,11 @@ class Residual:
     """Least squares of all torque columns under one map of the positions.
 
     Attributes:
-        map: of the positions.
-        poses: of the samples.
-        Y, E: weighted rows, one drive under the other.
+        rows: how samples of drives stand under each other in Y and E.
         span: of Y.
-        S: residual of E, (drives², drives²), by drive i and column j.
-        D: squares of E's columns, (drives, drives).
-        weights: of the rows of each drive.
-        along: correlation of drive i's torque at the prior with column j, (drives, drives).
-        prior: root mean square of the torque at the prior.
+        S: residual of E, by drive i and column j in either direction.
+        D: squares of E's columns, by drive and column.
+        along: correlation of drive i's torque at the prior with column j.
         still: drives at rest, whose torques are friction's and tell no sign.
         keep: which of the kept samples are used.
         columns: parameters that columns of Y stand for.
@@ -95,23 +97,21 @@ class Residual:
 
     map: Map
     poses: Poses
+    rows: DriveRows
     Y: Float[np.ndarray, "rows columns"]
     E: Float[np.ndarray, "rows pairs"]
     span: Span
     S: Float[np.ndarray, "pairs pairs"]
     D: Float[np.ndarray, "dof dof"]
-    weights: Float[np.ndarray, " dof"]
     along: Float[np.ndarray, "dof dof"]
-    prior: Float[np.ndarray, " dof"]
     still: Bool[np.ndarray, " dof"]
     keep: Bool[np.ndarray, " kept"]
-    columns: np.ndarray
+    columns: Int[np.ndarray, " columns"]
 
     def of(self, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """S and D of one order of the torque columns, for their gains."""
-        n = len(order)
-        at = np.arange(n) * n + np.array(order)
-        return self.S[np.ix_(at, at)], self.D.ravel()[at]
+        pairs = _pairs(order)
+        return self.S[np.ix_(pairs, pairs)], self.D.ravel()[pairs]
 
     def share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
         """What is left of the torques, as a share of their root mean square."""
@@ -119,63 +119,49 @@ class Residual:
         return float(np.sqrt(max(gains @ S @ gains, 0.0) / (gains**2 @ D)))
 
     def own_share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
-        """The same with the rows of each drive divided by its gain.
-
-        So a drive that is explained well by itself gets no weight from a large gain.
-        """
-        by = np.repeat(np.abs(gains), len(self.Y) // len(order))
+        """The same with the rows of each drive divided by its gain, so that a drive that is
+        explained well by itself gets no weight from a large gain."""
+        by = np.repeat(np.abs(gains), self.rows.samples)
         tau = self.torques(order, gains) / by
         left = Span.of(self.Y / by[:, None]).without(tau)
         return float(np.linalg.norm(left) / np.linalg.norm(tau))
 
     def torques(self, order: tuple[int, ...], gains: np.ndarray) -> Float[np.ndarray, " rows"]:
         """Torque columns in an order, times gains, as weighted rows."""
-        n = len(order)
-        return self.E[:, np.arange(n) * n + np.array(order)] @ gains
+        return self.E[:, _pairs(order)] @ gains
 
-    def parameters(self, order: tuple[int, ...], gains: np.ndarray) -> np.ndarray:
-        """The least-squares parameters of the visible columns, of least norm."""
-        return self.span.coefficients(self.torques(order, gains))
+
+def _pairs(order: tuple[int, ...]) -> Int[np.ndarray, " dof"]:
+    """Where E has the torque column of each drive."""
+    return np.arange(len(order)) * len(order) + np.array(order)
 
 
 def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     """None where too few samples have poses."""
     found = poses(dynamics, map.values(motion.q))
-    if found.share < 0.2:
+    if found.share < _POSED:
         return None
-    return residual_at(dynamics, motion, map, found)
-
-
-def residual_at(dynamics: Dynamics, motion: Motion, map: Map, found: Poses) -> Residual | None:
-    dof = dynamics.dof
     qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
     values = np.where(found.good, entries_at(dynamics, found.z, qd, qdd, motion.load), 0.0)
-    Y = motion.filtered(values)
     keep = motion.awake
     if not found.good.all():
         keep = keep & (motion.filtered(found.good[None].astype(float))[0] > 1 - 1e-6)
-    if keep.sum() < 30:
+    if keep.sum() < _FEWEST:
         return None
-    Y, tau = Y[:, keep], motion.tau[keep].T
-    rows, entries = dynamics.regressor_pattern
-    columns = np.unique(entries)
-    p = prior_parameters(dynamics.robot)
-    expected = np.stack([(p[entries[rows == i]] @ Y[rows == i]) for i in range(dof)])
+    tau, (drives, entries) = motion.tau[keep], dynamics.regressor_pattern
+    columns, place = np.unique(entries, return_inverse=True)
+    Y = np.zeros((dynamics.dof, len(tau), len(columns)))
+    Y[drives, :, place] = motion.filtered(values)[:, keep]
+    expected = Y @ prior_parameters(dynamics.robot)[columns]
     prior = np.sqrt(np.mean(expected**2, axis=1))
     still = ~motion.moves[list(map.order)]
-    weights = np.where(still, _AT_REST, 1.0) / np.maximum(prior, 1e-3 * prior.max())
-    count = Y.shape[1]
-    rows_of_Y, E = np.zeros((dof, count, len(columns))), np.zeros((dof, count, dof, dof))
-    for i in range(dof):
-        own = np.searchsorted(columns, entries[rows == i])
-        rows_of_Y[i][:, own] = weights[i] * Y[rows == i].T
-        E[i, :, i] = weights[i] * tau.T
-    Y, E = rows_of_Y.reshape(dof * count, -1), E.reshape(dof * count, -1)
+    scale = np.maximum(prior, 1e-3 * prior.max()) / np.where(still, _AT_REST, 1.0)
+    rows = DriveRows(scale, len(tau))
+    E = rows.stack(of_own_drives(np.broadcast_to(tau, (dynamics.dof, *tau.shape))))
+    Y = rows.stack(Y)
     span = Span.of(Y)
     left = span.without(E)
-    D = np.sum(E**2, axis=0).reshape(dof, dof)
-    sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=1))
-    along = expected @ tau.T / np.maximum(sizes, np.finfo(float).tiny)
-    return Residual(
-        map, found, Y, E, span, left.T @ left, D, weights, along, prior, still, keep, columns
-    )
+    D = np.sum(E**2, axis=0).reshape(still.size, -1)
+    sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=0))
+    along = expected @ tau / np.maximum(sizes, np.finfo(float).tiny)
+    return Residual(map, found, rows, Y, E, span, left.T @ left, D, along, still, keep, columns)

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from deltaid.check.wiring.candidate import TURNING, Candidate
+from deltaid.check.wiring.candidate import Candidate
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
@@ -21,8 +21,8 @@ _MORE = 0.3
 _AGREED = 0.5
 # A speed at which only steps of friction are left, as a share of the usual one.
 _CREEP = 1e-6
-# Inertia, gravity, viscous and Coulomb friction.
-INERTIA, GRAVITY, VISCOUS, COULOMB = range(4)
+# Components: inertia, gravity, viscous and Coulomb friction.
+INERTIA, VISCOUS = 0, 2
 
 
 def ratios(
@@ -33,13 +33,12 @@ def ratios(
     NaN for components that are small.
     """
     found = best.residual
-    p = found.parameters(best.order, best.gains)
+    p = found.span.coefficients(found.torques(best.order, best.gains))
     prior = prior_parameters(dynamics.robot)[found.columns]
-    speeds = np.sqrt(np.mean(best.map.rates(motion.qd) ** 2, axis=0))
-    accelerations = np.sqrt(np.mean(best.map.rates(motion.qdd) ** 2, axis=0))
+    usual = [np.sqrt(np.mean(best.map.rates(x) ** 2, axis=0)) for x in (motion.qd, motion.qdd)]
     out = np.full((dynamics.dof, 4), np.nan)
-    for i in range(dynamics.dof):
-        rows = _components(dynamics, i, found.columns, speeds[i], accelerations[i])
+    for i, (speed, acceleration) in enumerate(zip(*usual, strict=True)):
+        rows = _components(dynamics, i, found.columns, speed, acceleration)
         told, expected = rows @ p, rows @ prior
         share = _SMALLEST if best.loose[i] else _SMALL
         large = _large(expected, share) | (_large(told, _SMALL) & _large(expected, _SMALLEST))
@@ -47,60 +46,9 @@ def ratios(
     return out
 
 
-def _large(torques: Float[np.ndarray, " components"], share: float) -> np.ndarray:
+def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:
     """Which components make up so much of the largest."""
     return np.abs(torques) > share * np.abs(torques).max()
-
-
-def overall(found: Float[np.ndarray, "..."]) -> float:
-    """The usual ratio: a prior may be wrong, but hardly most of its components alike.
-
-    Friction and the rest must both ask for it: what the less distant of them says is taken, and 1
-    where they point to different sides.
-    """
-    logs = [
-        float(np.median(_logs(part)))
-        for part in (found[..., :VISCOUS], found[..., VISCOUS:])
-        if np.any(part > 0)
-    ]
-    usual = float(np.median(_logs(found)))
-    if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
-        return float(np.exp(usual))
-    least = min(logs, key=abs)
-    return float(np.exp(least)) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
-
-
-def unit_of(
-    found: Float[np.ndarray, " components"], pace: float, units: Iterable[float] = TURNING
-) -> float:
-    """The unit of a position, a factor, that makes a drive's components agree best with the prior.
-
-    1 where the torque's scale, or nothing, explains them as well. Angles that are too large by a
-    factor make inertia and viscous friction too small by it, and leave Coulomb friction.
-
-    Args:
-        pace: the drive's largest speed over the largest one that is described; 0 where none is.
-        units: those that it may be in.
-    """
-
-    def odd(logs: np.ndarray, pace: float) -> float:
-        return float(np.abs(logs).sum()) + max(0.0, float(np.log(max(pace, 1e-9))))
-
-    usual = _logs(found)
-    best = min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)
-    factor = 1.0
-    for unit in units:
-        moved = found.copy()
-        moved[[INERTIA, VISCOUS]] /= unit
-        left = odd(_logs(moved), pace * unit) + _MORE
-        if left < best:
-            best, factor = left, unit
-    return factor
-
-
-def _logs(found: np.ndarray) -> np.ndarray:
-    told = found[found > 0]  # of the wrong sign is noise, or said by signs
-    return np.log(told) if told.size else np.zeros(1)
 
 
 def _components(
@@ -118,3 +66,51 @@ def _components(
     still, creep = row(zero, zero), friction(_CREEP * speed)
     inertia = row(zero, e) - still
     return np.stack([acceleration * inertia, still, friction(speed) - creep, creep])
+
+
+def overall(found: Float[np.ndarray, "..."]) -> float:
+    """The usual ratio: a prior may be wrong, but hardly most of its components alike.
+
+    Friction and the rest must both ask for it: what the less distant of them says is taken, and 1
+    where they point to different sides.
+    """
+    parts = found[..., :VISCOUS], found[..., VISCOUS:]
+    logs = [float(np.median(_logs(part))) for part in parts if np.any(part > 0)]
+    usual = float(np.median(_logs(found)))
+    if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
+        return float(np.exp(usual))
+    least = min(logs, key=abs)
+    return float(np.exp(least)) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
+
+
+def unit_of(found: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:
+    """The unit of a position, a factor, that makes a drive's components agree best with the prior.
+
+    1 where the torque's scale, or nothing, explains them as well. Angles that are too large by a
+    factor make inertia and viscous friction too small by it, and leave Coulomb friction.
+
+    Args:
+        pace: the drive's largest speed over the largest one that is described; 0 where none is.
+        units: those that it may be in.
+    """
+
+    def odd(logs: np.ndarray, pace: float) -> float:
+        return float(np.abs(logs).sum()) + max(0.0, float(np.log(max(pace, 1e-9))))
+
+    usual = _logs(found)
+    found_odd = {1.0: min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)}
+    for unit in units:
+        found_odd[unit] = odd(_logs(in_unit(found, unit)), pace * unit) + _MORE
+    return min(found_odd, key=lambda unit: found_odd[unit])
+
+
+def in_unit(found: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarray:
+    """The ratios where a position is in another unit."""
+    out = found.copy()
+    out[..., [INERTIA, VISCOUS]] /= unit
+    return out
+
+
+def _logs(found: np.ndarray) -> np.ndarray:
+    told = found[found > 0]  # of the wrong sign is noise, or said by signs
+    return np.log(told) if told.size else np.zeros(1)

@@ -1,4 +1,8 @@
-"""Hypotheses about columns of positions and torques, and which of them explain a recording."""
+"""Hypotheses about columns of positions and torques, and which of them explain a recording.
+
+A hypothesis is a map of the position columns: another sign, order or unit, or positions of motors
+behind gears that are not declared, by the factor that explains the torques best.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -8,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.check.wiring.candidate import (
+    CLOSED,
     MOSTLY_CLOSED,
     SLIDING,
     TURNING,
@@ -15,7 +20,6 @@ from deltaid.check.wiring.candidate import (
     closed_share,
     tried,
 )
-from deltaid.check.wiring.gears import groups, of_motors, only, refined
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map, residual
 from deltaid.dynamics.dynamics import Dynamics
@@ -26,6 +30,14 @@ _LOOKED_AT = 0.3
 _AS_GOOD = 1.2
 # Those that are looked at again on all samples, and how many at most.
 _NEAR, _DECIDED = 2.0, 6
+# Torques that go with the prior's like this need no search for the gears of other drives.
+_SURE = 0.9
+# Factors that positions of a motor are looked for by, and how many.
+_SMALLEST, _LARGEST, _GRID, _HALVINGS = 1 / 3000, 1 / 1.5, 16, 9
+# The longest lead of a linear drive [m per rad]: half a metre per revolution.
+_LONGEST = 0.5 / (2 * np.pi)
+# How far units with a name are from the best factor, and the step that this is refined by.
+_NAMED, _FINE = (0.7, 1.4), 1.04
 
 
 def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candidate, ...]:
@@ -42,17 +54,16 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     settled = plain is not None and plain.clear and plain.changes == 0
     if plain is not None and settled and not _other_order(dynamics, coarse):
         return (plain,)
-    maps = _orders(dynamics) if settled else _maps(dynamics)
-    maps = (one for one in maps if _told(one, fine.moves))
-    found = _ranked(tried(dynamics, coarse, maps))
-    if not settled and (not found or not found[0].clear or found[0].scaled):
-        found = _ranked([*found, *of_motors(dynamics, coarse)])
-        if found and found[0].scaled:
-            found = _ranked([*found, *refined(dynamics, coarse, found[0])])
-    near: list[Candidate] = [one for one in found if one.left < _NEAR * found[0].left]
+    maps = _orders(identity) if settled else _maps(dynamics)
+    found = _ranked(tried(dynamics, coarse, (map for map in maps if _told(map, fine.moves))))
+    if not settled and (not found or not found[0].clear or found[0].map.scaled):
+        found = _ranked([*found, *_of_motors(dynamics, coarse)])
+        if found and found[0].map.scaled:
+            found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
+    near = [candidate for candidate in found if candidate.left < _NEAR * found[0].left]
     near.sort(key=lambda one: (one.left > _AS_GOOD * found[0].left, one.changes))
-    maps = [*dict.fromkeys(one.map for one in near)][:_DECIDED]
-    decided = [one for one in tried(dynamics, fine, maps) if one.sensible]
+    maps = [*dict.fromkeys(candidate.map for candidate in near)][:_DECIDED]
+    decided = [candidate for candidate in tried(dynamics, fine, maps) if candidate.sensible]
     if plain is not None:
         decided = [*(one for one in decided if one.map != identity), plain]
     if not decided:
@@ -61,7 +72,7 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     good = [one for one in decided if one.left < _AS_GOOD * decided[0].left]
     if plain is not None and plain.residual.poses.share >= MOSTLY_CLOSED:
         good = [one for one in good if one.beats(plain)] or [plain]
-    if good[0].scaled:
+    if good[0].map.scaled:
         good = [one for one in good if one.as_likely_as(good[0])]
     good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))
     return tuple(good)
@@ -76,18 +87,17 @@ def _told(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
 
 
 def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
-    return sorted(found, key=lambda one: one.left)
+    return sorted(found, key=lambda candidate: candidate.left)
 
 
-def _orders(dynamics: Dynamics) -> Iterator[Map]:
-    plain = Map.identity(dynamics.dof)
+def _orders(plain: Map) -> Iterator[Map]:
     return (replace(plain, order=order) for order in permutations(plain.order))
 
 
 def _other_order(dynamics: Dynamics, motion: Motion) -> bool:
     """Whether all columns together fit better in another order; the first is the mapping's."""
     left = []
-    for map in _orders(dynamics):
+    for map in _orders(Map.identity(dynamics.dof)):
         if closed_share(dynamics, motion, map) >= MOSTLY_CLOSED:
             found = residual(dynamics, motion, map)
             if found is not None:
@@ -96,17 +106,96 @@ def _other_order(dynamics: Dynamics, motion: Motion) -> bool:
 
 
 def _maps(dynamics: Dynamics) -> Iterator[Map]:
-    dof = dynamics.dof
-    plain = Map.identity(dof)
+    """As mapped, with other signs, in another order, in other units."""
+    plain, every = Map.identity(dynamics.dof), range(dynamics.dof)
     yield plain
-    for i in range(dof):
-        yield replace(plain, scale=only(dof, [i], -1.0))
-    if dof > 1:
-        yield replace(plain, scale=(-1.0,) * dof)
-    for order in permutations(range(dof)):
-        if order != plain.order:
-            yield replace(plain, order=order)
-    for drives in groups(dynamics):
-        linear = dynamics.robot.is_linear(f"drive{drives[0] + 1}")
-        for factor in SLIDING if linear else TURNING:
-            yield replace(plain, scale=only(dof, drives, factor))
+    for drives in ([i] for i in every):
+        yield plain.times(-1.0, drives)
+    if len(every) > 1:
+        yield plain.times(-1.0, every)
+    yield from (map for map in _orders(plain) if map != plain)
+    for drives in _groups(dynamics):
+        for factor in _units(dynamics, drives[0]):
+            yield plain.times(factor, drives)
+
+
+def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
+    """Drives that may have a fault in common: all of a kind, or each alone.
+
+    A drive that turns a telescope shows no unit by its loops, so it is not tried alone.
+    """
+    linear = [dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives]
+    for kind in sorted(set(linear)):
+        same = [i for i, slides in enumerate(linear) if slides == kind]
+        if len(same) > 1:
+            yield same
+    yield from ([i] for i in range(dynamics.dof if dynamics.robot.telescope is None else 3))
+
+
+def _units(dynamics: Dynamics, drive: int) -> dict[float, str]:
+    return SLIDING if dynamics.robot.is_linear(dynamics.robot.drives[drive]) else TURNING
+
+
+def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
+    """Positions of motors, by the factor that explains the torques best."""
+    for drives in _groups(dynamics):
+        best = _best_factor(dynamics, motion, drives)
+        if best is not None:
+            yield best
+            if best.clear and best.along.min() > _SURE:
+                return
+
+
+def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candidate | None:
+    plain, linear = Map.identity(dynamics.dof), _units(dynamics, drives[0]) is SLIDING
+
+    def closes(factor: float) -> bool:
+        return closed_share(dynamics, motion, plain.times(factor, drives)) >= CLOSED
+
+    low, high = _SMALLEST, _LONGEST if linear else _LARGEST
+    if not closes(high):
+        if not closes(low):
+            return None
+        for _ in range(_HALVINGS):
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if closes(middle) else (low, middle)
+        low, high = max(_SMALLEST, low / 30), low
+    grid = np.geomspace(low, high, _GRID)
+    maps = (plain.times(float(factor), drives) for factor in grid)
+    rough = min(tried(dynamics, motion, maps, as_is=True), key=lambda one: one.left, default=None)
+    if rough is None:
+        return None
+    best = _narrowed(dynamics, motion, rough, float(grid[1] / grid[0]))
+    return None if linear and abs(best.map.scale[drives[0]]) > _LONGEST else best
+
+
+def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[Candidate]:
+    """The same drives in a unit that has a name, and by the best factor near the rough one."""
+    drives = rough.map.scaled
+    best = _narrowed(dynamics, motion, rough, _FINE)
+    yield best
+    factor = abs(best.map.scale[drives[0]])
+    signs = replace(rough.map, scale=tuple(float(s) for s in np.sign(rough.map.scale)))
+    low, high = _NAMED
+    near = [unit for unit in _units(dynamics, drives[0]) if low < unit / factor < high]
+    yield from tried(dynamics, motion, [signs.times(unit, drives) for unit in near])
+
+
+def _narrowed(dynamics: Dynamics, motion: Motion, rough: Candidate, step: float) -> Candidate:
+    """The factor of the scaled positions that leaves least, from a rough one, by parabolas."""
+
+    def times(by: float) -> Candidate | None:
+        map = best.map.times(by, best.map.scaled)
+        return next(tried(dynamics, motion, [map], as_is=True), None)
+
+    best = rough
+    for _ in range(3):
+        around = [times(by) for by in (1 / step, step)]
+        lower, higher = (np.inf if one is None else one.left**2 for one in around)
+        bend = lower + higher - 2 * best.left**2
+        if np.isfinite(bend) and bend > 0:
+            shift = float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))
+            around.append(times(step**shift))
+        best = min((best, *(one for one in around if one is not None)), key=lambda one: one.left)
+        step = float(np.sqrt(step))
+    return best

@@ -4,18 +4,31 @@ Both pass the same low-pass, d = q̇ of the positions and v the column, and v = 
 by least squares: k is its scale, δ its lag. The scatter between blocks of time says how certain.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.check.evidence import Evidence
+from deltaid.check.wiring.cures import Entries, Values
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
-from deltaid.recording.convolution import apply
+from deltaid.model.verdict import Grade, Verdict
 
 _BLOCKS = 16
 # A drive that moves less than this share of the liveliest one tells nothing.
 _RESTS = 1e-6
+# Correlation above which a column is some drive's velocity, and by which another's goes better.
+_TOGETHER, _BETTER = 0.9, 0.05
+# A scale so far from 1 is another unit, wrong, doubtful; it has a unit's name if it is so near.
+_UNIT, _WRONG, _DOUBTFUL, _NAMED = 2.2, 1.2, 1.02, 0.05
+# A lag [s] is doubtful beyond this, this share of a sample and so many standard deviations.
+_LAG, _OF_SAMPLE, _CERTAIN = 0.3e-3, 0.05, 6.0
+_TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
+            np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
+_SLIDING = {1e3: "mm/s", 1e-3: "m/s, and not in mm/s"}
+_LEAVE = "leave the velocity columns out: positions are then differentiated"
 
 
 @dataclass(frozen=True)
@@ -38,22 +51,24 @@ class Rate:
     lag: float
     lag_std: float
 
+    @property
+    def right(self) -> bool:
+        """Whether it is the velocity of its own drive, as it is."""
+        return self.own > _TOGETHER and 1 / _WRONG < self.scale < _WRONG
+
 
 def rates(motion: Motion, map: Map) -> tuple[Rate, ...]:
     """Every recorded velocity column of a drive that moves."""
-    raw = motion.raw_qd
-    if not raw.shape[1]:
+    d, dd, v = map.rates(motion.qd), map.rates(motion.qdd), motion.recorded
+    if not v.shape[1]:
         return ()
-    full, inner = motion.full, motion.full.margin - motion.full.half
-    v = apply(full.smooth, raw[inner : len(raw) - inner].T, motion.every).T
-    d, dd = map.rates(motion.qd), map.rates(motion.qdd)
     size = np.sqrt(np.mean(d**2, axis=0))
     moving = size > _RESTS * size.max()
     norm = np.linalg.norm(d, axis=0)[:, None] * np.linalg.norm(v, axis=0)[None]
     together = np.abs(d.T @ v) / np.where(norm > 0, norm, np.inf)
     together[~moving] = 0.0
     return tuple(
-        _rate(i, int(np.argmax(together[:, i])), together[:, i], d, dd, v[:, i])
+        _rate(i, together[:, i], d, dd, v[:, i])
         for i in range(v.shape[1])
         if moving[i] and np.ptp(v[:, i]) > 0
     )
@@ -61,24 +76,158 @@ def rates(motion: Motion, map: Map) -> tuple[Rate, ...]:
 
 def _rate(
     drive: int,
-    nearest: int,
     together: Float[np.ndarray, " drives"],
     d: Float[np.ndarray, "samples drives"],
     dd: Float[np.ndarray, "samples drives"],
     v: Float[np.ndarray, " samples"],
 ) -> Rate:
+    nearest = int(np.argmax(together))
     A = np.column_stack([d[:, nearest], dd[:, nearest]])
-    (k, b), *_ = np.linalg.lstsq(A, v, rcond=None)
+    inverse = np.linalg.pinv(A)
+    k, b = (float(x) for x in inverse @ v)
     # What each residual moves b by; those of a block of time may hang together.
-    moved = np.linalg.pinv(A)[1] * (v - A @ (k, b))
+    moved = inverse[1] * (v - A @ (k, b))
     blocks = np.array([part.sum() for part in np.array_split(moved, _BLOCKS)])
-    std = np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2))
-    return Rate(
-        drive,
-        nearest,
-        float(together[nearest]),
-        float(together[drive]),
-        float(k),
-        float(-b / k),
-        float(std / abs(k)),
+    std = float(np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2)))
+    correlation, own = float(together[nearest]), float(together[drive])
+    return Rate(drive, nearest, correlation, own, k, -b / k, std / abs(k))
+
+
+def velocity_verdicts(
+    evidence: Evidence, motion: Motion, map: Map, entries: Entries
+) -> Iterator[Verdict]:
+    """One verdict a cause; a good one if there is none."""
+    plain, names = Map.identity(len(map.order)), evidence.robot.drives
+    found = rates(motion, map)
+    if not found:
+        return
+    if map != plain:  # what goes with the positions as mapped is mended with them
+        right = {rate.drive for rate in rates(motion, plain) if rate.right}
+        found = tuple(rate for rate in found if rate.drive not in right)
+    swapped = [
+        rate
+        for rate in found
+        if rate.nearest != rate.drive and rate.correlation > max(_TOGETHER, rate.own + _BETTER)
+    ]
+    if swapped:
+        yield _order(names, swapped, entries)
+        return
+    lost = [rate for rate in found if rate.own <= _TOGETHER]
+    own = [rate for rate in found if rate.own > _TOGETHER]
+    scaled = [rate for rate in own if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL]
+    groups: dict[tuple[str, bool], list[Rate]] = {}
+    for rate in scaled:
+        name = _named(rate.scale, linear=evidence.robot.is_linear(names[rate.drive]))
+        groups.setdefault((name, rate.scale < 0), []).append(rate)
+    for (name, turned), group in groups.items():
+        yield _scale(names, group, name, entries, turned=turned)
+    for rate in lost:
+        yield Verdict(
+            "velocity",
+            Grade.DOUBTFUL,
+            f"the velocity column of {names[rate.drive]} goes with no drive's changes of position "
+            f"(correlation {rate.correlation:.2g})",
+            names[rate.drive],
+            "the column is of another signal, or very noisy",
+            _LEAVE,
+            number=rate.correlation,
+        )
+    least = max(_LAG, _OF_SAMPLE * evidence.rows.step)
+    late = [rate for rate in own if abs(rate.lag) > max(least, _CERTAIN * rate.lag_std)]
+    if late and not lost:
+        yield _late(names, late)
+    if found and not scaled and not lost and not late:
+        worst = max(found, key=lambda rate: abs(rate.lag))
+        seen = (
+            f"recorded velocities are the derivatives of the positions: within "
+            f"{max(abs(rate.scale - 1) for rate in found):.2g} in scale and "
+            f"{1e3 * abs(worst.lag):.2g} ms in time"
+        )
+        yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * worst.lag, unit="ms")
+
+
+def _whose(names: tuple[str, ...], found: list[Rate]) -> str:
+    return "" if len(found) == len(names) else ", ".join(names[rate.drive] for rate in found)
+
+
+def _order(names: tuple[str, ...], found: list[Rate], entries: Entries) -> Verdict:
+    source = {rate.nearest: rate.drive for rate in found}
+    pairs = ", ".join(
+        f"{entries.name('velocity', rate.drive)} is that of {names[rate.nearest]}" for rate in found
+    )
+    least = min(rate.correlation for rate in found)
+    return Verdict(
+        "velocity",
+        Grade.WRONG,
+        f"velocity columns go with the changes of other drives' positions, by correlations of at "
+        f"least {least:.3f}: {pairs}",
+        _whose(names, found),
+        "velocity columns are in another order than the position columns",
+        "map the velocity columns in the order of the drives",
+        entries.proposal(
+            {"velocity": {i: entries.moved("velocity", i, j) for i, j in source.items()}}
+        ),
+        number=least,
+    )
+
+
+def _named(scale: float, *, linear: bool) -> str:
+    """The unit of a scale, if it has a name."""
+    units = (_SLIDING if linear else _TURNING).items()
+    near = (name for factor, name in units if abs(abs(scale) / factor - 1) < _NAMED)
+    return next(near, "")
+
+
+def _scale(
+    names: tuple[str, ...], found: list[Rate], name: str, entries: Entries, *, turned: bool
+) -> Verdict:
+    """Of drives whose velocities are in one unit, or in none that has a name."""
+    scale = float(np.median([rate.scale for rate in found]))
+    size = float(np.median([abs(rate.scale) for rate in found]))
+    far, whose = max(size, 1 / size) > _UNIT, _whose(names, found)
+    whom = f" of {whose}" if whose else ""
+    values: Values = {}
+    for rate in found:
+        i = rate.drive
+        values[i] = entries.turned("velocity", i) if turned else {}
+        if name:
+            factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
+            values[i] |= entries.in_unit("velocity", i, 1 / factor)
+        elif far:
+            values[i] |= entries.of_motor("velocity", i, 1 / abs(rate.scale))
+    cause = f"velocities{whom} have a wrong scale, or those of another time"
+    cure = "declare unit, sign and gear of the velocity columns"
+    if name:
+        cause = f"velocities{whom} are in {name}"
+    elif far:
+        cause = f"velocities{whom} are in another unit, or those of a motor behind a gear"
+    elif not turned:
+        cure = _LEAVE
+    if turned:
+        cause = f"velocities{whom} count the other way" + (f", and {cause}" if name or far else "")
+    return Verdict(
+        "velocity-unit" if name or far else "velocity",
+        Grade.WRONG if turned or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL,
+        f"velocities{whom} are {scale:.4g} times the rate at which positions change",
+        whose,
+        cause,
+        cure,
+        entries.proposal({"velocity": values}),
+        number=scale,
+    )
+
+
+def _late(names: tuple[str, ...], found: list[Rate]) -> Verdict:
+    worst = max(found, key=lambda rate: abs(rate.lag))
+    way = "behind" if worst.lag > 0 else "ahead of"
+    return Verdict(
+        "velocity",
+        Grade.DOUBTFUL,
+        f"velocities are {1e3 * abs(worst.lag):.3g} ± {2e3 * worst.lag_std:.1g} ms {way} the "
+        "changes of the positions",
+        _whose(names, found),
+        "the drive smooths its velocity, or logs it at another time than its position",
+        f"{_LEAVE} without delay",
+        number=1e3 * worst.lag,
+        unit="ms",
     )

@@ -2,9 +2,9 @@
 
 All hypotheses are tried on the same filtered stretch (`motion`): do the loops close, and how much
 of the torques do least squares leave (`residual`, `search`)? The best one is the `case` that
-verdicts are read off: on `positions`, `signs` and order, and `torques`, whose scale in all drives
-alike is judged by the prior (`scale`). Zeros and gravity are judged by their own columns
-(`homing`, `zeros`), velocities by the derivatives of positions (`velocity`).
+verdicts are read off (`columns`), the scale of torques in all drives alike by the prior (`scale`).
+Zeros and gravity are judged by their own columns (`homing`, `zeros`), velocities by the derivatives
+of positions (`velocity`).
 """
 
 import numpy as np
@@ -12,14 +12,17 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.wiring.case import Case
+from deltaid.check.wiring.columns import (
+    order_verdicts,
+    position_verdicts,
+    sign_verdicts,
+    torque_verdicts,
+)
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.motion import motion
-from deltaid.check.wiring.positions import position_verdicts
 from deltaid.check.wiring.scale import overall
 from deltaid.check.wiring.search import explained
-from deltaid.check.wiring.signs import order_verdicts, sign_verdicts
-from deltaid.check.wiring.torques import torque_verdicts
-from deltaid.check.wiring.velocities import velocity_verdicts
+from deltaid.check.wiring.velocity import velocity_verdicts
 from deltaid.check.wiring.zeros import zero_verdicts
 from deltaid.model.verdict import Grade, Verdict, worst
 
@@ -48,38 +51,25 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     if not good:
         return (_out_of_reach(evidence),)
     case = Case(evidence, fine, good, Entries(evidence))
-    found = [
-        *position_verdicts(case),
-        *sign_verdicts(case),
-        *order_verdicts(case),
-        *torque_verdicts(case),
-    ]
-    if case.best.closes and not found and _senseless(case):
-        found.append(_senseless_verdict(case))
+    families = position_verdicts, sign_verdicts, order_verdicts, torque_verdicts
+    found = [verdict for family in families for verdict in family(case)]
+    senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
+    if case.best.closes and not found and senseless:
+        found.append(_senseless(case))
     if worst(found) is not Grade.WRONG:
         found += zero_verdicts(evidence, fine, case.best, case.entries)
     found += velocity_verdicts(evidence, fine, case.map, case.entries)
-    if worst(found) in (Grade.GOOD, Grade.CANNOT_TELL) and not _senseless(case):
-        found.insert(0, _good(case))
+    if worst(found) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
+        seen = (
+            f"the loops close, torques go with the motion of their drives ({case.along:.2g} is the "
+            f"least correlation with those of the prior) and are {overall(case.ratios):.2g} times "
+            "those"
+        )
+        found.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
     return tuple(found)
 
 
-def _good(case: Case) -> Verdict:
-    size = overall(case.ratios)
-    return Verdict(
-        "drive-order",
-        Grade.GOOD,
-        f"the loops close, torques go with the motion of their drives ({case.along:.2g} "
-        f"is the least correlation with those of the prior) and are {size:.2g} times those",
-        number=case.along,
-    )
-
-
-def _senseless(case: Case) -> bool:
-    return case.best.left > _EXPLAINED or case.along < _SENSELESS
-
-
-def _senseless_verdict(case: Case) -> Verdict:
+def _senseless(case: Case) -> Verdict:
     i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
     return Verdict(
         "drive-order",

@@ -1,18 +1,36 @@
-"""Verdicts on zeros of drives and the direction of gravity."""
+"""Verdicts on zeros of drives and the direction of gravity.
+
+They are compared with what least squares leave of a recording. Before a fit, rows are as recorded
+and friction as described: clipped torques, a lag or another law of friction may look like a zero
+that is off; and a zero that is off looks like friction that differs by direction or like a torque
+constant, which a fit then finds. So after it, they are compared with what is left of masked
+torques, beside all that the fit has put right and beside the description alone.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.wiring.candidate import CLOSED, Candidate, assigned
 from deltaid.check.wiring.cures import Entries
-from deltaid.check.wiring.homing import Shifts, across, shifts
+from deltaid.check.wiring.homing import Shifts, shifts
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import residual
+from deltaid.dynamics.geometry import across
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.estimation.additions import extended
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.span import Span
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.geometry import geometric_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.model.words import listed
+from deltaid.recording.recording import Recording
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.tolerances import Tolerances
 
 # Standard deviations from zero that are said, and beside which another cause is not needed.
 _SEEN, _NEEDED = 4.2, 3.5
@@ -25,8 +43,14 @@ _RIVAL = 0.7
 _CHANCE, _MORE = 6.0, 1.05
 # Errors of zeros [rad or m] that slopes tell, and standard deviations of what does not show.
 _FARTHEST, _VAGUE = 0.5, 0.05
-# Gauss–Newton steps for a zero.
-_STEPS = 3
+# Gauss–Newton steps for a zero, and the largest [rad or m].
+_STEPS, _LARGEST = 3, 0.2
+# What columns are made of after a fit [rad or m; rad].
+_SIZE = 1e-3
+# Zeros and tilts beyond this [rad or m] are no likelier than another law of friction; smaller ones
+# are believed unless the law explains more than chance: twice a logarithm of likelihoods, which
+# noise that is not white raises several times.
+_FAR, _CERTAIN = 0.05, 25.0
 
 
 def zero_verdicts(
@@ -34,98 +58,78 @@ def zero_verdicts(
 ) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     told = shifts(evidence.dynamics, motion, best)
-    drives = _shown(told)
-    closes = best.residual.poses.share >= CLOSED
-    if not drives:
+    drives, closes = _shown(told), best.residual.poses.share >= CLOSED
+    doubted = bool(drives) and _seen(told)
+    if not doubted or _better_explained(told, np.flatnonzero(best.loose).tolist()):
         if not closes:
             yield _open(best)
+        elif drives and not doubted:
+            yield _good(told)
         return
     one = max(drives, key=lambda i: told.gain([i]))
-    if not seen(told):
-        if closes:
-            yield _good(evidence, told)
-        else:
-            yield _open(best)
-        return
-    if _better_explained(told, one, np.flatnonzero(best.loose).tolist()):
-        if not closes:
-            yield _open(best)
-        return
-    beside = _sure(told, [one], told.tilt)
-    instead = _sure(told, told.tilt, [one]) if told.tilt else 0.0
-    grade = Grade.DOUBTFUL if closes else Grade.WRONG
+    beside = told.certainty([one], told.tilt)
+    instead = told.certainty(told.tilt, [one]) if told.tilt else 0.0
     # Zeros of several drives mimic any tilt, so the simpler of both is said where both are left.
     either = (instead < _NEEDED) == (beside < _NEEDED)
     zero = told.gain([one]) > told.gain(told.tilt) if either and told.tilt else beside >= _NEEDED
-    rivals = [one, *(i for i in drives if i != one and _rival(told, one, i))]
+    rivals = [
+        i
+        for i in drives
+        if told.gain([i]) > _RIVAL * told.gain([one])
+        and (i == one or told.certainty([one], [i]) < _NEEDED)
+    ]
+    rivals.sort(key=lambda i: i != one)
     way = _zero(evidence, motion, best, told, one)
+    grade = Grade.DOUBTFUL if closes else Grade.WRONG
     yield _verdict(evidence, told, entries, rivals, way, grade=grade, zero=zero, either=either)
 
 
-def seen(told: Shifts) -> bool:
+def _seen(told: Shifts) -> bool:
     """Whether the zero that explains most, or a tilt, is there beyond doubt and explains enough."""
     causes = _causes(told)
-    sure = max((_sure(told, which) for which in causes), default=0.0)
+    sure = max((told.certainty(which) for which in causes), default=0.0)
     return sure >= _SEEN and max(told.gain(which) for which in causes) >= _LITTLE
-
-
-def likeliest(told: Shifts) -> list[int]:
-    """The zero or the tilt that explains most."""
-    return max(_causes(told), key=told.gain)
 
 
 def _causes(told: Shifts) -> list[list[int]]:
     """The zero that explains most, and a tilt, as far as the recording shows them."""
-    drives = _shown(told)
-    one = [max(drives, key=lambda i: told.gain([i]))] if drives else []
-    return [which for which in (one, told.tilt) if which]
+    one = max(_shown(told), key=lambda i: told.gain([i]), default=None)
+    return [which for which in ([] if one is None else [one], told.tilt) if which]
 
 
 def _shown(told: Shifts) -> list[int]:
-    """Drives whose zeros the recording shows."""
-    return [i for i in told.homing if _sensible(told, i) and _sure(told, [i]) > 0]
-
-
-def _sensible(told: Shifts, i: int) -> bool:
-    """Whether a zero's error is small enough for slopes to tell it, and told to a part of it.
+    """Drives whose zeros are off by little enough for slopes to tell it, and told to a part of it.
 
     What hardly shows, as a telescope's drive does, would take any error to explain the rest.
     """
-    value, covariance = told.told([i])
-    return bool(abs(value[0]) < _FARTHEST and covariance[0, 0] < _VAGUE**2)
+    found = []
+    for i in range(told.drives):
+        (value,), ((variance,),) = told.told([i])
+        if abs(value) < _FARTHEST and variance < _VAGUE**2 and told.certainty([i]) > 0:
+            found.append(i)
+    return found
 
 
-def _rival(told: Shifts, one: int, other: int) -> bool:
-    """Whether the zero of another drive explains as much as that of the first."""
-    return told.gain([other]) > _RIVAL * told.gain([one]) and _sure(told, [one], [other]) < _NEEDED
-
-
-def _better_explained(told: Shifts, one: int, loose: list[int]) -> bool:
+def _better_explained(told: Shifts, loose: list[int]) -> bool:
     """Whether gains or offsets of the torques leave nothing to zeros and gravity.
 
     Those of all drives must do what these cannot; that of one drive is as simple as they are, but
     for a loose one's, which stand for whatever its prior lacks.
     """
-    both = [which for which in ([one], told.tilt) if which]
-    most = max(told.gain(which) for which in both)
+    causes = _causes(told)
     for others in (told.offsets, told.gains[1:]):
         if others and all(
-            _sure(told, which, others) < _NEEDED <= _sure(told, others, which) for which in both
+            told.certainty(which, others) < _NEEDED <= told.certainty(others, which)
+            for which in causes
         ):
             return True
-    chance = _CHANCE / told.rows
-    for columns in (told.offsets, told.gains):
-        tied = [k for i, k in enumerate(columns) if i not in loose]
-        if any(told.gain([k]) > _MORE * most + chance for k in tied):
-            return True
-    return False
-
-
-def _sure(told: Shifts, which: list[int], beside: list[int] | None = None) -> float:
-    """Standard deviations from zero; 0 where the recording does not show these at all."""
-    if not all(told.H[i, i] > 0 for i in which):
-        return 0.0
-    return told.certainty(which, beside)
+    least = _MORE * max(told.gain(which) for which in causes) + _CHANCE / told.rows
+    return any(
+        told.gain([column]) > least
+        for columns in (told.offsets, told.gains)
+        for i, column in enumerate(columns)
+        if i not in loose
+    )
 
 
 def _zero(
@@ -134,19 +138,18 @@ def _zero(
     """The zero's error of one drive and half its interval, by Gauss–Newton steps."""
     map = best.map
     for _ in range(_STEPS):
-        step, covariance = told.told([one])
+        (step,), ((variance,),) = told.told([one])
         shift = list(map.shift)
-        shift[one] += float(np.clip(step[0], -0.2, 0.2))
+        shift[one] += float(np.clip(step, -_LARGEST, _LARGEST))
         trial = replace(map, shift=tuple(shift))
         found = residual(evidence.dynamics, motion, trial)
         if found is None or found.poses.share < best.residual.poses.share:
             break
         map = trial
         told = shifts(evidence.dynamics, motion, assigned(found, best.order))
-        if abs(step[0]) < np.sqrt(covariance[0, 0]):
+        if abs(step) < np.sqrt(variance):
             break
-    _, covariance = told.told([one])
-    return map.shift[one], 2 * float(np.sqrt(covariance[0, 0]))
+    return map.shift[one], 2 * float(np.sqrt(told.told([one])[1][0, 0]))
 
 
 def _verdict(
@@ -160,42 +163,38 @@ def _verdict(
     zero: bool,
     either: bool,
 ) -> Verdict:
-    one, *rest = rivals
-    name, *others = (evidence.robot.drives[i] for i in (one, *rest))
-    linear = evidence.robot.is_linear(name)
-    unit = "mm" if linear else "mrad"
-    number = 1e3 * way[0]
-    of_zero = f"a zero of {name} that is {abs(number):.3g} ± {1e3 * way[1]:.1g} {unit} off"
+    """Of a zero or else a tilt, or of either."""
+    name, *others = (evidence.robot.drives[i] for i in rivals)
+    unit = "mm" if evidence.robot.is_linear(name) else "mrad"
+    of_zero = f"a zero of {name} that is {abs(1e3 * way[0]):.3g} ± {1e3 * way[1]:.1g} {unit} off"
     if others:
         of_zero += f" (or one of {listed(others)}: the motion does not tell these apart)"
     angle, by = _tilt(told)
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
-    share = told.gain([one]) if zero else told.gain(told.tilt)
-    shifted = entries.proposal({"position": {one: entries.shifted(one, way[0])}})
-    turned = _gravity(evidence, told) if told.tilt else ()
-    words = f"torques repeat with the pose what {of_zero if zero else of_tilt} would do"
-    words += f", which explains {100 * share:.0f} % of what is left of them"
-    if either:
-        first, second = (of_zero, of_tilt) if zero else (of_tilt, of_zero)
-        cause = f"one of both, the motion does not tell which: {first}, or {second}"
-        cure = "home the drives anew and check the level of the base; then mend what was wrong"
-        proposals = shifted if zero else turned
-    elif zero:
-        cause = f"homing: {of_zero}"
-        cure, proposals = "home the drive anew, or declare its zero", shifted
+    if zero:
+        share, number, said, other = told.gain([rivals[0]]), way[0], of_zero, of_tilt
+        cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
+        shifted = {rivals[0]: entries.shifted(rivals[0], way[0])}
+        proposals = entries.proposal({"position": shifted})
     else:
+        share, number, said, other, unit = told.gain(told.tilt), angle, of_tilt, of_zero, "mrad"
         cause = f"a tilted base: {of_tilt}"
-        cure, proposals = "level the base, or describe gravity as it is", turned
+        cure = "level the base, or describe gravity as it is"
+        proposals = _gravity(evidence, told) if told.tilt else ()
+    if either:
+        cause = f"one of both, the motion does not tell which: {said}, or {other}"
+        cure = "home the drives anew and check the level of the base; then mend what was wrong"
     return Verdict(
         "homing-or-tilt",
         grade,
-        words,
+        f"torques repeat with the pose what {said} would do, which explains {100 * share:.0f} % of "
+        "what is left of them",
         ", ".join([name, *others]) if zero else "",
         cause,
         cure,
         proposals,
-        number=number if zero else 1e3 * angle,
-        unit=unit if zero else "mrad",
+        number=1e3 * number,
+        unit=unit,
     )
 
 
@@ -212,13 +211,12 @@ def _tilt(told: Shifts) -> tuple[float, float]:
 def _gravity(evidence: Evidence, told: Shifts) -> tuple[Proposal, ...]:
     g = np.array(evidence.robot.gravity)
     value, _ = told.told(told.tilt)
-    axes = across(g)[[i - told.drives for i in told.tilt]]
-    turned = g + sum(v * np.cross(a, g) for v, a in zip(value, axes, strict=True))
+    turned = g + np.cross(value @ across(g)[[i - told.drives for i in told.tilt]], g)
     turned *= np.linalg.norm(g) / np.linalg.norm(turned)
     return (Proposal("robot", (("gravity", [float(f"{x:.5g}") for x in turned]),)),)
 
 
-def _good(evidence: Evidence, told: Shifts) -> Verdict:
+def _good(told: Shifts) -> Verdict:
     angle, by = _tilt(told)
     seen = "zeros and gravity go with the torques"
     if not 0 < by < _FARTHEST:
@@ -238,3 +236,44 @@ def _open(best: Candidate) -> Verdict:
         cure="check the drives' zeros and the robot's lengths",
         number=share,
     )
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def still_seen(problem: FittedProblem, recording: Recording, described: RobotDescription) -> bool:
+    """Whether a zero or a tilt still explains what a fit leaves of a recording, or explains as
+    much as what the fit has added to the description."""
+    fitted = _after_fit(problem, recording, frozenset())
+    if _seen(fitted):
+        return True
+    known = {one.name for one in parameter_layout(described).parameters}
+    added = {one.name for one in problem.dynamics.layout.parameters} - known
+    gains = {one.name for one in problem.layout.parameters if one.kind == "gain"}
+    repairs = replace(recording.repairs, gears=None, gain=())
+    plain = _after_fit(problem, replace(recording, repairs=repairs), frozenset(added | gains))
+    if not _seen(plain):
+        return False
+    likeliest = max(_causes(plain), key=plain.gain)
+    value, _ = plain.told(likeliest)
+    instead = plain.left * (1.0 - plain.gain(likeliest))
+    chance = plain.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
+    return bool(np.linalg.norm(value) < _FAR and chance < _CERTAIN)
+
+
+def _after_fit(problem: FittedProblem, recording: Recording, without: frozenset[str]) -> Shifts:
+    """What a recording says of zeros and gravity beside the columns of a fit, some of them left
+    out; zeros and tilts that torques do not show have columns of zeros."""
+    regressor = extended(problem.dynamics, problem.additions)
+    rows = geometric_rows(
+        regressor,
+        problem.dynamics,
+        recording,
+        problem.p,
+        np.sqrt(problem.information.drive_weights),
+        Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE),
+    )
+    tilts = [name for name in rows.names if name.startswith("tilt")]
+    zeros = [f"zero of {drive}" for drive in problem.dynamics.robot.drives]
+    names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
+    Y = rows.Y[:, [name not in without for name in names]]
+    D = rows.over((*zeros, *tilts)) / _SIZE
+    return Shifts.of(Span.of(Y), D, rows.tau, len(zeros), len(tilts))

@@ -1,0 +1,243 @@
+"""Verdicts on columns of positions and torques: units, gears, signs, order, scale."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from deltaid.check.wiring.case import DOUBTFUL_SCALE, WRONG_SCALE, Case
+from deltaid.check.wiring.cures import Values
+from deltaid.check.wiring.scale import INERTIA, in_unit, overall
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed
+from deltaid.recording.mapping import Quantity
+
+# More than this share of the torques left, a factor of positions is doubtful.
+_SURE = 0.08
+# Inertia of a lone drive below zero, as a share of the prior's, that tells its sign.
+_MIRRORED = 0.3
+
+
+def position_verdicts(case: Case) -> Iterator[Verdict]:
+    """Units and gears of positions."""
+    scale = np.abs(case.best.map.scale).tolist()
+    for factor in dict.fromkeys(scale):
+        if factor != 1:
+            yield _scaled(case, [i for i, f in enumerate(scale) if f == factor], factor)
+    for i, unit in case.units.items():
+        if scale[i] == 1:
+            yield _scaled(case, [i], unit)
+
+
+def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
+    """Positions that must be multiplied by a factor."""
+    entries, best, whose = case.entries, case.best, case.all_or(drives)
+    name, ratio = case.named(drives[0]).get(factor), 1 / factor
+    change = entries.of_motor if name is None else entries.in_unit
+    changes: dict[Quantity, Values] = {
+        quantity: {i: change(quantity, best.map.order[i], factor) for i in drives}
+        for quantity in case.follow(drives)
+    }
+    cause, cure = f"in {name}", f"declare the unit of the position columns: {name}"
+    if name is None:
+        gear = f"a gear of about {ratio:.3g}"
+        if case.linear(drives[0]):
+            gear = f"a lead of about {1e3 * 2 * np.pi * factor:.3g} mm per revolution"
+        cause = f"those of the motor, behind {gear}"
+        cure = "declare the gear (or lead) of the position columns, exactly"
+        if case.of_motors(factor):
+            cause += ", and so are the torques"
+            cure = "declare the gear (or lead) of position and torque columns, exactly"
+            changes["torque"] = {i: change("torque", best.order[i], ratio) for i in drives}
+    return Verdict(
+        "gear" if name is None else "angle-unit",
+        Grade.WRONG if best.left < _SURE else Grade.DOUBTFUL,
+        f"positions of {whose} make sense only times {factor:.3g}: the loops then close, which "
+        f"{case.fits}",
+        case.whose(drives),
+        f"positions of {whose} are {cause}",
+        cure,
+        entries.proposal(changes),
+        number=factor,
+    )
+
+
+def sign_verdicts(case: Case) -> Iterator[Verdict]:
+    """Columns that count the other way."""
+    best, n = case.best, len(case.names)
+    turned = [i for i, f in enumerate(best.map.scale) if f < 0]
+    if n == 1 and not turned and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
+        # No loop shows the sign of a lone drive, and gravity may be even: inertia below zero does.
+        yield _angle_sign(case, 0)
+    for i in turned:
+        yield _angle_sign(case, i, both=bool(best.gains[i] < 0))
+    others = [i for i in range(n) if best.gains[i] < 0 and i not in turned]
+    if len(others) == n > 1:
+        yield _torque_sign(case, others)
+        return
+    for i in others:
+        angle_instead = any(
+            one.map.scale[i] < 0 and one.gains[i] > 0 and one.changes == best.changes
+            for one in case.good[1:]
+        )
+        yield _torque_sign(case, [i], sure=not angle_instead)
+        if angle_instead:
+            yield _angle_sign(case, i, sure=False)
+
+
+def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
+    """`both`: whether the torque counts the other way as well; `sure`: that it does not instead."""
+    name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
+    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in case.follow([i])}
+    cause = f"the angle of {name} counts the other way"
+    if both:
+        cause = f"{name} counts the other way, in angle and torque"
+        changes["torque"] = {i: turned("torque", i)}
+    elif not sure:
+        cause += ", or its torque does; the motion does not tell which"
+    return Verdict(
+        "angle-sign",
+        Grade.WRONG if sure else Grade.DOUBTFUL,
+        f"only with the other sign of {name} its motion goes with the loops and torques; that "
+        f"{case.fits}",
+        name,
+        cause,
+        f"turn the sign of its {'position and torque' if both else 'position'} column",
+        case.entries.proposal(changes),
+    )
+
+
+def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict:
+    turned, order, whose = case.entries.turned, case.best.order, case.all_or(drives)
+    against = float(-case.best.along[drives].min())
+    instead = "" if sure else ", or the angle does; the motion does not tell which"
+    return Verdict(
+        "torque-sign",
+        Grade.WRONG if sure else Grade.DOUBTFUL,
+        f"the torque of {whose} works against the motion: its correlation with the prior's is "
+        f"{against:.2g}; with the other sign the model {case.fits}",
+        case.whose(drives),
+        f"the torque of {whose} counts the other way{instead}",
+        "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
+        case.entries.proposal({"torque": {i: turned("torque", order[i]) for i in drives}}),
+        number=against,
+    )
+
+
+def order_verdicts(case: Case) -> Iterator[Verdict]:
+    """Columns that belong to other drives."""
+    best, n = case.best, len(case.names)
+    plain, torque, position = tuple(range(n)), best.order, best.map.order
+    if torque == position == plain:
+        return
+    moved = [i for i in range(n) if torque[i] != i or position[i] != i]
+    sources: dict[Quantity, tuple[int, ...]] = dict.fromkeys(case.follow(moved), position)
+    sources["torque"] = torque
+    changes: dict[Quantity, Values] = {
+        quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(order)}
+        for quantity, order in sources.items()
+    }
+    what = "torques" if position == plain else "positions"
+    if torque == position:
+        what = "positions and torques together"
+    told = torque if position == plain else position
+    columns = listed([f"{case.names[i]} from the columns of {case.names[told[i]]}" for i in moved])
+    sure = not any(
+        one.changes == best.changes and (one.map.order, one.order) != (position, torque)
+        for one in case.good[1:]
+    )
+    cause = f"the {what} are in another order than the drives: {columns}"
+    if not sure and position == plain:
+        cause += " (or the positions are, the other way round; a symmetric robot does not tell)"
+    yield Verdict(
+        "drive-order",
+        Grade.WRONG,
+        f"torques and motion belong together only in another order, which {case.fits}",
+        case.whose(moved),
+        cause,
+        "map the columns in the order of the drives",
+        case.entries.proposal(changes),
+    )
+
+
+def torque_verdicts(case: Case) -> Iterator[Verdict]:
+    """The scale of torques: gears, units and currents, of one drive or of all."""
+    best, found = case.best, case.ratios.copy()
+    for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():
+        yield _one_torque(case, i, float(abs(best.gains[i])))
+    for i, unit in case.units.items():
+        found[i] = in_unit(found[i], unit)
+    size = overall(found[~best.loose] if not best.loose.all() else found)
+    if best.map.scaled and case.of_motors(abs(best.map.scale[best.map.scaled[0]])):
+        return
+    common = max(size, 1 / size) > DOUBTFUL_SCALE
+    if common:
+        yield _all_torques(case, size)
+    for i in case.untied:
+        own = overall(case.ratios[i])
+        if i not in case.units and not common and max(own, 1 / own) > WRONG_SCALE:
+            yield _one_torque(case, i, 1 / own, rough=True)
+
+
+def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:
+    """A drive whose numbers must be multiplied by `gain`, beside those of the others."""
+    name, source, entries, unit = case.names[i], case.best.order[i], case.entries, _milli(case, i)
+    beside = "the prior says" if rough else "those of the other drives ask for"
+    key, number, whose = "torque-unit", 1 / gain, f"the torque of {name}"
+    change: dict[str, object] = {}
+    if gain > 1:
+        key, number = "gear", gain
+        cause = f"that of the motor, behind a gear of about {gain:.3g}"
+        cure = "declare the gear (or lead) of its torque column, exactly"
+        change = {} if rough else entries.of_motor("torque", source, gain)
+    else:
+        if 0.8 < 1e3 * gain < 1.25:
+            change = entries.in_unit("torque", source, 1e-3)
+        cause = f"in another unit, such as {unit} or per mille of a rated torque"
+        cause = f"in {unit}" if change else cause
+        cure = "declare the unit of its torque column"
+    seen = f"{whose} is {1 / gain:.3g} times what {beside}"
+    proposals = entries.proposal({"torque": {i: change}})
+    cause = f"{whose} is {cause}"
+    return Verdict(key, Grade.WRONG, seen, name, cause, cure, proposals, number)
+
+
+def _milli(case: Case, i: int) -> str:
+    return "mN" if case.linear(i) else "mN m"
+
+
+def _all_torques(case: Case, size: float) -> Verdict:
+    """Torques that are so many times those of the prior, in all drives alike."""
+    doubtful, linear, values = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
+    if size < 1:
+        cause = "torques are those of the motors, behind a gear"
+        cause += " or spindle" if linear else f" of about {1 / size:.2g}"
+        cause += ", or currents without their torque_constant"
+        if doubtful:
+            cause = f"a gear is not declared, or the prior is {1 / size:.2g} times too heavy"
+        cure = "declare gear (or lead) and torque_constant of the torque columns"
+    elif 300 < size < 3000:
+        cause = f"torques are in {_milli(case, 0)}, or in per mille of a rated torque of about 1"
+        order = enumerate(case.best.order)
+        values = {i: case.entries.in_unit("torque", column, 1e-3) for i, column in order}
+        cure = "declare the unit of the torque columns"
+    else:
+        unit = "N" if linear else "N m"
+        cause = f"torques are in per mille of a rated torque of about {1000 / size:.2g} {unit}"
+        if 70 < size < 300:
+            cause += ", in per cent of one ten times smaller, or in N cm"
+        if doubtful:
+            cause += f", or the prior is {size:.2g} times too light"
+        cure = (
+            "declare the unit of the torque columns, the rated torque in it, such as "
+            "0.0235 N*m for per mille of 23.5 N m"
+        )
+    return Verdict(
+        "gear" if size < 1 else "torque-unit",
+        Grade.DOUBTFUL if doubtful else Grade.WRONG,
+        f"torques are {size:.3g} times those that the prior leads to, in all drives alike",
+        "",
+        cause,
+        cure,
+        case.entries.proposal({"torque": values}),
+        number=size,
+    )
