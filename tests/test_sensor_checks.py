@@ -16,7 +16,7 @@ from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.run import verdicts
 from deltaid.check.sensing.misfit import Misfit
-from deltaid.check.sensors import _along, sensor_verdicts
+from deltaid.check.sensors import sensor_verdicts
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.model.record import Settings
@@ -239,15 +239,15 @@ def test_check_tells_and_identify_refuses() -> None:
 
 
 def test_a_constant_is_no_part_of_how_shown_and_expected_go_together() -> None:
-    rng, counts = np.random.default_rng(0), np.ones(200)
+    rng = np.random.default_rng(0)
     shape = rng.standard_normal((2, 200))
     shape -= shape.mean(axis=1, keepdims=True)
 
     class Moved(Misfit):
-        sheet = SimpleNamespace(of_torques=(np.eye(1), np.ones(1)))
-        told, noise, moving = counts, np.array([0.5, 2.0]), -2.0 * shape
+        shown, counts, by_torques = SimpleNamespace(counts=np.ones(200)), 200.0, np.ones(1)
+        noise, moving = np.array([0.5, 2.0]), -2.0 * shape
 
         def expected(self, theta: np.ndarray) -> np.ndarray:
             return theta[0] * (shape + 30.0)
 
-    assert _along(object.__new__(Moved)) == pytest.approx(1.0)
+    assert object.__new__(Moved).along == pytest.approx(1.0)

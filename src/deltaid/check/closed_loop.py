@@ -19,6 +19,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, Rows
+from deltaid.check.spectra import segments
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.verdict import Grade, Verdict
@@ -43,13 +44,9 @@ _DOUBTFUL, _WRONG = 0.007, 0.02
 
 @dataclass(frozen=True, eq=False)
 class Shake:
-    """What feedback of noise does to the drives.
-
-    Attributes:
-        speed: standard deviation of the speeds that it makes [rad/s or m/s]; 0 where there is none.
-        torque: of the torques that go with noise of the positions [N m or N].
-        reversed: share of the samples in which it turns a drive's speed round.
-    """
+    """What feedback of noise does to the drives: standard deviations of the speeds that it makes
+    [rad/s or m/s], 0 where there is none, and of the torques that go with noise of the positions
+    [N m or N]; and the share of the samples in which it turns a drive's speed round."""
 
     speed: Float[np.ndarray, " dof"]
     torque: Float[np.ndarray, " dof"]
@@ -83,10 +80,10 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
         "closed-loop",
         Grade.WRONG if share > _WRONG else Grade.DOUBTFUL,
         seen,
-        subject=drives[worst],
-        cause="coarse or noisy positions, differentiated by the controller, shake the drives: "
+        drives[worst],
+        "coarse or noisy positions, differentiated by the controller, shake the drives: "
         "friction near rest is averaged away, and inertia takes its part",
-        cure="lower the controller's gains or the cut-off of its speed for this recording, or use "
+        "lower the controller's gains or the cut-off of its speed for this recording, or use "
         "the motor's encoder; intervals do not hold this",
         number=100 * share,
         unit="%",
@@ -96,13 +93,21 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
 def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:
     """Speeds and torques by fed-back noise; None where rows or rate do not show them."""
     rate, dynamics = 1.0 / rows.step, fitted.dynamics
-    frequency, qq, tt, qt, count = _spectra(rows.q, rows.tau, rate)
+    if len(rows.q) - 2 < _SEGMENTS * _LENGTH:
+        return None
+    # Second differences come first, so that the motion does not leak into what is above it; their
+    # gain is taken out again.
+    both = (np.diff(x, 2, axis=0) for x in (rows.q, rows.tau))
+    (frequency, q), (_, tau) = (segments(x, rate, _LENGTH, _LENGTH) for x in both)
     low = _ABOVE * (recording.motion_cutoff or recording.log.motion_cutoff or 0.0)
     band = (frequency > low) & (frequency < _BELOW * rate)
-    if count < _SEGMENTS or not band.any():
+    if not band.any():
         return None
+    count, q, tau = len(q), q[:, :, band], tau[:, :, band]
+    gain = (2 * np.sin(np.pi * frequency[band] / rate))[:, None] ** 4
+    squares = np.abs(q) ** 2, np.abs(tau) ** 2, np.conj(q) * tau
+    qq, tt, qt = (np.mean(square, axis=0).T / gain for square in squares)
     omega = 2 * np.pi * frequency[band, None]
-    qq, tt, qt = qq[band], tt[band], qt[band]
     windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
     speeds = np.concatenate([w.qd for w in windows])
     counted = np.concatenate([w.weights for w in windows]) > 0
@@ -111,8 +116,8 @@ def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | N
     answer = np.abs(cho_solve(cho_factor(M), np.eye(len(M))))
     tiny = np.finfo(float).tiny
     coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
-    gain = np.abs(qt) / np.maximum(qq, tiny)
-    fed = (coherence > _CHANCE / count) & (gain < _GAIN * omega**2 / np.diag(answer))
+    weak = np.abs(qt) / np.maximum(qq, tiny) < _GAIN * omega**2 / np.diag(answer)
+    fed = (coherence > _CHANCE / count) & weak
     torque = np.where(fed, coherence * tt, 0.0)
     step = frequency[1] - frequency[0]
     speed = np.sqrt(step * np.sum(torque / omega**2, axis=0) @ answer.T**2)
@@ -120,27 +125,3 @@ def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | N
     reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
     return Shake(speed, np.sqrt(step * torque.sum(axis=0)), reversed_)
 
-
-def _spectra(
-    q: Float[np.ndarray, "rows dof"], tau: Float[np.ndarray, "rows dof"], rate: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
-    """Frequencies, one-sided densities of q, of τ and of both, and of how many segments (Welch).
-
-    Second differences come first, so that the motion does not leak into what is above it; their
-    gain is taken out again.
-    """
-    ends = range(0, len(q) - 2 - _LENGTH + 1, _LENGTH)
-    window = np.hanning(_LENGTH + 2)[1:-1, None]
-    frequency = np.fft.rfftfreq(_LENGTH, 1.0 / rate)
-    parts = []
-    for start in ends:
-        both = (np.diff(x[start : start + _LENGTH + 2], 2, axis=0) for x in (q, tau))
-        a, b = (np.fft.rfft(window * x, axis=0) for x in both)
-        parts.append((np.abs(a) ** 2, np.abs(b) ** 2, np.conj(a) * b))
-    if not parts:
-        empty = np.zeros((len(frequency), q.shape[1]))
-        return frequency, empty, empty, empty, 0
-    through = (2 * np.sin(np.pi * frequency / rate))[:, None] ** 4
-    scale = 2.0 / (rate * np.sum(window**2) * np.maximum(through, np.finfo(float).tiny))
-    qq, tt, qt = (scale * np.mean(part, axis=0) for part in zip(*parts, strict=True))
-    return frequency, qq, tt, qt, len(parts)

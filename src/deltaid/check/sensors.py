@@ -12,9 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.sensing.guesses import Guess, best_guess
-from deltaid.check.sensing.lateness import lag_of
-from deltaid.check.sensing.misfit import Found, Misfit
-from deltaid.check.sensing.sheet import Sensed, Sheet, sheet
+from deltaid.check.sensing.misfit import Found, Lag, Misfit, lag_of
+from deltaid.check.sensing.sheet import Sheet, Signal, sheet
 from deltaid.check.sensing.told import mapped, told
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
@@ -54,74 +53,84 @@ def sensor_verdicts(dynamics: Dynamics, recordings: Iterable[Recording]) -> tupl
         dynamics: of the robot as described.
         recordings: surveyed, with their filters.
     """
-    found: list[Verdict] = []
-    for recording in recordings:
-        rows = sheet(dynamics, recording)
-        if rows is not None:
-            for sensor in rows.sensors:
-                found += _of_sensor(rows, sensor)
-    return tuple(found)
+    sheets = (sheet(dynamics, recording) for recording in recordings)
+    return tuple(
+        verdict
+        for rows in sheets
+        if rows is not None
+        for signal in rows.signals
+        for verdict in _of_signal(rows, signal)
+    )
 
 
-def _of_sensor(rows: Sheet, sensor: Sensed) -> list[Verdict]:
-    misfit = Misfit(rows, sensor, sensor.channels)
-    if misfit.told.sum() < 1.0:
+def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:
+    misfit = Misfit(rows, signal, signal)
+    if misfit.counts < 1.0:
         return []
-    found = list(_clipped(rows, sensor))
+    found = list(_clipped(signal))
     plain = misfit.of(np.eye(len(misfit.noise)))
     late = lag_of(misfit, plain)
     if plain.Q > _DOUBTED:
         if late is not None and min(_CONTRADICTS, _EXPLAINS * plain.Q) > late.Q:
-            return [*found, _late(sensor, late.delay, late.std, rows.row, plain.Q)]
+            return [*found, _late(signal, late, rows.row, plain.Q)]
         if (against := _contradiction(misfit, plain)) is not None:
             return [*found, against]
     least = max(_ROWS * rows.row, _SURE * late.std) if late is not None else 0.0
     if late is not None and late.Q < _BETTER * plain.Q and abs(late.delay) > least:
-        found.append(_late(sensor, late.delay, late.std, rows.row, plain.Q))
-    found += _noisy(rows, misfit, plain)
-    return found if worst(found) is not Grade.GOOD else [_good(misfit, plain)]
+        found.append(_late(signal, late, rows.row, plain.Q))
+    left = misfit.left(plain)
+    found += _noisy(rows, misfit, left)
+    if worst(found) is not Grade.GOOD:
+        return found
+    k = int(np.argmax(left / misfit.noise))
+    channel = signal.rows.channels[k]
+    seen = f"{signal.name} agrees with the torques: at most {left[k]:.2g} {channel.unit} is left"
+    seen, number = f"{seen}, of {channel.name}", float(left[k])
+    key, unit = "sensor-residual", channel.unit
+    return [Verdict(key, Grade.GOOD, seen, signal.name, number=number, unit=unit)]
 
 
 def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
     """What explains best why a sensor contradicts the torques; None where it hardly does."""
-    rows, sensor = misfit.sheet, misfit.sensor
+    rows, signal = misfit.sheet, misfit.signal
+    units = [channel.unit for channel in signal.rows.channels]
     others = tuple(
-        one
-        for one in rows.sensors
-        if one is not sensor
-        and [c.unit for c in one.rows.channels] == [c.unit for c in sensor.rows.channels]
-        and len(one.rows.channels) == 1
+        other
+        for other in rows.signals
+        if other is not signal
+        and len(units) == 1
+        and [channel.unit for channel in other.rows.channels] == units
     )
-    guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[sensor.name]
+    guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[signal.name]
     left = misfit.unexplained(plain)
     share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
     if share * plain.Q > guess.Q:
-        return None if _is_allowed(guess, described) else told(guess, sensor, described, left)
+        return None if _is_allowed(guess, described) else told(guess, signal, described, left)
     if plain.Q < _CONTRADICTS:
         return None
-    along = _along(misfit)
+    along, line = misfit.along, f"by the line `sensors: {{{signal.name}: null}}` of a mapping"
     if along < _DEAD:
         return Verdict(
             "sensor-dead",
             Grade.WRONG,
-            f"{sensor.name} does not follow the robot: its correlation with what torques expect "
+            f"{signal.name} does not follow the robot: its correlation with what torques expect "
             f"is {along:.2g}",
-            subject=sensor.name,
-            cause="a sensor that is not connected or not loaded, or a column of something else",
-            cure="check by name which signal the column holds, or leave the sensor out of this "
-            f"recording by the line `sensors: {{{sensor.name}: null}}` of a mapping",
+            signal.name,
+            "a sensor that is not connected or not loaded, or a column of something else",
+            "check by name which signal the column holds, or leave the sensor out of this "
+            f"recording {line}",
             number=along,
         )
     return Verdict(
         "sensor-residual",
         Grade.DOUBTFUL,
-        f"torques leave {percent(left)} of what {sensor.name} shows of the motion unexplained, and "
+        f"torques leave {percent(left)} of what {signal.name} shows of the motion unexplained, and "
         "no unit, sign, order or frame of it explains that",
-        subject=sensor.name,
-        cause="a load on the sensor that is not the robot, several things at once, or a "
-        "description that is not of this robot",
-        cure="look at the columns beside the torques of a motion known well, or leave the sensor "
-        f"out by the line `sensors: {{{sensor.name}: null}}` of a mapping",
+        signal.name,
+        "a load on the sensor that is not the robot, several things at once, or a description that "
+        "is not of this robot",
+        f"look at the columns beside the torques of a motion known well, or leave the sensor out "
+        f"{line}",
         number=100 * left,
         unit="%",
     )
@@ -138,99 +147,66 @@ def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
     return guess.angle < _ALLOWED * sensor.rotation_tolerance
 
 
-def _along(misfit: Misfit) -> float:
-    """Correlation of what is shown with what torques expect, without means."""
-    G, g = misfit.sheet.of_torques
-    expected = misfit.expected(np.linalg.solve(G, g))
-    mean = expected.sum(axis=1) / misfit.told.sum()
-    expected = (expected - mean[:, None] * misfit.told) / misfit.noise[:, None]
-    y = misfit.moving / misfit.noise[:, None]
-    size = np.sqrt(np.sum(expected**2) * np.sum(y**2))
-    return float(abs(np.sum(expected * y)) / max(size, 1e-300))
-
-
-def _clipped(rows: Sheet, sensor: Sensed) -> Iterator[Verdict]:
-    for channel, values in zip(sensor.given.channels, rows.raw[sensor.channels], strict=True):
+def _clipped(signal: Signal) -> Iterator[Verdict]:
+    for channel, values in zip(signal.given.channels, signal.raw, strict=True):
         values = values[np.isfinite(values)]
         if not values.size:
             continue
         for end, word in ((values.max(), "largest"), (values.min(), "smallest")):
-            at = values == end
-            held = int(np.count_nonzero(at[1:] & at[:-1]))
+            there = values == end
+            held = int(np.count_nonzero(there[1:] & there[:-1]))
+            share = 100 * held / values.size
             if held > max(_CLIPPED, _OFTEN * values.size):
                 yield Verdict(
                     "sensor-clipped",
                     Grade.DOUBTFUL,
                     f"column {channel.column} stays on its {word} number, {end:.4g}, in "
-                    f"{100 * held / values.size:.2g} % of the rows",
-                    subject=sensor.name,
-                    cause="a range of the sensor or its amplifier that ends there",
-                    cure="choose a wider range and record again",
-                    number=100 * held / values.size,
+                    f"{share:.2g} % of the rows",
+                    signal.name,
+                    "a range of the sensor or its amplifier that ends there",
+                    "choose a wider range and record again",
+                    number=share,
                     unit="%",
                 )
 
 
-def _late(sensor: Sensed, delay: float, std: float, row: float, Q: float) -> Verdict:
-    word = "late" if delay > 0 else "early"
+def _late(signal: Signal, lag: Lag, row: float, Q: float) -> Verdict:
+    word = "late" if lag.delay > 0 else "early"
     return Verdict(
         "sensor-lag",
         Grade.WRONG if Q > _CONTRADICTS else Grade.DOUBTFUL,
-        f"{sensor.name} is {word} against the motion by {1e3 * abs(delay):.3g} ± "
-        f"{1e3 * std:.2g} ms, {abs(delay) / row:.3g} rows",
-        subject=sensor.name,
-        cause="a filter in the sensor's amplifier, or another clock",
-        cure="declare how late it is in the mapping",
-        proposals=mapped(sensor, [("delay", float(f"{sensor.given.delay + delay:.3g}"))]),
-        number=1e3 * delay,
+        f"{signal.name} is {word} against the motion by {1e3 * abs(lag.delay):.3g} ± "
+        f"{1e3 * lag.std:.2g} ms, {abs(lag.delay) / row:.3g} rows",
+        signal.name,
+        "a filter in the sensor's amplifier, or another clock",
+        "declare how late it is in the mapping",
+        mapped(signal, [("delay", float(f"{signal.given.delay + lag.delay:.3g}"))]),
+        number=1e3 * lag.delay,
         unit="ms",
     )
 
 
-def _noisy(rows: Sheet, misfit: Misfit, plain: Found) -> Iterator[Verdict]:
+def _noisy(rows: Sheet, misfit: Misfit, left: np.ndarray) -> Iterator[Verdict]:
     """Noise from row to row, and what is left after the filter, beside what is stated."""
-    sensor = misfit.sensor
-    white, left = misfit.white, misfit.left(np.eye(len(misfit.noise)), plain)
-    size = np.maximum(white, left)
-    for keys, group in zip(_keys(rows, sensor, misfit), misfit.groups, strict=True):
-        k = max(group, key=lambda one: size[one] / misfit.noise[one])
-        times = float(size[k] / misfit.noise[k])
+    name, channels = misfit.signal.name, misfit.signal.rows.channels
+    size = np.maximum(misfit.white, left)
+    for group in misfit.groups:
+        k = max(group, key=lambda i: size[i] / misfit.noise[i])
+        times, channel = float(size[k] / misfit.noise[k]), channels[k]
         if times > _NOISY:
-            channel = sensor.rows.channels[k]
+            key = "noise"
+            if isinstance(rows.dynamics.robot.sensors[name], BaseWrench):
+                key = "force_noise" if channel.unit == "N" else "moment_noise"
             value = float(f"{np.sqrt(np.mean(size[group] ** 2)):.2g}")
-            what = "what the model leaves of" if left[k] > white[k] else "noise of"
+            what = "what the model leaves of" if left[k] > misfit.white[k] else "noise of"
             yield Verdict(
                 "sensor-noise",
                 Grade.DOUBTFUL,
                 f"{what} {channel.name} is {size[k]:.3g} {channel.unit}, {times:.2g} times the "
                 f"{channel.noise:.3g} {channel.unit} stated",
-                subject=sensor.name,
-                cause="noise that is stated too small, a resonance, or what else acts on it",
-                cure="state the noise that it has, or look for what acts on it",
-                proposals=(Proposal("robot", ((keys, value),)),),
-                number=times,
+                name,
+                "noise that is stated too small, a resonance, or what else acts on it",
+                "state the noise that it has, or look for what acts on it",
+                (Proposal("robot", ((f"sensors.{name}.{key}", value),)),),
+                times,
             )
-
-
-def _keys(rows: Sheet, sensor: Sensed, misfit: Misfit) -> list[str]:
-    """The key of the noise of each group."""
-    where = f"sensors.{sensor.name}"
-    if not isinstance(rows.dynamics.robot.sensors[sensor.name], BaseWrench):
-        return [f"{where}.noise"] * len(misfit.groups)
-    units = [sensor.rows.channels[group[0]].unit for group in misfit.groups]
-    return [f"{where}.{'force' if unit == 'N' else 'moment'}_noise" for unit in units]
-
-
-def _good(misfit: Misfit, plain: Found) -> Verdict:
-    left = misfit.left(np.eye(len(misfit.noise)), plain)
-    k = int(np.argmax(left / misfit.noise))
-    channel = misfit.sensor.rows.channels[k]
-    return Verdict(
-        "sensor-residual",
-        Grade.GOOD,
-        f"{misfit.sensor.name} agrees with the torques: at most {left[k]:.2g} {channel.unit} is "
-        f"left, of {channel.name}",
-        subject=misfit.sensor.name,
-        number=float(left[k]),
-        unit=channel.unit,
-    )

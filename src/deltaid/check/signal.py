@@ -1,15 +1,15 @@
-"""Whether the signals of a recording are worth a fit: rate, clock, torque channels."""
+"""Whether the signals of a recording are worth a fit: rate, clock, encoders, torque channels."""
 
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Bool
 
-from deltaid.check.encoder import checked_encoder, moving
 from deltaid.check.evidence import Evidence
-from deltaid.check.spectra import bandwidth, step_of, white_noise
-from deltaid.check.spectra import jitter as jitter_of
+from deltaid.check.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.model.words import percent
+from deltaid.model.words import listed, percent
+from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.recording import Recording
@@ -17,6 +17,12 @@ from deltaid.recording.recording import Recording
 # Samples for one wave of the fastest part of a motion: fewer are doubtful, or wrong. Differentiated
 # signals need more, because the filter keeps six hundredths of the rate.
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
+# What the encoder's steps add to the accelerations, as a share of these.
+_ROUGH, _USELESS = 0.1, 1.0
+# Steps of the encoder over a stroke that are too few whatever the filter makes of them.
+_FEW = 250.0
+# A drive that goes less far than this share of the others' way rests.
+_AT_LEAST = 0.01
 # Jitter of the stamps that is said, as a share of the period.
 _JITTER = 0.005
 # Share of the rows on a torque's largest or smallest number, and at rest.
@@ -38,7 +44,8 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     yield rate
     if rate.grade is Grade.WRONG:  # motions that are sampled like this look like noise
         return
-    yield from checked_encoder(evidence)
+    if not evidence.columns.velocity:  # positions are differentiated
+        yield from _encoder(evidence)
     if isinstance(recording, Recording):
         yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
@@ -54,8 +61,7 @@ def _rate(evidence: Evidence) -> Verdict:
     if fastest == 0:
         seen = f"{rate:.4g} Hz, and no motion that it could be too slow for"
         return Verdict("rate", Grade.CANNOT_TELL, seen, number=rate, unit="Hz")
-    samples = rate / fastest
-    differentiated = not (columns.velocity and columns.acceleration)
+    samples, differentiated = rate / fastest, not (columns.velocity and columns.acceleration)
     doubtful, wrong = _DIFFERENTIATED if differentiated else _TAKEN
     seen = (
         f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
@@ -63,74 +69,117 @@ def _rate(evidence: Evidence) -> Verdict:
     )
     if samples >= doubtful:
         return Verdict("rate", Grade.GOOD, seen, number=samples, unit="samples")
-    return Verdict(
-        "rate",
-        Grade.WRONG if samples < wrong else Grade.DOUBTFUL,
+    cause = "the recording is too slow for this motion"
+    if differentiated:
+        cause = "the recording is too slow to be differentiated: what is faster than a sixteenth "
+        cause += "of the rate is bent or cut away"
+    scale = 10.0 ** np.floor(np.log10(20 * fastest))
+    enough = float(np.ceil(20 * fastest / scale) * scale)  # to one significant digit
+    cure = f"record at {enough:g} Hz or more, or move more slowly"
+    grade = Grade.WRONG if samples < wrong else Grade.DOUBTFUL
+    return Verdict("rate", grade, seen, "", cause, cure, number=samples, unit="samples")
+
+
+def _encoder(evidence: Evidence) -> Iterator[Verdict]:
+    """What the steps of the positions add to the accelerations."""
+    q, robot, low_pass = evidence.rows.q, evidence.robot, _low_pass(evidence)
+    if low_pass is None:
+        return
+    taps = np.convolve(low_pass.second, low_pass.smooth)
+    spread = np.zeros((len(taps) - 1) * low_pass.stride + 1)
+    spread[:: low_pass.stride] = taps
+    response = np.convolve(spread, low_pass.lead)
+    if len(q) < 2 * len(response):
+        return
+    steps, shares = np.array([step_of(x) for x in q.T]), np.zeros(q.shape[1])
+    for i, (x, step) in enumerate(zip(q.T, steps, strict=True)):
+        rough = step / np.sqrt(12) * np.linalg.norm(response)
+        windows = np.lib.stride_tricks.sliding_window_view(x - x.mean(), len(response))
+        size = np.std(windows[:: low_pass.thinned] @ response[::-1])
+        shares[i] = rough / np.sqrt(max(size**2 - rough**2, (0.1 * size) ** 2, 1e-300))
+    moves = _moving(evidence)
+    shares[~moves] = 0.0
+    counts = np.ptp(q, axis=0) / np.maximum(steps, 1e-300)
+    bad = np.flatnonzero(moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0))))
+    worst = int(np.argmax(shares))
+    drive, number = robot.drives[worst], 100 * float(shares[worst])
+    seen = "positions show no steps"
+    if steps[worst] > 0:
+        seen = (
+            f"steps of {steps[worst]:.2g} {robot.units(drive).coordinate} make "
+            f"{percent(shares[worst])} of {drive}'s acceleration below {low_pass.cutoff:.3g} Hz"
+        )
+    if not bad.size:
+        yield Verdict("encoder-step", Grade.GOOD, seen, number=number, unit="%")
+        return
+    yield Verdict(
+        "encoder-step",
+        Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL,
         seen,
-        cause="the recording is too slow to be differentiated: what is faster than a sixteenth of "
-        "the rate is bent or cut away"
-        if differentiated
-        else "the recording is too slow for this motion",
-        cure=f"record at {_round_up(20 * fastest):g} Hz or more, or move more slowly",
-        number=samples,
-        unit="samples",
+        listed([robot.drives[i] for i in bad]),
+        "the encoder, or the number format of the log, resolves too little for this motion",
+        "record the motor's encoder with all its digits, move faster, or take a lower --cutoff",
+        number=number,
+        unit="%",
     )
 
 
-def _round_up(x: float) -> float:
-    """To one significant digit."""
-    scale = 10.0 ** np.floor(np.log10(x))
-    return float(np.ceil(x / scale) * scale)
+def _low_pass(evidence: Evidence) -> LowPass | None:
+    """The filter of the recording, or one for its motion where it has none."""
+    if isinstance(evidence.surveyed, Recording):
+        return evidence.surveyed.low_pass
+    rate = 1.0 / evidence.rows.step
+    fastest = bandwidth(evidence.rows.q, rate)
+    if fastest == 0:
+        return None
+    return design_low_pass(min(max(2 * fastest, 2e-6 * rate), 0.1 * rate), rate)
+
+
+def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
+    """Drives that do not rest while others of their kind move: encoder and torque of one at rest
+    hold nothing but steps and noise, and nothing is wrong with that."""
+    robot, span = evidence.robot, np.ptp(evidence.rows.q, axis=0)
+    slides = np.array([robot.is_linear(drive) for drive in robot.drives])
+    largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
+    return span > _AT_LEAST * largest
 
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
     """What is missing, doubled or jittered."""
-    clock = log.clock
+    clock, period = log.clock, f"{1e3 * log.clock.period:.4g} ms"
     lost, restarts = int(clock.lost[clock.lost > 0].sum()), int(np.sum(clock.lost < 0))
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
-    jitter = clock.jitter / clock.period
-    told = []
-    if lost:
-        told.append(f"{lost} rows are missing in {int(np.sum(clock.lost > 0))} places")
-    if restarts:
-        told.append(f"time starts again {restarts} times")
-    if len(clock.extra):
-        told.append(f"{len(clock.extra)} rows are there twice or have no place of their own")
-    if stale:
-        told.append(f"{stale} rows repeat the one before them while the robot moves")
-    if jitter > _JITTER:
-        told.append(f"stamps jitter by {percent(jitter)} of the {1e3 * clock.period:.4g} ms")
-    if not told and clock.steady:
-        uneven = jitter_of(evidence.rows.q, clock.period) / clock.period
+    twice, scatter = len(clock.extra), clock.jitter / clock.period
+    told = {
+        f"{lost} rows are missing in {int(np.sum(clock.lost > 0))} places": lost,
+        f"time starts again {restarts} times": restarts,
+        f"{twice} rows are there twice or have no place of their own": twice,
+        f"{stale} rows repeat the one before them while the robot moves": stale,
+        f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
+    }
+    seen = "; ".join(words for words, is_so in told.items() if is_so)
+    if not seen and clock.steady:
+        uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > _JITTER:
-            jitter = uneven
-            told.append(
+            scatter = uneven
+            seen = (
                 f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
-                f"{1e3 * clock.period:.4g} ms from where their even stamps say"
+                f"{period} from where their even stamps say"
             )
-    if not told:
-        seen = f"{clock.rows} rows, one every {1e3 * clock.period:.4g} ms"
-        return Verdict("clock", Grade.GOOD, seen, number=100 * jitter, unit="%")
-    if jitter > _JITTER and not (lost or restarts or len(clock.extra) or stale):
-        cause = (
-            "rows are sampled when the logger gets round to it, not by a clock"
-            if clock.even is False or clock.steady
-            else "stamps are made when rows are written, and not when they are sampled"
-        )
-    else:
-        cause = "the logger or the network did not keep up"
-    return Verdict(
-        "clock",
-        Grade.DOUBTFUL,
-        "; ".join(told),
-        cause=cause,
-        cure="log with the controller's own cycle and its counter as time; meanwhile holes are cut "
-        "out or bridged, and rows put on an even grid",
-        number=100 * (lost + len(clock.extra) + stale) / clock.rows
-        if lost or stale
-        else 100 * jitter,
-        unit="%",
+    if not seen:
+        seen = f"{clock.rows} rows, one every {period}"
+        return Verdict("clock", Grade.GOOD, seen, number=100 * scatter, unit="%")
+    cause = "the logger or the network did not keep up"
+    if scatter > _JITTER and not (lost or restarts or twice or stale):
+        cause = "stamps are made when rows are written, and not when they are sampled"
+        if clock.even is False or clock.steady:
+            cause = "rows are sampled when the logger gets round to it, not by a clock"
+    cure = (
+        "log with the controller's own cycle and its counter as time; meanwhile holes are cut out "
+        "or bridged, and rows put on an even grid"
     )
+    number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
+    return Verdict("clock", Grade.DOUBTFUL, seen, "", cause, cure, number=number, unit="%")
 
 
 def _share_of(evidence: Evidence, log: Log, reasons: tuple[Reason, ...]) -> np.ndarray:
@@ -141,23 +190,22 @@ def _share_of(evidence: Evidence, log: Log, reasons: tuple[Reason, ...]) -> np.n
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
     shares = _share_of(evidence, log, ("saturated torque",))
-    drives = evidence.robot.drives
-    bad = np.flatnonzero(shares > _CLIPPED).tolist()
-    if not bad:
+    if shares.max() <= _CLIPPED:
         seen = "no torque stays on its largest or smallest number"
         yield Verdict("saturation", Grade.GOOD, seen, number=100 * float(shares.max()), unit="%")
-    for i in bad:
-        yield Verdict(
-            "saturation",
-            Grade.DOUBTFUL,
-            f"{percent(shares[i])} of {drives[i]}'s rows are on the largest or smallest number of "
-            "the torque; these are left out",
-            subject=drives[i],
-            cause="the drive is at its limit of current, or the channel's range ends there",
-            cure="raise the channel's range, or move more gently or with less load",
-            number=100 * float(shares[i]),
-            unit="%",
-        )
+    for drive, share in zip(evidence.robot.drives, shares.tolist(), strict=True):
+        if share > _CLIPPED:
+            yield Verdict(
+                "saturation",
+                Grade.DOUBTFUL,
+                f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
+                "torque; these are left out",
+                drive,
+                "the drive is at its limit of current, or the channel's range ends there",
+                "raise the channel's range, or move more gently or with less load",
+                number=100 * share,
+                unit="%",
+            )
 
 
 def _standing(evidence: Evidence, log: Log) -> Verdict:
@@ -178,55 +226,44 @@ def _standing(evidence: Evidence, log: Log) -> Verdict:
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:
     """Noise and steps of the torque channels."""
-    tau, drives, robot = evidence.rows.tau, evidence.robot.drives, evidence.robot
+    tau, drives, moves = evidence.rows.tau, evidence.robot.drives, _moving(evidence)
     largest = np.maximum(np.abs(tau).max(axis=0), 1e-300)
     spread = np.maximum(tau.std(axis=0), 1e-300)
     steps = np.array([step_of(x) for x in tau.T])
     noise = white_noise(tau, 1.0 / evidence.rows.step)
     noise = np.sqrt(np.maximum(noise**2 - steps**2 / 12, 0.0))
-    moves = moving(evidence)
-    coarse = np.flatnonzero(moves & (steps > _COARSE * spread)).tolist()
-    noisy = [i for i in np.flatnonzero(moves & (noise > _NOISY * largest)) if i not in coarse]
-    worst = int(np.argmax(np.where(moves, noise / largest, 0.0)))
+    shares, coarse = noise / largest, moves & (steps > _COARSE * spread)
+    noisy = np.flatnonzero(moves & (shares > _NOISY) & ~coarse).tolist()
     if not noisy:
-        number = 100 * float(noise[worst] / largest[worst])
-        seen = f"at most {percent(noise[worst] / largest[worst])} of the largest torque"
-        yield Verdict("torque-noise", Grade.GOOD, seen, number=number, unit="%")
+        share = float(shares[np.argmax(np.where(moves, shares, 0.0))])
+        seen = f"at most {percent(share)} of the largest torque"
+        yield Verdict("torque-noise", Grade.GOOD, seen, number=100 * share, unit="%")
     for i in noisy:
-        nothing = noise[i] ** 2 > _NOTHING_ELSE * spread[i] ** 2
-        share = noise[i] / largest[i]
-        yield Verdict(
-            "torque-noise",
-            Grade.WRONG if nothing else Grade.DOUBTFUL,
-            f"{drives[i]}'s torque is noise only"
-            if nothing
-            else f"{drives[i]}'s torque has noise of {percent(share)} of its largest; 0.3 to 3 % "
-            "is usual",
-            subject=drives[i],
-            cause="the channel is not connected, or another signal"
-            if nothing
-            else "current ripple or an unshielded sensor, or a motion with little torque",
-            cure="check which signal the column holds"
-            if nothing
-            else "record the controller's filtered torque and its lag, longer, or a faster motion",
-            number=100 * float(share),
-            unit="%",
-        )
-    worst = int(np.argmax(steps / spread))
-    if not coarse:
-        share = steps[worst] / spread[worst]
+        drive, number, key = drives[i], 100 * float(shares[i]), "torque-noise"
+        grade, seen = Grade.WRONG, f"{drive}'s torque is noise only"
+        cause = "the channel is not connected, or another signal"
+        cure = "check which signal the column holds"
+        if noise[i] ** 2 <= _NOTHING_ELSE * spread[i] ** 2:
+            grade, seen = Grade.DOUBTFUL, f"{drive}'s torque has noise of {percent(shares[i])} of "
+            seen += "its largest; 0.3 to 3 % is usual"
+            cause = "current ripple or an unshielded sensor, or a motion with little torque"
+            cure = "record the controller's filtered torque and its lag, longer, or a faster motion"
+        yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
+    shares = steps / spread
+    if not coarse.any():
+        share = float(shares.max())
         seen = f"steps of {percent(share)} of the torque" if share else "torques show no steps"
-        yield Verdict("torque-step", Grade.GOOD, seen, number=100 * float(share), unit="%")
-    for i in coarse:
-        share, unit = steps[i] / spread[i], robot.units(drives[i]).force
+        yield Verdict("torque-step", Grade.GOOD, seen, number=100 * share, unit="%")
+    for i in np.flatnonzero(coarse).tolist():
+        drive, unit = drives[i], evidence.robot.units(drives[i]).force
         yield Verdict(
             "torque-step",
-            Grade.WRONG if share > _BLIND else Grade.DOUBTFUL,
-            f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} {unit}, {percent(share)} of "
+            Grade.WRONG if shares[i] > _BLIND else Grade.DOUBTFUL,
+            f"{drive}'s torque comes in steps of {steps[i]:.3g} {unit}, {percent(shares[i])} of "
             "its usual size",
-            subject=drives[i],
-            cause="the channel has too few digits, such as whole per cent of a rated torque",
-            cure="record it with more digits (per mille, or the current in mA)",
-            number=100 * float(share),
+            drive,
+            "the channel has too few digits, such as whole per cent of a rated torque",
+            "record it with more digits (per mille, or the current in mA)",
+            number=100 * float(shares[i]),
             unit="%",
         )

@@ -1,10 +1,12 @@
 """What checks of signals measure: bandwidth of a motion, white noise, steps of a number, lines."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
-# Rows that a spectrum is made of at most.
-_MOST = 1 << 16
+from deltaid.recording.spectrum import blackman_harris
+
+# Rows that a spectrum is made of at most, and at least.
+_MOST, _LEAST = 1 << 16, 16
 # Samples of a stretch in which noise is looked at.
 _SHORT = 32
 # A line of a motion stands so far above the noise; this share of the speed's power is below its
@@ -18,7 +20,6 @@ _ON_GRID, _OFF = 0.98, 0.05
 _FINEST = 1e7
 # Distances are compared with the least one as long as they are so many times larger at most.
 _FEW = 20.0
-
 # Samples of a stretch in which the scatter of instants is looked at, and stretches at least; by how
 # much noise has to grow with speed.
 _STRETCH, _FEWEST, _GROWS = 64, 10, 1.0
@@ -29,39 +30,42 @@ Signals = Float[np.ndarray, "rows channels"]
 def bandwidth(q: Signals, rate: float) -> float:
     """The frequency [Hz] below which nearly all of a motion's speed is; 0 at rest."""
     x = q[:_MOST]
-    n = len(x)
-    if n < 16:
+    n, size = len(x), np.ptp(x, axis=0)
+    if n < _LEAST or not size.any():
         return 0.0
-    line = np.linspace(0.0, 1.0, n)[:, None]
-    level = x - x[0] - line * (x[-1] - x[0])
-    turn = 2 * np.pi * np.arange(n) / n
-    window = (
-        0.35875 - 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn) - 0.01168 * np.cos(3 * turn)
-    )
-    power = np.abs(np.fft.rfft((level - level.mean(axis=0)) * window[:, None], axis=0)) ** 2
-    frequency = np.fft.rfftfreq(n, 1 / rate)
+    level = x - x[0] - np.linspace(0.0, 1.0, n)[:, None] * (x[-1] - x[0])
+    level = (level - level.mean(axis=0)) * blackman_harris(n)[:, None]
+    power = np.abs(np.fft.rfft(level, axis=0)) ** 2
     floor = np.median(power[3 * len(power) // 4 :], axis=0)
     power[power < np.maximum(_ABOVE * floor, _MOVES * power.max(axis=0))] = 0.0
-    size = np.ptp(x, axis=0)
-    speed = np.sum(power[:, size > 0] / size[size > 0] ** 2, axis=1) * frequency**2
-    total = np.cumsum(speed)
-    if total[-1] == 0:
-        return 0.0
-    return float(frequency[np.searchsorted(total, _BELOW * total[-1])])
+    frequency = np.fft.rfftfreq(n, 1 / rate)
+    total = np.cumsum(np.sum(power[:, size > 0] / size[size > 0] ** 2, axis=1) * frequency**2)
+    return float(frequency[np.searchsorted(total, _BELOW * total[-1])]) if total[-1] else 0.0
+
+
+def segments(
+    x: Signals, rate: float, length: int, apart: int, *, level: bool = False
+) -> tuple[Float[np.ndarray, " bins"], Complex[np.ndarray, "segments channels bins"]]:
+    """Frequencies [Hz] and spectra of segments by Hann's window, scaled so that the mean of their
+    squares is a one-sided power density [1/Hz] (Welch).
+
+    Args:
+        apart: samples from the beginning of one to that of the next.
+        level: whether the mean of each is taken out.
+    """
+    parts = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[::apart]
+    if level:
+        parts = parts - parts.mean(axis=2, keepdims=True)
+    window = np.hanning(length + 2)[1:-1]
+    scale = np.sqrt(2.0 / (rate * np.sum(window**2)))
+    return np.fft.rfftfreq(length, 1 / rate), scale * np.fft.rfft(parts * window, axis=2)
 
 
 def density(x: Signals, rate: float, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and one-sided power densities [1/Hz], one column a channel (Welch)."""
+    """Frequencies [Hz] and one-sided power densities [1/Hz], one column a channel."""
     length = min(length, len(x))
-    window = np.hanning(length + 2)[1:-1]
-    starts = range(0, len(x) - length + 1, max(1, length // 2))
-    total = np.zeros((length // 2 + 1, x.shape[1]))
-    for start in starts:
-        part = x[start : start + length]
-        part = (part - part.mean(axis=0)) * window[:, None]
-        total += np.abs(np.fft.rfft(part, axis=0)) ** 2
-    total *= 2.0 / (rate * np.sum(window**2) * len(starts))
-    return np.fft.rfftfreq(length, 1 / rate), total
+    frequency, parts = segments(x, rate, length, max(1, length // 2), level=True)
+    return frequency, np.mean(np.abs(parts) ** 2, axis=0).T
 
 
 def white_noise(x: Signals, rate: float) -> Float[np.ndarray, " channels"]:
@@ -87,16 +91,13 @@ def step_of(x: Float[np.ndarray, " rows"]) -> float:
     reach = float(np.ptp(x))
     if reach == 0:
         return 0.0
-    levels = np.unique(np.round((x - x.min()) / reach, 10)) * reach
-    apart = np.diff(levels)
+    apart = np.diff(np.unique(np.round((x - x.min()) / reach, 10)) * reach)
     apart = apart[apart > reach / _FINEST]
     if not apart.size:
         return 0.0
     step = float(np.median(apart[apart < 1.5 * apart.min()]))
     near = apart[apart < _FEW * step] / step
-    if np.mean(np.abs(near - np.round(near)) < _OFF) < _ON_GRID:
-        return 0.0
-    return step
+    return step if np.mean(np.abs(near - np.round(near)) < _OFF) >= _ON_GRID else 0.0
 
 
 def jitter(q: Signals, period: float) -> float:
@@ -113,12 +114,12 @@ def jitter(q: Signals, period: float) -> float:
     speed = np.gradient(q[:rows], period, axis=0).reshape(rough.shape)
     noise, fast = np.mean(rough[:, 2:-2] ** 2, axis=1), np.mean(speed**2, axis=1)
     found = []
-    for i in range(q.shape[1]):
-        order = np.argsort(fast[:, i])
+    for own, speeds, x in zip(noise.T, fast.T, q.T, strict=True):
+        order = np.argsort(speeds)
         slow, quick = order[: len(order) // 5], order[len(order) // 2 :]
-        still = float(np.median(noise[slow, i]))
-        more = noise[quick, i] - still
-        if not fast[quick, i].all() or np.median(more) < max(_GROWS * still, step_of(q[:, i]) ** 2):
+        still = float(np.median(own[slow]))
+        more = own[quick] - still
+        if not speeds[quick].all() or np.median(more) < max(_GROWS * still, step_of(x) ** 2):
             return 0.0
-        found.append(np.sqrt(max(float(np.median(more / fast[quick, i])), 0.0)))
+        found.append(np.sqrt(max(float(np.median(more / speeds[quick])), 0.0)))
     return float(min(found))

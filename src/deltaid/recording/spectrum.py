@@ -57,11 +57,12 @@ def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof freq
     t = np.arange(len(q)) - 0.5 * (len(q) - 1)
     level = q - q.mean(axis=0)
     level -= np.outer(t, t @ level / (t @ t))  # without its straight line
-    return np.abs(np.fft.rfft(level.T * _blackman_harris(len(q)), _SEGMENT, axis=1)) ** 2
+    return np.abs(np.fft.rfft(level.T * blackman_harris(len(q)), _SEGMENT, axis=1)) ** 2
 
 
 @cache
-def _blackman_harris(length: int) -> Float[np.ndarray, " length"]:
+def blackman_harris(length: int) -> Float[np.ndarray, " length"]:
+    """Window of Blackman and Harris, whose side lobes lie 92 dB below its main one."""
     turns = np.outer(np.arange(length), np.arange(len(_BLACKMAN_HARRIS)))
     return np.cos(2 * np.pi / length * turns) @ _BLACKMAN_HARRIS
 
@@ -96,7 +97,7 @@ class SpectrumEstimate:
     def noise(self) -> Float[np.ndarray, " dof"]:
         """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
         floor = self._floor / max(self._segments, 1)
-        return np.sqrt(floor / np.sum(_blackman_harris(_SEGMENT) ** 2))
+        return np.sqrt(floor / np.sum(blackman_harris(_SEGMENT) ** 2))
 
     @property
     def _floor(self) -> Float[np.ndarray, " dof"]:
@@ -111,7 +112,7 @@ class SpectrumEstimate:
         """
         floor, changes = self._floor, self._changes / self._segments
         step = np.where(np.isfinite(self._step), self._step, 0.0)
-        white = step**2 / 12 * np.sum(_blackman_harris(_SEGMENT) ** 2) * self._segments
+        white = step**2 / 12 * np.sum(blackman_harris(_SEGMENT) ** 2) * self._segments
         steps = white / np.maximum(2 * changes, 1 / _SEGMENT)
         return np.where((2 * changes < 1) & (steps > _COLOURED * floor), steps, floor)
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.check.sensing.misfit import Map, Misfit
-from deltaid.check.sensing.sheet import Sensed
+from deltaid.check.sensing.sheet import Signal
 
 Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origin"]
 
@@ -24,19 +24,14 @@ _FREEDOM: dict[Kind, float] = {
 }  # fmt: skip
 # An origin is off by so much, a priori [m].
 _FAR = 1.0
+_FORCE, _MOMENT = slice(3), slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """One map of what is shown.
+    """One map T of what is shown: T y is what it should show, with the misfit Q.
 
     Attributes:
-        kind: what it puts right.
-        T: T y is what it should show.
-        Q: misfit with it.
-        gains: of each channel, sign included.
-        order: of the columns, so that channel k is column order[k].
-        turn: axes that the sensor has, in those that it is described with.
         offset: of its origin along its axes [m].
         other: the sensor whose column it is.
     """
@@ -44,11 +39,23 @@ class Guess:
     kind: Kind
     T: Map
     Q: float
-    gains: Float[np.ndarray, " channels"]
-    order: tuple[int, ...] = ()
-    turn: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
     offset: Float[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
     other: str = ""
+
+    @property
+    def gains(self) -> Float[np.ndarray, " channels"]:
+        """Of each channel, sign included."""
+        return np.diag(self.T)
+
+    @property
+    def order(self) -> list[int]:
+        """Of the columns, so that channel k is column order[k]."""
+        return np.argmax(self.T, axis=1).tolist()
+
+    @property
+    def turn(self) -> Float[np.ndarray, "3 3"]:
+        """Axes that the sensor has, in those that it is described with."""
+        return self.T[_FORCE, _FORCE]
 
     @property
     def angle(self) -> float:
@@ -56,38 +63,38 @@ class Guess:
         return float(np.arccos(np.clip(0.5 * (np.trace(self.turn) - 1), -1.0, 1.0)))
 
 
-def best_guess(misfit: Misfit, others: tuple[Sensed, ...]) -> Guess:
+def best_guess(misfit: Misfit, others: tuple[Signal, ...]) -> Guess:
     """The guess that leaves least, freedom allowed for."""
-    return min(_guesses(misfit, others), key=lambda one: one.Q * _FREEDOM[one.kind])
-
-
-def _guesses(misfit: Misfit, others: tuple[Sensed, ...]) -> Iterator[Guess]:
-    count = len(misfit.noise)
-    yield _scaled(misfit)
+    guesses = [Guess(kind, T, misfit.of(T).Q) for kind, T in _maps(misfit)]
     for other in others:
-        exchanged = Misfit(misfit.sheet, misfit.sensor, other.channels)
-        Q = exchanged.of(np.eye(1)).Q
-        yield Guess("exchanged", np.eye(1), Q, np.ones(1), other=other.name)
-    if count == 6:
-        yield from _signs(misfit)
-        yield from _orders(misfit)
-        yield from _turns(misfit)
-        yield _rotated(misfit)
-        yield _moved(misfit)
+        exchanged = Misfit(misfit.sheet, misfit.signal, other).of(np.eye(1))
+        guesses.append(Guess("exchanged", np.eye(1), exchanged.Q, other=other.name))
+    if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
+        by_place = np.stack([np.cross(misfit.shown.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
+        beside = np.concatenate([np.zeros_like(by_place), by_place])
+        found = misfit.of(np.eye(6), beside=beside, spread=_FAR)
+        guesses.append(Guess("origin", np.eye(6), found.Q, found.added))
+    return min(guesses, key=lambda guess: guess.Q * _FREEDOM[guess.kind])
 
 
-def _judged(misfit: Misfit, kind: Kind, T: Map, **known: object) -> Guess:
-    gains = known.pop("gains", np.ones(len(T)))
-    return Guess(kind, T, misfit.of(T).Q, gains, **known)  # pyright: ignore[reportArgumentType]
-
-
-def _scaled(misfit: Misfit) -> Guess:
-    """A factor of all forces, and one of all moments."""
+def _maps(misfit: Misfit) -> Iterator[tuple[Kind, Map]]:
+    """A factor of all forces and one of all moments; of a wrench signs, orders and turns."""
     gains = np.ones(len(misfit.noise))
     for group in misfit.groups:
         gains[group] = _gain(misfit, group)
-    kind = "sign" if np.allclose(np.abs(gains), 1.0) else "unit"
-    return _judged(misfit, kind, np.diag(gains), gains=gains)
+    yield "sign" if np.allclose(np.abs(gains), 1.0) else "unit", np.diag(gains)
+    if len(gains) != 6:
+        return
+    for signs in product((1.0, -1.0), repeat=6):
+        if signs[_FORCE] != signs[_MOMENT] or np.prod(signs[_FORCE]) < 0:  # else it is turned
+            yield "sign", np.diag(signs)
+    for order in _orders():
+        yield "order", np.eye(6)[list(order)]
+    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        R = np.diag(signs) @ np.eye(3)[list(axes)]  # by quarters of a turn
+        if np.linalg.det(R) > 0 and not np.allclose(R, np.eye(3)):
+            yield "turned", _both(R)
+    yield "rotated", _both(_rotation(misfit))
 
 
 def _gain(misfit: Misfit, group: list[int]) -> float:
@@ -105,64 +112,29 @@ def _gain(misfit: Misfit, group: list[int]) -> float:
     return sign if abs(abs(gain) - 1) < _NEAR_ONE else float(gain)
 
 
-def _signs(misfit: Misfit) -> Iterator[Guess]:
-    """Every choice of signs but those that a turned sensor has."""
-    for signs in product((1.0, -1.0), repeat=6):
-        turned = signs[:3] == signs[3:] and np.prod(signs[:3]) > 0
-        if not turned:
-            gains = np.array(signs)
-            yield _judged(misfit, "sign", np.diag(gains), gains=gains)
-
-
-def _orders(misfit: Misfit) -> Iterator[Guess]:
+def _orders() -> list[tuple[int, ...]]:
     """Moments first, by turns, axes in another order, two columns exchanged."""
     own = (0, 1, 2, 3, 4, 5)
     orders = {(3, 4, 5, 0, 1, 2), (0, 2, 4, 1, 3, 5), (5, 4, 3, 2, 1, 0)}
     orders |= {(*axes, *(3 + k for k in axes)) for axes in permutations(range(3))} - {own}
-    for a, b in combinations(own, 2):
-        swapped = list(own)
-        swapped[a], swapped[b] = b, a
-        orders.add(tuple(swapped))
-    for order in sorted(orders):
-        yield _judged(misfit, "order", np.eye(6)[list(order)], order=order)
+    exchanged = ({a: b, b: a} for a, b in combinations(own, 2))
+    return sorted(orders | {tuple(pair.get(k, k) for k in own) for pair in exchanged})
 
 
-def _turns(misfit: Misfit) -> Iterator[Guess]:
-    """Axes turned by quarters of a turn."""
-    for axes in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            R = np.diag(signs) @ np.eye(3)[list(axes)]
-            if np.linalg.det(R) > 0 and not np.allclose(R, np.eye(3)):
-                yield _judged(misfit, "turned", _both(R), turn=R)
-
-
-def _rotated(misfit: Misfit) -> Guess:
-    """Axes turned by any angle: the rotation nearest to what torques expect, and fitted again."""
-    G, g = misfit.sheet.of_torques
-    theta, R = np.linalg.solve(G, g), np.eye(3)
-    y = misfit.moving
+def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
+    """Any turn of the axes: the rotation nearest to what torques expect, and fitted again."""
+    theta, R, y = misfit.by_torques, np.eye(3), misfit.moving
     for _ in range(_TURNS):
         expected = misfit.expected(theta)
         expected = expected - expected.mean(axis=1, keepdims=True)
-        sizes = [max(float(np.sum(y[part] ** 2)), 1e-300) for part in (slice(3), slice(3, 6))]
         cross = sum(
-            expected[part] @ y[part].T / size
-            for part, size in zip((slice(3), slice(3, 6)), sizes, strict=True)
+            expected[part] @ y[part].T / max(float(np.sum(y[part] ** 2)), 1e-300)
+            for part in (_FORCE, _MOMENT)
         )
         U, _, Vt = np.linalg.svd(cross)
         R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
         theta = misfit.of(_both(R)).theta
-    return _judged(misfit, "rotated", _both(R), turn=R)
-
-
-def _moved(misfit: Misfit) -> Guess:
-    """Moments about another point: M = M' − r × F with r to be found."""
-    force = misfit.y[:3]
-    beside = np.zeros((6, 3, force.shape[1]))
-    for j, e in enumerate(np.eye(3)):
-        beside[3:, j] = -np.cross(e, force.T).T
-    found = misfit.of(np.eye(6), beside=beside, spread=_FAR)
-    return Guess("origin", np.eye(6), found.Q, np.ones(6), offset=found.added)
+    return R
 
 
 def _both(R: Float[np.ndarray, "3 3"]) -> Map:

@@ -8,32 +8,33 @@ in samples n that count as independent, over n and the number of channels. σ_k 
 T y, so that nothing is gained by making it small.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
-from deltaid.check.sensing.sheet import Sensed, Sheet
+from deltaid.check.sensing.sheet import Normal, Sheet, Signal, Values
+from deltaid.recording.time.resampling import interpolate
 
 # Samples that count as independent.
 _COUNTED = 200.0
 # What a good model errs by: as shares of a channel's motion, of that of all like it, of its level.
 _OF_CHANNEL, _OF_GROUP, _OF_MEAN = 0.08, 0.02, 0.005
+# Rounds of estimating and shifting a delay, which is so large a priori [s].
+_ROUNDS, _DELAY = 4, 0.05
+# Stretches shorter than this, in samples, say nothing about time.
+_SHORT = 12
 
 Map = Float[np.ndarray, "channels channels"]
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One map judged.
-
-    Attributes:
-        Q: its misfit.
-        theta: θ with it.
-        added: of the columns beside θ.
-        std: of these, from what is left.
-    """
+    """One map judged: its misfit Q, θ with it, and of columns beside θ the values and their
+    standard deviations, from what is left."""
 
     Q: float
     theta: Float[np.ndarray, " theta"]
@@ -46,44 +47,28 @@ class Misfit:
     """One sensor's rows as products, so that a map costs no sample.
 
     Attributes:
-        sheet: of the recording.
-        sensor: whose columns X are.
-        channels: rows of the sheet that are shown; its own where nothing is exchanged.
+        signal: whose columns X are; shown: whose y is looked at, its own unless exchanged.
     """
 
     sheet: Sheet
-    sensor: Sensed
-    channels: slice
+    signal: Signal
+    shown: Signal
 
     @cached_property
-    def columns(self) -> Float[np.ndarray, "channels theta samples"]:
-        """Columns of what it should show."""
-        return self.sheet.X[self.sensor.channels]
+    def counts(self) -> float:
+        """Of the samples."""
+        return float(self.shown.counts.sum())
 
     @cached_property
-    def y(self) -> Float[np.ndarray, "channels samples"]:
-        """What it shows."""
-        return self.sheet.y[self.channels]
-
-    @cached_property
-    def told(self) -> Float[np.ndarray, " samples"]:
-        """How far samples count."""
-        return self.sheet.told[self.channels][0]
-
-    @cached_property
-    def mean(self) -> Float[np.ndarray, " channels"]:
-        """Of y where it counts."""
-        return self.y.sum(axis=1) / max(float(self.told.sum()), 1e-300)
-
-    @cached_property
-    def moving(self) -> Float[np.ndarray, "channels samples"]:
-        """y without its mean."""
-        return self.y - self.mean[:, None] * self.told
+    def moving(self) -> Values:
+        """y without its mean where it counts."""
+        mean = self.shown.y.sum(axis=1) / max(self.counts, 1e-300)
+        return self.shown.y - mean[:, None] * self.shown.counts
 
     @cached_property
     def white(self) -> Float[np.ndarray, " channels"]:
         """Noise from row to row, as second differences show it [N, N m]."""
-        second = np.diff(self.sheet.raw[self.channels], 2, axis=1)
+        second = np.diff(self.shown.raw, 2, axis=1)
         counts = np.isfinite(second)
         power = np.where(counts, second, 0.0) ** 2
         return np.sqrt(power.sum(axis=1) / np.maximum(counts.sum(axis=1), 1) / 6)
@@ -91,51 +76,54 @@ class Misfit:
     @cached_property
     def noise(self) -> Float[np.ndarray, " channels"]:
         """As stated [N, N m]."""
-        return np.array([one.noise for one in self.sensor.rows.channels])
+        return np.array([channel.noise for channel in self.signal.rows.channels])
 
     @cached_property
     def groups(self) -> list[list[int]]:
         """Channels that measure the same: forces, and moments."""
-        units = [one.unit for one in self.sensor.rows.channels]
+        units = [channel.unit for channel in self.signal.rows.channels]
         return [[k for k, unit in enumerate(units) if unit == kind] for kind in sorted(set(units))]
 
     @cached_property
+    def _known(self) -> Normal:
+        return self.sheet.known(self.signal)
+
+    @cached_property
+    def by_torques(self) -> Float[np.ndarray, " theta"]:
+        """θ̂."""
+        return np.linalg.solve(*self._known)
+
+    @cached_property
     def _products(self) -> tuple[np.ndarray, np.ndarray]:
-        n = max(float(self.told.sum()), 1.0)
-        return (
-            np.einsum("kin,kjn->kij", self.columns, self.columns, optimize=True) / n,
-            np.einsum("kin,jn->kij", self.columns, self.y, optimize=True) / n,
+        return self._mean("kin,kjn->kij", self.signal.X, self.signal.X), self._mean(
+            "kin,jn->kij", self.signal.X, self.shown.y
         )
 
     @cached_property
     def _scatter(self) -> tuple[np.ndarray, np.ndarray]:
         """Second moments of y, and of its motion."""
-        n = max(float(self.told.sum()), 1.0)
-        return self.y @ self.y.T / n, self.moving @ self.moving.T / n
+        n, y = max(self.counts, 1.0), self.shown.y
+        return y @ y.T / n, self.moving @ self.moving.T / n
 
     @cached_property
     def _level(self) -> Float[np.ndarray, " channels"]:
         """What it should show in the mean, but for its own offsets."""
-        G, g = self.sheet.of_torques
-        own = len(self.sheet.dynamics.layout.parameters)
-        theta = np.linalg.solve(G, g)
-        theta[own:] = 0.0
-        return self.expected(theta).sum(axis=1) / max(float(self.told.sum()), 1.0)
+        theta = self.by_torques.copy()
+        theta[len(theta) - len(self.signal.rows.parameters) :] = 0.0
+        return self.expected(theta).sum(axis=1) / max(self.counts, 1.0)
 
-    def sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
+    def _mean(self, indices: str, *of: np.ndarray) -> np.ndarray:
+        return np.einsum(indices, *of, optimize=True) / max(self.counts, 1.0)
+
+    def _sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
         """What may be left of each channel."""
         motion = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", T, self._scatter[1], T), 0.0))
         alike = np.empty_like(motion)
         for group in self.groups:
             alike[group] = np.sqrt(np.mean(motion[group] ** 2))
-        parts = (
-            _OF_CHANNEL * motion,
-            _OF_GROUP * alike,
-            _OF_MEAN * self._level,
-            self.noise,
-            np.minimum(np.abs(T), 1.0) @ self.white,
-        )
-        return np.sqrt(np.sum(np.square(parts), axis=0))
+        white = np.minimum(np.abs(T), 1.0) @ self.white
+        of_model = _OF_CHANNEL * motion, _OF_GROUP * alike, _OF_MEAN * self._level
+        return np.sqrt(np.sum(np.square((*of_model, self.noise, white)), axis=0))
 
     def of(
         self,
@@ -150,44 +138,92 @@ class Misfit:
             only: channels that are looked at; all if left out.
             beside: further columns, and the standard deviation of what belongs to them.
         """
-        G, g = self.sheet.of_torques
-        kept = list(range(len(T))) if only is None else only
-        weights = _COUNTED / self.sigma(T)[kept] ** 2
-        XX, Xy = (part[kept] for part in self._products)
-        mapped = np.einsum("kij,kj->ki", Xy, T[kept])
-        A = G + np.einsum("k,kij->ij", weights, XX)
-        b = g + weights @ mapped
-        square = np.einsum("ki,ij,kj->k", T[kept], self._scatter[0], T[kept])
-        constant = weights @ square + g @ np.linalg.solve(G, g)
-        added = 0
+        (G, g), (XX, Xy), added = self._known, self._products, 0
+        constant = g @ self.by_torques
         if beside is not None:
-            added, n = beside.shape[1], max(float(self.told.sum()), 1.0)
-            E, Ty = beside[kept], T[kept] @ self.y
-            cross = np.einsum("k,kin,kan->ia", weights, self.columns[kept], E, optimize=True) / n
-            own = np.einsum("k,kan,kbn->ab", weights, E, E) / n + np.eye(added) / spread**2
-            A = np.block([[A, cross], [cross.T, own]])
-            b = np.append(b, np.einsum("k,kan,kn->a", weights, E, Ty) / n)
+            added = beside.shape[1]
+            G, g = block_diag(G, np.eye(added) / spread**2), np.append(g, np.zeros(added))
+            cross = self._mean("kin,kan->kia", self.signal.X, beside)
+            own = self._mean("kan,kbn->kab", beside, beside)
+            XX = np.block([[XX, cross], [cross.swapaxes(1, 2), own]])
+            Ey = self._mean("kan,jn->kaj", beside, self.shown.y)
+            Xy = np.concatenate([Xy, Ey], axis=1)
+        kept = list(range(len(T))) if only is None else only
+        T, weights = T[kept], _COUNTED / self._sigma(T)[kept] ** 2
+        A = G + np.einsum("k,kij->ij", weights, XX[kept])
+        b = g + weights @ np.einsum("kij,kj->ki", Xy[kept], T)
+        constant += weights @ np.einsum("ki,ij,kj->k", T, self._scatter[0], T)
         x = np.linalg.solve(A, b)
         Q = max(float(constant - b @ x), 0.0) / (_COUNTED * len(kept))
-        std = np.zeros(0)
-        if added:
-            std = np.sqrt(np.diag(np.linalg.inv(A))[-added:] * max(Q, 1e-6))
         size = len(x) - added
-        return Found(Q, x[:size], x[size:], std)
+        variance = np.diag(np.linalg.inv(A))[size:] if added else np.zeros(0)
+        return Found(Q, x[:size], x[size:], np.sqrt(variance * max(Q, 1e-6)))
 
-    def expected(self, theta: Float[np.ndarray, " theta"]) -> Float[np.ndarray, "channels samples"]:
+    def expected(self, theta: Float[np.ndarray, " theta"]) -> Values:
         """What it should show."""
-        return np.einsum("kin,i->kn", self.columns, theta)
+        return np.einsum("kin,i->kn", self.signal.X, theta)
+
+    def left(self, found: Found) -> Float[np.ndarray, " channels"]:
+        """Root mean square of what is left of each channel as it is, in its own unit."""
+        rest = self.shown.y - self.expected(found.theta)
+        return np.sqrt(np.sum(rest**2, axis=1) / max(self.counts, 1.0))
 
     def unexplained(self, found: Found) -> float:
         """The share of y's motion that is left by a robot with these torques, at most 1."""
-        rest = self.left(np.eye(len(self.noise)), found) ** 2
-        motion = np.mean(self.moving**2, axis=1)
+        rest, motion = self.left(found) ** 2, np.mean(self.moving**2, axis=1)
         shares = [rest[group].sum() / max(motion[group].sum(), 1e-300) for group in self.groups]
         return min(1.0, float(np.sqrt(max(shares))))
 
-    def left(self, T: Map, found: Found) -> Float[np.ndarray, " channels"]:
-        """Root mean square of what is left of each channel, in its own unit."""
-        n = max(float(self.told.sum()), 1.0)
-        rest = T @ self.y - self.expected(found.theta)
-        return np.sqrt(np.sum(rest**2, axis=1) / n)
+    @property
+    def along(self) -> float:
+        """Correlation of what is shown with what torques expect, without means."""
+        expected, counts = self.expected(self.by_torques), self.shown.counts
+        mean = expected.sum(axis=1) / self.counts
+        expected = (expected - mean[:, None] * counts) / self.noise[:, None]
+        y = self.moving / self.noise[:, None]
+        size = np.sqrt(np.sum(expected**2) * np.sum(y**2))
+        return float(abs(np.sum(expected * y)) / max(size, 1e-300))
+
+    def stretches(self) -> Iterator[slice]:
+        """Stretches without a gap that say something about time."""
+        ends = [*self.sheet.starts[1:].tolist(), self.shown.y.shape[1]]
+        for first, last in zip(self.sheet.starts.tolist(), ends, strict=True):
+            if last - first >= _SHORT:
+                yield slice(first, last)
+
+    def earlier(self, delay: float) -> "Misfit":
+        """The same with what is shown put earlier [s]."""
+        y = self.shown.y.copy()
+        for part in self.stretches() if delay else ():
+            own = self.shown.y[:, part].T
+            time = np.arange(len(own)) * self.sheet.period
+            y[:, part] = interpolate(time, own, np.clip(time + delay, time[0], time[-1])).T
+        return replace(self, shown=replace(self.shown, y=y)) if delay else self
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A sensor's delay against the motion, its standard deviation [s], and the misfit without."""
+
+    delay: float
+    std: float
+    Q: float
+
+
+def lag_of(misfit: Misfit, plain: Found) -> Lag | None:
+    """The delay of a sensor, found with all that it leaves open: y(t) = ŷ(t − δ), to first order
+    about what has been found before."""
+    if np.ptp(misfit.shown.counts) > 1e-6:  # with holes there is no shifting
+        return None
+    T, found, delay, std = np.eye(len(misfit.noise)), plain, 0.0, np.inf
+    for _ in range(_ROUNDS):
+        expected = misfit.expected(found.theta)
+        slope = np.zeros_like(expected)
+        for part in misfit.stretches():
+            slope[:, part] = -np.gradient(expected[:, part], misfit.sheet.period, axis=1)
+        found = misfit.earlier(delay).of(T, beside=slope[:, None, :], spread=_DELAY)
+        step, std = float(found.added[0]), float(found.std[0])
+        delay += step
+        if abs(step) < 0.1 * std:
+            break
+    return Lag(delay, std, misfit.earlier(delay).of(T).Q)

@@ -1,18 +1,18 @@
 """Filtered rows of torques and sensors of a recording, side by side, and what torques alone say."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import block_diag
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.estimation.information import entries_at
 from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples, Window
+from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.of_robot import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
@@ -26,22 +26,26 @@ _KNOWN = 1e-4
 # What symmetry makes zero, where it is not free, and how far real bodies are from that.
 _BY_SYMMETRY, _STRAIGHT = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz"), 0.02
 
-Matrix = Float[np.ndarray, "_ _"]
+Values = Float[np.ndarray, "channels samples"]
+Normal = tuple[Float[np.ndarray, "theta theta"], Float[np.ndarray, " theta"]]
 
 
 @dataclass(frozen=True, eq=False)
-class Sensed:
-    """One sensor among the rows.
+class Signal:
+    """What one sensor shows: y = X θ, θ the robot's parameters and then the sensor's unknowns.
 
     Attributes:
-        rows: what it shows of the robot.
-        given: its columns in the log.
-        channels: which rows of the sheet are its own.
+        rows: what it shows of the robot; given: its columns in the log.
+        X, y: filtered, zero where nothing counts; counts: how far each sample does.
+        raw: y in all rows, unfiltered; NaN where nothing.
     """
 
     rows: SensorRows
     given: SensorChannels
-    channels: slice
+    X: Float[np.ndarray, "channels theta samples"]
+    y: Values
+    counts: Float[np.ndarray, " samples"]
+    raw: Float[np.ndarray, "channels rows"]
 
     @property
     def name(self) -> str:
@@ -51,35 +55,25 @@ class Sensed:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Rows over θ, the robot's parameters and then all unknowns of sensors.
+    """The rows of a recording.
 
     Attributes:
-        dynamics: of the robot.
-        sensors: those of the recording.
-        X: of what sensors show; y: what they show, both filtered, zero where it does not count.
-        told: how far each sample counts for each channel.
         Y, tau: of the drives' torques.
         starts: first samples of stretches without a gap.
-        period: between two samples [s].
-        row: between two rows of the log [s].
-        raw: what sensors show in all rows of these stretches, unfiltered; NaN where nothing.
+        period: between two samples [s]; row: between two rows of the log [s].
     """
 
     dynamics: Dynamics
-    sensors: tuple[Sensed, ...]
-    X: Float[np.ndarray, "channels theta samples"]
-    y: Float[np.ndarray, "channels samples"]
-    told: Float[np.ndarray, "channels samples"]
+    signals: tuple[Signal, ...]
     Y: Float[np.ndarray, "drives parameters samples"]
     tau: Float[np.ndarray, "drives samples"]
     starts: Int[np.ndarray, " stretches"]
     period: float
     row: float
-    raw: Float[np.ndarray, "channels rows"]
 
     @cached_property
-    def prior(self) -> tuple[Float[np.ndarray, " theta"], Float[np.ndarray, " theta"]]:
-        """Mean and standard deviation of θ before any row."""
+    def _of_torques(self) -> Normal:
+        """A and A p of what torques and prior say of the robot's parameters p."""
         robot, layout = self.dynamics.robot, self.dynamics.layout
         stated = stated_spreads(robot)
         std = [one.scale * stated.get(one.name, PRIOR_SPREAD) for one in layout.parameters]
@@ -89,98 +83,71 @@ class Sheet:
                 std[k] = _KNOWN * one.scale
             elif one.symbol in _BY_SYMMETRY and one.symbol.replace("I", "S") not in free:
                 std[k] = _STRAIGHT * one.scale
-        own = [one for sensor in self.sensors for one in sensor.rows.parameters]
-        mean = [one.prior for one in (*layout.parameters, *own)]
-        return np.array(mean), np.array(std + [one.std for one in own])
-
-    @cached_property
-    def of_torques(self) -> tuple[Matrix, Float[np.ndarray, " theta"]]:
-        """A and A θ of what torques and prior say of θ."""
-        mean, std = self.prior
-        A, h = np.diag(std**-2.0), mean / std**2
-        own = len(self.dynamics.layout.parameters)
-        noise = np.maximum(np.sqrt(np.mean(self.tau**2, axis=1)), 1e-12)
-        G, g = A, h
+        size, count = np.sqrt(np.mean(self.tau**2, axis=1)), self.tau.shape[1]
+        noise, floor = np.maximum(size, 1e-12), _LEFT * size + 1e-12
+        known = np.power(std, -2.0)
+        G, g = np.diag(known), known
         for _ in range(3):  # what is left tells how far each drive counts
-            G, g = A.copy(), h.copy()
-            for Y, tau, left in zip(self.Y, self.tau, noise, strict=True):
-                share = min(_COUNTED, len(tau)) / (len(tau) * left**2)
-                G[:own, :own] += share * (Y @ Y.T)
-                g[:own] += share * (Y @ tau)
-            p = np.linalg.solve(G, g)[:own]
-            left = self.tau - np.einsum("ijk,j->ik", self.Y, p)
-            floor = _LEFT * np.sqrt(np.mean(self.tau**2, axis=1)) + 1e-12
+            weights = min(_COUNTED, count) / (count * noise**2)
+            G, g = np.diag(known), known * [one.prior for one in layout.parameters]
+            for Y, tau, weight in zip(self.Y, self.tau, weights, strict=True):
+                G, g = G + weight * (Y @ Y.T), g + weight * (Y @ tau)
+            left = self.tau - np.linalg.solve(G, g) @ self.Y
             noise = np.maximum(np.sqrt(np.mean(left**2, axis=1)), floor)
         return G, g
+
+    def known(self, signal: Signal) -> Normal:
+        """A and A θ of what torques and prior say of θ of a sensor."""
+        (G, g), own = self._of_torques, signal.rows.parameters
+        known = np.array([one.std**-2.0 for one in own])
+        means = np.array([one.prior for one in own])
+        return block_diag(G, np.diag(known)), np.append(g, known * means)
 
 
 def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
     """The rows of a recording; None where it has no sensor, or too little of one."""
-    columns = recording.log.columns
-    if not columns.sensors or not columns.torque:
-        return None
+    columns, drives = recording.log.columns, np.arange(dynamics.dof)
     given = {one.name: one for one in columns.sensors}
-    every = [rows for rows in all_sensor_rows(dynamics) if rows.name in given]
-    sensors, first = list[Sensed](), 0
-    for rows in every:
-        channels = slice(first, first + len(rows.channels))
-        sensors.append(Sensed(rows, given[rows.name], channels))
-        first = channels.stop
-    windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
-    shown = [columns.shown(w.own.extra) for w in windows]
-    raw = np.hstack([np.vstack([one[sensor.name] for sensor in sensors]) for one in shown])
-    parts = [_rows(dynamics, sensors, w, recording) for w in windows]
-    parts = [part for part in parts if part[1].shape[1] > 1]
-    if not parts:
+    if not given or not columns.torque:
         return None
-    X, y, told, Y, tau = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(5))
-    thinned = recording.thinned * _every(recording)
-    lengths = np.cumsum([0, *(part[1].shape[1] for part in parts)])[:-1]
-    row = 1 / recording.log.rate
-    return Sheet(dynamics, tuple(sensors), X, y, told, Y, tau, lengths, thinned * row, row, raw)
-
-
-def _every(recording: Recording) -> int:
-    """Of what the filter keeps each so-manieth is taken."""
-    return max(1, -(-recording.log.samples // (recording.thinned * _MOST)))
-
-
-def _rows(
-    dynamics: Dynamics, sensors: Sequence[Sensed], window: Window, recording: Recording
-) -> tuple[np.ndarray, ...]:
-    """X, y, weights, Y and τ of a window."""
-    columns, own = recording.log.columns, len(dynamics.layout.parameters)
-    drives, entries = dynamics.regressor_pattern
+    sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in given]
+    row_of, entries = dynamics.regressor_pattern
 
     def of(w: Samples) -> np.ndarray:
-        shown = columns.shown(w.extra)
-        free = ~columns.held(w.time, w.extra).any(axis=0)
+        shown, free = columns.shown(w.extra), ~columns.held(w.time, w.extra).any(axis=0)
         Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
-        parts = [w.weighted(Y, drives), w.weighted(w.tau.T, np.arange(dynamics.dof))]
-        for sensor in sensors:
-            values = shown[sensor.name]
+        parts = [w.weighted(Y, row_of), w.weighted(w.tau.T, drives)]
+        for rows in sensors:
+            values = shown[rows.name]
             counts = free & np.isfinite(values).all(axis=0)
-            C = sensor.rows.entries(w.z, w.qd, w.qdd, np.zeros_like(values))
-            parts += [C * counts, np.where(counts, values, 0.0)]
-            parts.append(np.tile(counts.astype(float), (len(values), 1)))
+            C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(values))
+            parts += [
+                C * counts,
+                np.where(counts, values, 0.0),
+                np.atleast_2d(counts).astype(float),
+            ]
         return np.vstack(parts)
 
-    values = window.filtered(of)[:, :: _every(recording)]
-    samples = values.shape[1]
-    cuts = [len(drives), dynamics.dof]
-    for sensor in sensors:
-        cuts += [len(sensor.rows.pattern[0])] + [len(sensor.rows.channels)] * 2
-    sparse, tau, *parts = np.split(values, np.cumsum(cuts)[:-1])
-    Y = np.zeros((dynamics.dof, own, samples))
-    Y[drives, entries] = sparse
-    total = own + sum(len(sensor.rows.parameters) for sensor in sensors)
-    X, y, told, first = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), own
-    for k, sensor in enumerate(sensors):
-        C = np.zeros((len(sensor.rows.channels), total, samples))
-        channels, at = sensor.rows.pattern
-        C[channels, np.where(at < own, at, at - own + first)] = parts[3 * k]
-        first += len(sensor.rows.parameters)
-        X.append(C)
-        y.append(parts[3 * k + 1])
-        told.append(parts[3 * k + 2])
-    return np.concatenate(X), np.concatenate(y), np.concatenate(told), Y, tau
+    windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
+    every = max(1, -(-recording.log.samples // (recording.thinned * _MOST)))
+    parts = [window.filtered(of)[:, ::every] for window in windows]
+    parts = [part for part in parts if part.shape[1] > 1]
+    if not parts:
+        return None
+    sizes = [len(row_of), len(drives)]
+    for rows in sensors:
+        sizes += [len(rows.pattern[0]), len(rows.channels), 1]
+    sparse, tau, *own = np.split(np.hstack(parts), np.cumsum(sizes)[:-1])
+    parameters, samples = len(dynamics.layout.parameters), tau.shape[1]
+    Y = np.zeros((len(drives), parameters, samples))
+    Y[row_of, entries] = sparse
+    shown, signals = [columns.shown(window.own.extra) for window in windows], list[Signal]()
+    for rows, C, y, (counts,) in zip(sensors, own[::3], own[1::3], own[2::3], strict=True):
+        X = np.zeros((len(rows.channels), parameters + len(rows.parameters), samples))
+        X[rows.pattern] = C
+        raw = np.hstack([one[rows.name] for one in shown])
+        signals.append(Signal(rows, given[rows.name], X, y, counts, raw))
+    starts = np.cumsum([0, *(part.shape[1] for part in parts)])[:-1]
+    row = 1 / recording.log.rate
+    period = recording.thinned * every * row
+    return Sheet(dynamics, tuple(signals), Y, tau, starts, period, row)
